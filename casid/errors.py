@@ -1,0 +1,50 @@
+"""Errors that name the fault, what was expected, and the nearest valid name."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+
+
+class CasidError(Exception):
+    """Base class of every error that casid raises on purpose; `str()` is one line."""
+
+
+class InputError(CasidError):
+    """Bad input from the user: a file, a name, a value. Scripts end with exit status 2."""
+
+
+class EstimationError(CasidError):
+    """An estimation that cannot be carried out as it was posed."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str | None:
+    """The valid name that `name` was probably meant to be, or None."""
+    pool = list(valid)
+    lowered = {v.lower(): v for v in reversed(pool)}
+    match = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.5)
+    return lowered[match[0]] if match else None
+
+
+def unknown(what: str, name: str, valid: Iterable[str], where: str = "") -> InputError:
+    """An InputError for a name that does not exist: `what` is e.g. "channel", `where` a file."""
+    pool = sorted(valid)
+    near = nearest(name, pool)
+    hint = f"did you mean '{near}'?" if near else f"expected one of: {', '.join(pool)}"
+    prefix = f"{where}: " if where else ""
+    return InputError(f"{prefix}unknown {what} '{name}'; {hint}")
+
+
+def run_script(main: Callable[[], int | None]) -> None:
+    """Run a script's `main`: an InputError becomes one line on standard error and status 2,
+    Ctrl-C status 130; every other exception stays a traceback, because it is a defect of ours."""
+    try:
+        status = main()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("interrupted; what was finished is on disk", file=sys.stderr)
+        sys.exit(130)
+    sys.exit(status or 0)

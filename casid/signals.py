@@ -1,0 +1,108 @@
+"""Names, units and labels of the channels: the one place that knows "alpha is an angle in rad".
+
+Body axes x forward, y right, z down. Angles are 3-2-1 Euler angles. ax ay az are specific forces at the
+accelerometer (az about -9.81 in level flight).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from casid.errors import InputError, nearest
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A measured quantity: `unit` is its SI unit, `label` how a person calls it,
+    `scale` a typical size in flight, used to condition states and residuals."""
+
+    name: str
+    unit: str
+    label: str
+    scale: float
+
+
+def _table(*rows: tuple[str, str, str, float]) -> MappingProxyType[str, Channel]:
+    return MappingProxyType({row[0]: Channel(*row) for row in rows})
+
+
+CHANNELS = _table(
+    ("t", "s", "time", 1.0),
+    ("V", "m/s", "true airspeed", 100.0),
+    ("alpha", "rad", "angle of attack", 0.05),
+    ("beta", "rad", "sideslip angle", 0.05),
+    ("p", "rad/s", "roll rate", 0.2),
+    ("q", "rad/s", "pitch rate", 0.1),
+    ("r", "rad/s", "yaw rate", 0.1),
+    ("phi", "rad", "bank angle", 0.3),
+    ("theta", "rad", "pitch angle", 0.1),
+    ("psi", "rad", "heading", 0.3),
+    ("ax", "m/s2", "longitudinal specific force", 1.0),
+    ("ay", "m/s2", "lateral specific force", 1.0),
+    ("az", "m/s2", "vertical specific force", 5.0),
+    ("pdot", "rad/s2", "roll acceleration", 0.5),
+    ("qdot", "rad/s2", "pitch acceleration", 0.3),
+    ("rdot", "rad/s2", "yaw acceleration", 0.2),
+    ("delta_e", "rad", "elevator", 0.05),
+    ("delta_a", "rad", "aileron", 0.05),
+    ("delta_r", "rad", "rudder", 0.05),
+    ("thrust", "N", "thrust", 1e4),
+    ("altitude", "m", "altitude", 1000.0),
+    ("rho", "kg/m3", "air density", 1.0),
+    ("mach", "1", "Mach number", 0.5),
+    ("qbar", "Pa", "dynamic pressure", 5000.0),
+)
+SURFACES = ("delta_e", "delta_a", "delta_r")
+RATES = ("p", "q", "r")
+ACCELERATIONS = ("ax", "ay", "az")
+ANGULAR_ACCELERATIONS = ("pdot", "qdot", "rdot")
+
+_DEG = 0.017453292519943295
+_G = 9.80665
+# unit -> (SI unit, factor, offset): SI = factor * value + offset
+_UNITS: dict[str, tuple[str, float]] = {
+    "s": ("s", 1.0), "ms": ("s", 1e-3), "min": ("s", 60.0),
+    "rad": ("rad", 1.0), "deg": ("rad", _DEG), "mrad": ("rad", 1e-3), "°": ("rad", _DEG),
+    "rad/s": ("rad/s", 1.0), "deg/s": ("rad/s", _DEG), "rad/s2": ("rad/s2", 1.0), "deg/s2": ("rad/s2", _DEG),
+    "m": ("m", 1.0), "ft": ("m", 0.3048), "km": ("m", 1000.0),
+    "m/s": ("m/s", 1.0), "kt": ("m/s", 1852.0 / 3600.0), "kts": ("m/s", 1852.0 / 3600.0),
+    "knots": ("m/s", 1852.0 / 3600.0), "ft/s": ("m/s", 0.3048), "km/h": ("m/s", 1 / 3.6),
+    "m/s2": ("m/s2", 1.0), "ft/s2": ("m/s2", 0.3048), "g": ("m/s2", _G),
+    "N": ("N", 1.0), "kN": ("N", 1e3), "lbf": ("N", 4.4482216152605), "lb": ("N", 4.4482216152605),
+    "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "hPa": ("Pa", 1e2), "mbar": ("Pa", 1e2), "psf": ("Pa", 47.88025898),
+    "kg/m3": ("kg/m3", 1.0), "slug/ft3": ("kg/m3", 515.3788184), "1": ("1", 1.0), "-": ("1", 1.0),
+}  # fmt: skip
+
+
+def si_factor(unit: str, channel: str, where: str = "") -> float:
+    """Factor that converts `unit` to the SI unit of `channel`.
+
+    Raises InputError when the unit is unknown or is of another quantity than the channel's.
+    """
+    key = unit.strip().replace("^", "").replace("**", "").replace("²", "2").replace("³", "3")
+    prefix = f"{where}: " if where else ""
+    if key not in _UNITS:
+        near = nearest(key, _UNITS)
+        hint = f"did you mean '{near}'?" if near else f"known units: {', '.join(_UNITS)}"
+        raise InputError(f"{prefix}unknown unit '{unit}' of channel '{channel}'; {hint}")
+    si, factor = _UNITS[key]
+    expected = CHANNELS[channel].unit if channel in CHANNELS else si
+    if si != expected:
+        raise InputError(f"{prefix}unit '{unit}' does not fit channel '{channel}', whose SI unit is {expected}")
+    return factor
+
+
+def unit_of(channel: str) -> str:
+    """SI unit of a channel; "" for one that casid does not know."""
+    return CHANNELS[channel].unit if channel in CHANNELS else ""
+
+
+def label_of(channel: str) -> str:
+    """How a person calls a channel; its own name when casid does not know it."""
+    return CHANNELS[channel].label if channel in CHANNELS else channel
+
+
+def scale_of(channel: str) -> float:
+    """Typical size of a channel in flight, in SI; 1 for one that casid does not know."""
+    return CHANNELS[channel].scale if channel in CHANNELS else 1.0
