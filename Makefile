@@ -1,0 +1,55 @@
+# make demo | test | check | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+LOCK   := requirements-dev.lock
+ARGS   ?=
+
+# The matrices are small: threads inside the linear algebra cost more than they give, and pytest uses two processes.
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+
+.PHONY: demo test check lock clean
+
+demo: $(STAMP)
+	$(BIN)/python scripts/diagnose.py --out out/demo $(ARGS)
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n 2 $(ARGS)
+
+check: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/python -m pytest -n 2 $(ARGS)
+
+# A virtual environment made by uv has no pip and one made by venv without ensurepip is half a one: hence the look for pip.
+$(STAMP): pyproject.toml $(LOCK)
+	@set -e; \
+	if command -v uv >/dev/null 2>&1; then \
+	  [ -x $(BIN)/python ] || uv venv --quiet --python '>=3.11' $(VENV); \
+	  uv pip install --quiet --python $(BIN)/python -c $(LOCK) -e '.[dev]'; \
+	else \
+	  if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	    for python in python3.11 python3.12 python3.13 python3.14 python3 none; do \
+	      $$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && break; \
+	    done; \
+	    [ $$python != none ] || { echo 'casid needs Python 3.11 or later on the PATH; found none' >&2; exit 1; }; \
+	    $$python -m venv $(VENV); \
+	  fi; \
+	  echo 'Installing into $(VENV) (once)'; \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(LOCK) -e '.[dev]'; \
+	fi; \
+	touch $(STAMP)
+
+# Needs uv. One lock for every platform and every Python that casid runs on.
+lock:
+	@echo '# Exact versions for development and the tests, used as pip constraints.' > $(LOCK)
+	@echo '# Written by "make lock" from pyproject.toml.' >> $(LOCK)
+	uv pip compile --quiet --upgrade --universal --python-version 3.11 --extra dev --no-annotate --no-header \
+	  pyproject.toml >> $(LOCK)
+
+# Leaves the environment alone: `rm -rf .venv` for a fresh one.
+clean:
+	rm -rf out build dist .pytest_cache .hypothesis .ruff_cache
+	find casid problems scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +

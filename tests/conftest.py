@@ -1,0 +1,81 @@
+"""Fixtures that every test may use: the flight data, and the scripts as modules or as processes."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+os.environ["MPLBACKEND"] = "Agg"  # before anything imports matplotlib; scripts run as processes inherit it
+
+REPO = Path(__file__).resolve().parent.parent
+FLIGHT_DATA_FILE = "hfb320_1_10.asc"
+
+
+@pytest.fixture(scope="session")
+def repo() -> Path:
+    """Root of the checkout."""
+    return REPO
+
+
+@pytest.fixture(scope="session")
+def flight_data() -> Path:
+    """Folder with the flight records of Jategaonkar's book (hfb320_1_10.asc, fAttasElv1.mat, ...).
+
+    CASID_DATA names that folder or the one that holds it as `fvsysid`; without it, ../shared/data beside the checkout.
+    The test is skipped when there is none, and fails when CASID_DATA is set but wrong.
+    """
+    named = os.environ.get("CASID_DATA")
+    root = Path(named) if named else REPO.parent / "shared" / "data"
+    for folder in (root / "fvsysid", root):
+        if (folder / FLIGHT_DATA_FILE).is_file():
+            return folder
+    if named:
+        pytest.fail(
+            f"CASID_DATA={named} holds no {FLIGHT_DATA_FILE}; name the folder with the flight records, or unset it"
+        )
+    pytest.skip(
+        "no flight data: download supplement 10.2514/4.102790 (flt_data.zip) of R. V. Jategaonkar, 'Flight Vehicle "
+        "System Identification', from AIAA and set CASID_DATA to the folder with its records"
+    )
+
+
+@pytest.fixture(scope="session")
+def load_script() -> Callable[[str], ModuleType]:
+    """`load_script("estimate")` imports scripts/estimate.py as a module."""
+
+    def load(name: str) -> ModuleType:
+        qualified = f"casid_script_{name}"
+        spec = importlib.util.spec_from_file_location(qualified, REPO / "scripts" / f"{name}.py")
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[qualified] = module  # dataclasses look their module up there
+        spec.loader.exec_module(module)
+        return module
+
+    return load
+
+
+@pytest.fixture(scope="session")
+def run_script() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`run_script("estimate", "a.csv", "--out", tmp_path)` runs scripts/estimate.py as a user does.
+
+    Returns the finished process with `returncode`, `stdout` and `stderr`; the status is the test's to judge.
+    `timeout` in seconds, `cwd` the folder to run in (the checkout's root).
+    """
+
+    def run(
+        name: str, *arguments: object, timeout: float = 300.0, cwd: Path = REPO
+    ) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, str(REPO / "scripts" / f"{name}.py"), *map(str, arguments)]
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=timeout, cwd=cwd, stdin=subprocess.DEVNULL, check=False
+        )
+
+    return run

@@ -1,0 +1,153 @@
+"""The house rules that a machine can hold: the way of imports, the size of files, what `import casid` costs.
+
+The truth is the map in CONTRIBUTING.md, written down here once more as LAYERS.
+"""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parent.parent
+MAX_LINES = 400
+
+# room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
+_CORE = {"errors", "signals"}
+LAYERS: dict[str, set[str]] = {
+    "errors": set(),
+    "signals": {"errors"},
+    "records": _CORE,
+    "model": _CORE | {"records"},
+    "estimation": _CORE | {"records", "model"},
+    "problems": _CORE | {"records", "model", "estimation"},
+    "diagnosis": _CORE | {"records", "model", "estimation"},
+    "campaign": _CORE | {"records", "model", "estimation", "problems", "diagnosis"},
+    "report": _CORE | {"records", "model", "estimation", "diagnosis"},
+    "casid": _CORE | {"records", "model", "estimation", "diagnosis", "campaign", "report"},
+    "scripts": _CORE | {"records", "model", "estimation", "problems", "diagnosis", "campaign", "report", "casid"},
+}
+
+
+def room_of_file(path: Path) -> str:
+    """casid/records/record.py -> records; casid/errors.py -> errors; casid/__init__.py -> casid."""
+    parts = path.relative_to(REPO).with_suffix("").parts
+    if parts[0] != "casid":
+        return parts[0]
+    return "casid" if parts[1] == "__init__" else parts[1]
+
+
+def room_of_module(module: str) -> str | None:
+    """casid.records.record -> records; casid -> casid; numpy -> None."""
+    head, *rest = module.split(".")
+    if head == "casid" and rest:
+        return rest[0]
+    return head if head in {"casid", "problems", "scripts"} else None
+
+
+def imported_modules(source: str, package: str = "") -> Iterator[tuple[int, str]]:
+    """(line, absolute module) of every import in `source`, also inside functions; `package` resolves relative ones.
+
+    `from casid import errors` is casid.errors, `from casid import Problem` is casid: a name counts as a
+    module when there is such a file or folder.
+    """
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, base] if base else above)
+            for alias in node.names:
+                inside = REPO.joinpath(*base.split("."), alias.name)
+                is_module = inside.is_dir() or inside.with_suffix(".py").is_file()
+                yield node.lineno, f"{base}.{alias.name}" if is_module else base
+
+
+def sources(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (REPO / folder).rglob("*.py"))
+
+
+def imports_of(path: Path) -> Iterator[tuple[int, str]]:
+    return imported_modules(path.read_text(encoding="utf-8"), ".".join(path.relative_to(REPO).parent.parts))
+
+
+def test_layers_have_no_circle() -> None:
+    """Whatever LAYERS comes to say, no room may import itself around a corner."""
+    tuple(graphlib.TopologicalSorter(LAYERS).static_order())  # raises CycleError
+
+
+@pytest.mark.parametrize("path", sources("casid", "problems", "scripts"), ids=lambda p: str(p.relative_to(REPO)))
+def test_imports_point_down(path: Path) -> None:
+    room = room_of_file(path)
+    assert room in LAYERS, f"'{room}' is no room of the house: {', '.join(LAYERS)}"
+    wrong = [
+        f"{path.relative_to(REPO)}:{line} imports {module}"
+        for line, module in imports_of(path)
+        if (target := room_of_module(module)) is not None and target != room and target not in LAYERS[room]
+    ]
+    assert not wrong, f"{room} may import {sorted(LAYERS[room])} only"
+
+
+@pytest.mark.parametrize(
+    ("source", "package", "expected"),
+    [
+        ("import casid.model.system as s", "casid.records", "casid.model.system"),
+        ("from casid import errors", "casid.records", "casid.errors"),
+        ("from casid import Problem", "casid.records", "casid"),
+        ("from casid.errors import InputError", "casid.records", "casid.errors"),
+        ("from . import record", "casid.records", "casid.records.record"),
+        ("from .record import Record", "casid.records", "casid.records.record"),
+        ("from ..model.system import Model", "casid.records", "casid.model.system"),
+        ("def late():\n    import matplotlib.pyplot as plt", "casid.records", "matplotlib.pyplot"),
+    ],
+)
+def test_every_form_of_import_is_seen(source: str, package: str, expected: str) -> None:
+    """The rules above hold only if no spelling of an import escapes them (forms of the Python reference, 7.11)."""
+    assert [module for _, module in imported_modules(source, package)] == [expected]
+
+
+def test_matplotlib_stays_in_the_report() -> None:
+    wrong = [
+        f"{path.relative_to(REPO)}:{line}"
+        for path in sources("casid", "problems", "scripts")
+        for line, module in imports_of(path)
+        if module.split(".")[0] == "matplotlib" and room_of_file(path) != "report"
+    ]
+    assert not wrong
+
+
+def test_casid_needs_only_its_declared_dependencies() -> None:
+    """At module level casid imports the standard library and [project.dependencies]; extras wait inside functions."""
+    project = tomllib.loads((REPO / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {requirement.split(">")[0] for requirement in project["dependencies"]}
+    allowed = declared | {"casid"} | set(sys.stdlib_module_names)
+    wrong = []
+    for path in sources("casid"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and node.level == 0:
+                modules = [str(node.module)]
+            wrong += [f"{path.relative_to(REPO)}:{node.lineno} {m}" for m in modules if m.split(".")[0] not in allowed]
+    assert not wrong
+
+
+@pytest.mark.parametrize(
+    "path", sources("casid", "problems", "scripts", "tests"), ids=lambda p: str(p.relative_to(REPO))
+)
+def test_files_stay_small(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
+
+
+def test_import_casid_is_light() -> None:
+    """A fresh interpreter that imports casid has loaded neither matplotlib nor scipy.io: slow, and rarely needed."""
+    code = "import sys, casid; print(*sorted({'matplotlib', 'scipy.io'} & set(sys.modules)))"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=REPO)
+    assert process.stdout.split() == []
