@@ -1,0 +1,73 @@
+"""The vocabulary of effects: the truth is the table of `kind` and target in the public format."""
+
+import pytest
+
+from casid.errors import InputError
+from casid.model.vocabulary import KINDS, check_effect, effect_sentence, effect_unit
+
+PUBLIC = {
+    "aero_term", "unsteady_aero", "actuator_lag", "input_delay", "rate_limit", "dead_zone", "backlash",
+    "effectiveness_change", "configuration_change", "sensor_bias", "sensor_scale", "sensor_delay", "sensor_lag",
+    "vane_position", "accelerometer_position", "cg_offset", "mass", "inertia", "thrust_asymmetry", "thrust_line",
+    "wind_shear", "gust", "turbulence", "structural_mode",
+}  # fmt: skip
+
+
+def every_effect():
+    for kind, entry in KINDS.items():
+        targets = [*entry.targets, *([None] if entry.optional or not entry.targets else [])]
+        for target in targets + (["CL+CD", "CL+CD+Cm"] if entry.joined else []):
+            yield kind, target, "alpha^2" if entry.needs_term else None
+
+
+def test_the_kinds_are_those_of_the_public_format():
+    assert set(KINDS) == PUBLIC
+
+
+@pytest.mark.parametrize(("kind", "target", "term"), list(every_effect()))
+def test_every_effect_has_unit_and_sentence(kind, target, term):
+    check_effect(kind, target, term)
+    assert effect_unit(kind, target, term)
+    sentence = effect_sentence(kind, target, term, 0.15)
+    assert sentence.endswith(".") and "{" not in sentence
+
+
+def test_units_and_sentence_of_the_format_example():
+    assert effect_unit("actuator_lag", "delta_e") == "s"
+    assert effect_unit("aero_term", "CD", "alpha^2") == "1/rad2"
+    assert effect_unit("sensor_bias", "qdot") == "rad/s2"
+    assert (
+        effect_sentence("actuator_lag", "delta_e", None, 0.151)
+        == "The elevator follows its command with a lag of 0.15 s that the model does not have."
+    )
+
+
+def test_angles_are_told_in_degrees_and_shares_in_percent():
+    assert "off by 0.57 deg." in effect_sentence("sensor_bias", "alpha", None, 0.01)
+    assert "by -30 % " in effect_sentence("effectiveness_change", "delta_r", None, -0.3)
+    assert "by 840 kg " in effect_sentence("mass", None, None, 840.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "term", "message"),
+    [
+        ("actuator_lagg", "delta_e", None, "file: unknown effect kind 'actuator_lagg'; did you mean 'actuator_lag'"),
+        ("actuator_lag", "elevatr", None, "unknown target of 'actuator_lag'"),
+        ("actuator_lag", "delta_E", None, "did you mean 'delta_e'"),
+        ("actuator_lag", None, None, "needs a target; expected one of: delta_e, delta_a, delta_r"),
+        ("actuator_lag", "delta_e", "alpha", "has no term, got 'alpha'"),
+        ("actuator_lag", "thrust", None, "unknown target"),
+        ("aero_term", "CD", None, "needs a term"),
+        ("aero_term", "CD", "alpah^2", "did you mean 'alpha'"),
+        ("aero_term", "CL+CD", "alpha^2", "unknown target"),
+        ("mass", "x", None, "has no target, got 'x'"),
+        ("configuration_change", "CL+CL", None, "twice"),
+        ("configuration_change", "CL+", None, "unknown target"),
+        ("sensor_bias", "inertial", None, "unknown target"),
+        ("inertia", "Ixy", None, "unknown target of 'inertia' 'Ixy'"),
+    ],
+)
+def test_what_does_not_fit_is_an_error(kind, target, term, message):
+    with pytest.raises(InputError) as caught:
+        check_effect(kind, target, term, "file")
+    assert message in str(caught.value) and "\n" not in str(caught.value)
