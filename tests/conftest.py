@@ -10,12 +10,17 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+import hypothesis
 import pytest
 
 os.environ["MPLBACKEND"] = "Agg"  # before anything imports matplotlib; scripts run as processes inherit it
 
 REPO = Path(__file__).resolve().parent.parent
 FLIGHT_DATA_FILE = "hfb320_1_10.asc"
+
+# The same examples in every run, and no clock: a busy machine is not a failure.
+hypothesis.settings.register_profile("casid", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("casid")
 
 
 @pytest.fixture(scope="session")
