@@ -36,6 +36,7 @@ def test_units_and_sentence_of_the_format_example():
     assert effect_unit("actuator_lag", "delta_e") == "s"
     assert effect_unit("aero_term", "CD", "alpha^2") == "1/rad2"
     assert effect_unit("sensor_bias", "qdot") == "rad/s2"
+    assert effect_unit("structural_mode", "q") == "rad/s/rad"
     assert (
         effect_sentence("actuator_lag", "delta_e", None, 0.151)
         == "The elevator follows its command with a lag of 0.15 s that the model does not have."

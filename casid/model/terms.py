@@ -37,6 +37,9 @@ class Term:
         """Canonical spelling, one per monomial: `beta*alpha` is `alpha*beta`, `alpha*alpha` is `alpha^2`."""
         return "*".join(v if power == 1 else f"{v}^{power}" for v, power in self.factors) or "0"
 
+    def __str__(self) -> str:
+        return self.name
+
     @property
     def degree(self) -> int:
         """Sum of the powers; 0 for the constant."""

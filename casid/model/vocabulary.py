@@ -28,6 +28,7 @@ WIND_AXES = ("x", "y", "z", "u", "v", "w")
 
 _UNIT_OF_TERM = "(of the term)"
 _UNIT_OF_CHANNEL = "(of the channel)"
+_UNIT_OF_CHANNEL_PER_SURFACE = "(of the channel)/rad"
 _LABELS = {
     "CL": "lift", "CD": "drag", "CY": "side force", "CX": "longitudinal force", "CZ": "normal force",
     "Cl": "rolling moment", "Cm": "pitching moment", "Cn": "yawing moment", "inertial": "inertial unit",
@@ -75,8 +76,8 @@ KINDS: Mapping[str, Kind] = _kinds(
          sentence="The {label} cannot move faster than {size}."),
     Kind(kind="dead_zone", targets=SURFACES, unit="rad", quantity="half width around zero without any answer",
          sentence="The {label} does not answer to a command below {size}."),
-    Kind(kind="backlash", targets=SURFACES, unit="rad", quantity="free play from end to end",
-         sentence="The {label} has a free play of {size}."),
+    Kind(kind="backlash", targets=SURFACES, unit="rad", quantity="half the free play",
+         sentence="The {label} has a free play of plus and minus {size}."),
     Kind(kind="effectiveness_change", targets=(*SURFACES, "thrust"), unit="1",
          quantity="relative change from the onset on; -0.3: 30 % are lost",
          sentence="The effectiveness of the {label} changes by {percent} in mid-record."),
@@ -103,20 +104,19 @@ KINDS: Mapping[str, Kind] = _kinds(
          sentence="The mass differs by {size} from that of the aircraft file."),
     Kind(kind="inertia", targets=("Ixx", "Iyy", "Izz", "Ixz"), unit="kg m2", quantity="true minus assumed inertia",
          sentence="The inertia {target} differs by {size} from that of the aircraft file."),
-    Kind(kind="thrust_asymmetry", targets=(), unit="1",
-         quantity="(right minus left thrust) over their sum",
-         sentence="The engines pull unequally: the difference is {percent} of the thrust."),
+    Kind(kind="thrust_asymmetry", targets=(), unit="m", quantity="y at which the total thrust acts, right positive",
+         sentence="The thrust acts {size} to the right of the plane of symmetry."),
     Kind(kind="thrust_line", targets=(), unit="m", quantity="true minus assumed z of the thrust line, down positive",
          sentence="The thrust line lies {size} lower than the aircraft file has it."),
-    Kind(kind="wind_shear", targets=WIND_AXES, unit="m/s", quantity="change of the wind over its ramp",
-         sentence="The wind along {target} changes by {size} in the record."),
+    Kind(kind="wind_shear", targets=WIND_AXES, unit="m/s2", quantity="rate of change of the wind from the onset on",
+         sentence="The wind along {target} changes steadily, by {size}."),
     Kind(kind="gust", targets=WIND_AXES, unit="m/s", quantity="peak of the gust",
          sentence="A gust of {size} along {target} meets the aircraft."),
     Kind(kind="turbulence", targets=WIND_AXES, optional=True, unit="m/s", quantity="r.m.s. velocity",
          sentence="The air is turbulent, with {size} r.m.s.; the model has calm air."),
-    Kind(kind="structural_mode", targets=SENSOR_CHANNELS, unit=_UNIT_OF_CHANNEL,
-         quantity="amplitude; frequency and damping stand in the parameters",
-         sentence="The {label} carries a lightly damped oscillation with an amplitude of {size}."),
+    Kind(kind="structural_mode", targets=SENSOR_CHANNELS, unit=_UNIT_OF_CHANNEL_PER_SURFACE,
+         quantity="gain from the surface that excites it; the frequency stands in the parameters",
+         sentence="The {label} carries a lightly damped oscillation, excited with a gain of {size}."),
 )  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def effect_unit(kind: str, target: str | None, term: str | None = None) -> str:
     unit = KINDS[kind].unit
     if unit == _UNIT_OF_TERM:
         return parse_term(term or "").unit
-    return unit_of(target or "") if unit == _UNIT_OF_CHANNEL else unit
+    return unit.replace(_UNIT_OF_CHANNEL, unit_of(target or ""))
 
 
 def effect_sentence(kind: str, target: str | None, term: str | None, value: float) -> str:
@@ -177,6 +177,6 @@ def _digits(value: float) -> str:
 
 
 def _size(value: float, unit: str) -> str:
-    if unit.startswith("rad"):
+    if unit.startswith("rad") and not unit.endswith("/rad"):
         value, unit = math.degrees(value), unit.replace("rad", "deg")
     return _digits(value) if unit == "1" else f"{_digits(value)} {unit}"
