@@ -73,7 +73,8 @@ class Model:
             ("outputs", self.outputs, self.h),
         ):
             if symbol.shape[0] != len(names):
-                raise InputError(f"model '{self.name}': {len(names)} {what} but an expression of {symbol.shape[0]} rows")
+                rows = symbol.shape[0]
+                raise InputError(f"model '{self.name}': {len(names)} {what} but an expression of {rows} rows")
             if len(set(names)) != len(names):
                 raise InputError(f"model '{self.name}': {what} are not unique: {names}")
         missing = set(self.parameters) - set(self.nominal)

@@ -1,0 +1,327 @@
+"""Innovations of a dynamic system under measurement, input and process noise: the whitened residual.
+
+The model is linearised about a nominal trajectory, the deviation from it goes through a time-varying Kalman filter, and
+what comes out of the filter is white with unit variance when the model is right. The filter is a fixed linear operator
+on (output residual, state defect), so residual, parameter sensitivities and any candidate's fingerprint go through it
+side by side. Without process noise it is output error; with unknown forces and moments, flight path reconstruction.
+
+Legend: N samples (longest record), R records, n states with coloured disturbances, ny outputs, nw disturbances,
+nc columns. Arrays run (time, record, ...); shorter records are padded and masked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from casid.model.system import Model
+from casid.records.record import Record
+
+_INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseModel:
+    """What is random.
+
+    measurement  output -> 1-sigma, white from sample to sample
+    white        disturbance -> 1-sigma, white from sample to sample (noise of a measured input)
+    coloured     disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
+    """
+
+    measurement: Mapping[str, float]
+    white: Mapping[str, float] = field(default_factory=dict)
+    coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Batch:
+    """Records side by side, padded to the longest: t (N, R), dt (N-1, R), U (N, R, nu), Z (N, R, ny) with NaN where a
+    sample is missing, live (N, R) true inside the record, held (R,) inputs constant over the sample that follows."""
+
+    names: tuple[str, ...]
+    t: np.ndarray
+    dt: np.ndarray
+    U: np.ndarray
+    Z: np.ndarray
+    live: np.ndarray
+    held: np.ndarray
+
+    @property
+    def samples(self) -> int:
+        return int(self.live.sum())
+
+
+def make_batch(model: Model, records: Sequence[Record]) -> Batch:
+    """Stack records for a model; an output that a record does not have is missing throughout."""
+    N, R = max(len(r) for r in records), len(records)
+    t, U = np.zeros((N, R)), np.zeros((N, R, len(model.inputs)))
+    Z, live = np.full((N, R, len(model.outputs)), np.nan), np.zeros((N, R), dtype=bool)
+    for j, record in enumerate(records):
+        n = len(record)
+        t[:n, j], t[n:, j] = record.t, record.t[-1] + record.dt * np.arange(1, N - n + 1)
+        U[:n, j] = record.matrix(model.inputs)
+        U[n:, j] = U[n - 1, j]
+        live[:n, j] = True
+        for i, name in enumerate(model.outputs):
+            if name in record:
+                Z[:n, j, i] = record[name]
+    held = np.array([record.hold == "held" for record in records])
+    return Batch(names=tuple(r.name for r in records), t=t, dt=np.diff(t, axis=0), U=U, Z=Z, live=live, held=held)
+
+
+class PointFunctions:
+    """Values and Jacobians of a model at single points, mapped over all samples of a batch."""
+
+    def __init__(self, model: Model, free: Sequence[str]) -> None:
+        self.model, self.free = model, tuple(free)
+        index = [model.parameters.index(name) for name in self.free]
+        x, u, p, w = model.x, model.u, model.p, model.w
+        both = ca.vertcat(model.f, model.h)
+        by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
+        values = [both, ca.jacobian(both, x), by_p, ca.jacobian(both, w), ca.jacobian(both, u)]
+        calm = [ca.densify(ca.substitute(e, w, ca.SX.zeros(w.shape[0]))) for e in values]
+        self._points = ca.Function("points", [x, u, p], ca.cse(calm))
+        u1, dt, d0, d1 = (
+            ca.SX.sym(n, m) for n, m in (("u1", u.shape[0]), ("dt", 1), ("d0", w.shape[0]), ("d1", w.shape[0]))
+        )
+        f = ca.Function("f", [x, u, p, w], [model.f])
+        um, dm = (u + u1) / 2, (d0 + d1) / 2
+        k1 = f(x, u, p, d0)
+        k2 = f(x + dt / 2 * k1, um, p, dm)
+        k3 = f(x + dt / 2 * k2, um, p, dm)
+        k4 = f(x + dt * k3, u1, p, d1)
+        self._step = ca.Function("step", [x, u, u1, p, d0, d1, dt], [x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        self._output = ca.Function("output", [x, u, p, w], [model.h])
+
+    def points(self, X: np.ndarray, U: np.ndarray, P: np.ndarray) -> list[np.ndarray]:
+        """[value, d/dx, d/dp_free, d/dw, d/du] of (f, h) stacked, each (N, R, rows, columns)."""
+        return evaluate(self._points, X, U, P)
+
+    def step(self, X, U0, U1, P, W0, W1, dt) -> np.ndarray:
+        """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
+        return evaluate(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
+
+    def output(self, X, U, P, W) -> np.ndarray:
+        """Outputs (N, R, ny)."""
+        return evaluate(self._output, X, U, P, W)[0][..., 0]
+
+
+def evaluate(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """A CasADi function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results
+    (N, R, rows, columns)."""
+    N, R = arguments[0].shape[:2]
+    count = N * R
+    mapped = function.map(count)
+    buffer, run = mapped.buffer()
+    kept = []
+    for i, argument in enumerate(arguments):
+        full = np.ascontiguousarray(np.broadcast_to(argument, (N, R, function.size1_in(i))), dtype=float)
+        kept.append(full)
+        buffer.set_arg(i, memoryview(full.reshape(-1)) if full.size else None)
+    results = []
+    for i in range(function.n_out()):
+        rows, columns = function.size_out(i)
+        out = np.zeros((N, R, columns, rows))
+        results.append(out)
+        if out.size:
+            buffer.set_res(i, memoryview(out.reshape(-1)))
+    run()
+    return [out.swapaxes(2, 3) for out in results]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linear:
+    """A model linearised about a nominal trajectory X (N, R, nx).
+
+    residual (N, R, ny) is Z - output, NaN-free with `seen` telling the samples that count; defect (N-1, R, nx) is the
+    model's next state minus the nominal next state. A, Bp, Bw0, Bw1 act over a sample interval (w linear between
+    samples, or held), C, Dp, Dw at a sample.
+    """
+
+    model: Model
+    free: tuple[str, ...]
+    X: np.ndarray
+    output: np.ndarray
+    residual: np.ndarray
+    seen: np.ndarray
+    defect: np.ndarray
+    A: np.ndarray
+    Bp: np.ndarray
+    Bw0: np.ndarray
+    Bw1: np.ndarray
+    C: np.ndarray
+    Dp: np.ndarray
+    Dw: np.ndarray
+    dt: np.ndarray
+
+
+def linearise(
+    functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray, W: np.ndarray | None = None
+) -> Linear:
+    """Linearise about X (N, R, nx) with parameters P (R, np) and known disturbances W (N, R, nw).
+
+    The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
+    """
+    model = functions.model
+    nx = len(model.states)
+    W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
+    value, by_x, by_p, by_w, _ = functions.points(X, batch.U, P)
+    U1 = np.where(batch.held[None, :, None], batch.U[:-1], batch.U[1:])
+    W1 = np.where(batch.held[None, :, None], W[:-1], W[1:])
+    after = functions.step(X[:-1], batch.U[:-1], U1, P, W[:-1], W1, batch.dt)
+    output = functions.output(X, batch.U, P, W)
+    inside = (batch.live[1:])[..., None]
+    h = batch.dt[..., None, None]
+    J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
+    A = np.eye(nx) + h / 2 * (J + K) + h**2 / 2 * (K @ J)
+    Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
+    Bp = h / 2 * (Fp0 + Fp1) + h**2 / 2 * (K @ Fp0)
+    Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw1)
+    held = batch.held[None, :, None, None]
+    Bw0, Bw1 = np.where(held, Bw0 + Bw1, Bw0), np.where(held, 0.0, Bw1)
+    inside4 = inside[..., None]
+    seen = np.isfinite(batch.Z)
+    return Linear(
+        model=model, free=functions.free, X=X, output=output, seen=seen,
+        residual=np.where(seen, batch.Z - output, 0.0), defect=np.where(inside, after - X[1:], 0.0),
+        A=np.where(inside4, A, np.eye(nx)), Bp=np.where(inside4, Bp, 0.0), Bw0=np.where(inside4, Bw0, 0.0),
+        Bw1=np.where(inside4, Bw1, 0.0), C=np.where(seen[..., None], by_x[:, :, nx:], 0.0),
+        Dp=np.where(seen[..., None], by_p[:, :, nx:], 0.0), Dw=np.where(seen[..., None], by_w[:, :, nx:], 0.0),
+        dt=batch.dt,
+    )  # fmt: skip
+
+
+def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) columns of time histories (N, R, nc) that enter at disturbance `stations` (nc indices)."""
+    index = np.asarray(stations, dtype=int)
+    Y = linear.Dw[..., index] * series[:, :, None, :]
+    F = linear.Bw0[..., index] * series[:-1, :, None, :] + linear.Bw1[..., index] * series[1:, :, None, :]
+    return Y, F
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filter:
+    """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
+    (N, R, ny, ny), gain K (N, R, n, ny), prediction covariance P (N, R, n, n), log determinant per sample (N, R)."""
+
+    linear: Linear
+    A: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    inverse_root: np.ndarray
+    P: np.ndarray
+    log_determinant: np.ndarray
+
+    def whiten(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
+
+        Y (N, R, ny, nc), F (N-1, R, nx, nc): response of the model to a unit of the column's cause, output and state
+        equation. The residual is the column (residual, -defect)."""
+        return self._run(Y, F)[0]
+
+    def _run(self, Y: np.ndarray, F: np.ndarray, keep: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        N, R, ny, nc = Y.shape
+        nx, n = F.shape[2], self.A.shape[2]
+        out = np.empty((N, R, ny, nc))
+        states = np.empty((N if keep else 0, R, n, nc))
+        E = np.zeros((R, n, nc))
+        AK = self.A @ self.K[:-1]
+        for k in range(N):
+            if keep:
+                states[k] = E
+            e = self.C[k] @ E
+            e += Y[k]
+            np.matmul(self.inverse_root[k], e, out=out[k])
+            if k < N - 1:
+                E = self.A[k] @ E
+                E -= AK[k] @ e
+                E[:, :nx] += F[k]
+        return out, states
+
+    def smooth(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Most likely deviation of the augmented state (N, R, n) given one column (Y, F) with nc = 1, by the
+        Bryson-Frazier backward recursion."""
+        white, states = self._run(Y, F, keep=True)
+        N, n = states.shape[0], states.shape[2]
+        deviation = np.empty(states.shape[:3])
+        costate = np.zeros((*states.shape[1:3], 1))
+        eye = np.eye(n)
+        for k in range(N - 1, -1, -1):
+            back = eye - self.K[k] @ self.C[k]
+            if k < N - 1:
+                costate = (self.A[k] @ back).swapaxes(1, 2) @ costate
+            costate = costate + (self.inverse_root[k] @ self.C[k]).swapaxes(1, 2) @ white[k]
+            deviation[k] = (self.P[k] @ costate - states[k])[..., 0]
+        return deviation
+
+
+def kalman_filter(linear: Linear, noise: NoiseModel) -> Filter:
+    """Covariance pass of the filter; it does not look at the data, only at which samples are seen."""
+    A, C, Q, R, P = _augmented(linear, noise)
+    N, records, ny, n = C.shape
+    K = np.empty((N, records, n, ny))
+    inverse_root = np.empty((N, records, ny, ny))
+    kept = np.empty((N, records, n, n))
+    log_determinant = np.empty((N, records))
+    for k in range(N):
+        kept[k] = P
+        PC = P @ C[k].swapaxes(1, 2)
+        S = C[k] @ PC
+        S += R[k]
+        root = np.linalg.cholesky(S)
+        inverse = np.linalg.inv(root)
+        inverse_root[k] = inverse
+        log_determinant[k] = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        W = PC @ inverse.swapaxes(1, 2)
+        K[k] = W @ inverse
+        if k < N - 1:
+            P = P - W @ W.swapaxes(1, 2)
+            P = A[k] @ P @ A[k].swapaxes(1, 2)
+            P += Q[k]
+            P = 0.5 * (P + P.swapaxes(1, 2))
+    return Filter(
+        linear=linear, A=A, C=C, K=K, inverse_root=inverse_root, P=kept,
+        log_determinant=log_determinant,
+    )  # fmt: skip
+
+
+def _augmented(linear: Linear, noise: NoiseModel) -> tuple[np.ndarray, ...]:
+    """A, C, Q, R of the model with its coloured disturbances as further states, and the initial covariance."""
+    model = linear.model
+    N, records, ny, nx = linear.C.shape
+    coloured = [model.disturbances.index(name) for name in noise.coloured]
+    white = [model.disturbances.index(name) for name in noise.white]
+    n = nx + len(coloured)
+    sigma = np.array([value for value, _ in noise.coloured.values()])
+    tau = np.array([value for _, value in noise.coloured.values()])
+    phi = np.exp(-linear.dt[..., None] / tau) if coloured else np.zeros((N - 1, records, 0))
+    A = np.zeros((N - 1, records, n, n))
+    A[..., :nx, :nx] = linear.A
+    A[..., :nx, nx:] = linear.Bw0[..., coloured] + linear.Bw1[..., coloured] * phi[..., None, :]
+    A[..., range(nx, n), range(nx, n)] = phi
+    C = np.concatenate([linear.C, linear.Dw[..., coloured]], axis=3)
+    G = (linear.Bw0 + linear.Bw1)[..., white] * np.array(list(noise.white.values()))
+    Q = np.zeros((N - 1, records, n, n))
+    Q[..., :nx, :nx] = G @ G.swapaxes(2, 3)
+    driven = sigma**2 * (1.0 - phi**2)
+    Q[..., range(nx, n), range(nx, n)] = driven
+    through = linear.Bw1[..., coloured] * driven[..., None, :]
+    Q[..., :nx, nx:] = through
+    Q[..., nx:, :nx] = through.swapaxes(2, 3)
+    Q[..., :nx, :nx] += through @ linear.Bw1[..., coloured].swapaxes(2, 3)
+    feed = linear.Dw[..., white] * np.array(list(noise.white.values()))
+    R = feed @ feed.swapaxes(2, 3)
+    variance = np.array([noise.measurement[name] ** 2 for name in model.outputs])
+    R[..., range(ny), range(ny)] += np.where(linear.seen, variance, 1.0)
+    P = np.zeros((records, n, n))
+    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sigma**2]
+    return A, C, Q, R, P
+
+
+def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) of the residual itself, one column."""
+    return linear.residual[..., None], -linear.defect[..., None]

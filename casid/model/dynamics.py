@@ -1,0 +1,287 @@
+"""The aircraft as a `Model`: six degrees of freedom, or its longitudinal or lateral reduction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from types import MappingProxyType
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import InputError, unknown
+from casid.model.aircraft import Aircraft
+from casid.model.effects import Effect, effect_of
+from casid.model.path import (
+    INPUTS,
+    OUTPUTS,
+    STATES,
+    SignalPath,
+    aerodynamic_parameters,
+    coefficient_names,
+    disturbance_names,
+    fly,
+)
+from casid.model.system import EquationError, Model
+from casid.records.record import Record
+from casid.signals import SURFACES, scale_of, unit_of
+
+# states that move in a reduction; the others are inputs, taken from the record
+MOVING = MappingProxyType({"full": STATES, "longitudinal": ("u", "w", "q", "theta"), "lateral": ("v", "p", "r", "phi")})
+_FRAME_OUTPUTS = MappingProxyType(
+    {
+        "full": OUTPUTS,
+        "longitudinal": ("V", "alpha", "q", "theta", "ax", "az", "qdot"),
+        "lateral": ("beta", "p", "r", "phi", "ay", "pdot", "rdot"),
+    }
+)
+_FRAME_COEFFICIENTS = MappingProxyType({"full": None, "longitudinal": "LDXZm", "lateral": "Yln"})
+_SCALE = MappingProxyType({"u": 100.0, "v": 5.0, "w": 5.0, "p": 0.2, "q": 0.1, "r": 0.1, "phi": 0.3, "theta": 0.1})
+
+
+def velocity_from_air_data(V: np.ndarray, alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """(N, 3) body velocity u v w from airspeed and flow angles, in air at rest."""
+    return np.stack([V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)], axis=1)
+
+
+def _filled(record: Record, name: str, default: float) -> np.ndarray:
+    """A channel with missing samples interpolated; a constant where the record has none of it."""
+    if name not in record or not np.isfinite(record[name]).any():
+        return np.full(len(record), default)
+    values = record[name]
+    good = np.isfinite(values)
+    return values if good.all() else np.interp(record.t, record.t[good], values[good])
+
+
+def state_guess(aircraft: Aircraft, states: Sequence[str] = STATES) -> Callable[[Record], np.ndarray]:
+    """First guess of the trajectory (N, states) from measured air data, rates and attitude; what is not measured is
+    taken from trim."""
+    trim = aircraft.trim
+
+    def guess(record: Record) -> np.ndarray:
+        alpha = _filled(record, "alpha", trim.get("alpha", 0.0))
+        velocity = velocity_from_air_data(
+            _filled(record, "V", trim.get("V", np.nan)), alpha, _filled(record, "beta", 0.0)
+        )
+        if not np.isfinite(velocity).all():
+            raise InputError(f"record '{record.name}': airspeed V is neither a channel nor in [trim]; give one of them")
+        table = dict(zip("uvw", velocity.T, strict=True))
+        for name in ("p", "q", "r", "phi"):
+            table[name] = _filled(record, name, 0.0)
+        table["theta"] = _filled(record, "theta", trim.get("theta", float(alpha[0])))
+        return np.stack([table[name] for name in states], axis=1)
+
+    return guess
+
+
+def aircraft_model(
+    aircraft: Aircraft,
+    *,
+    axes: str = "full",
+    outputs: Iterable[str] | None = None,
+    effects: Iterable[Effect] | None = None,
+    known: Iterable[str] = (),
+) -> Model:
+    """The aircraft of an aircraft file as a symbolic model.
+
+    axes      "full", or "longitudinal" (u w q theta move) or "lateral" (v p r phi move); the states that do not move
+              are then inputs with the names of `STATES`, see `flight_inputs`
+    outputs   channels that are modelled; default all that the axes move
+    effects   symbolic effects to be parameters of the model; default those of the aircraft file
+    known     disturbances that become inputs, because their time history is given
+
+    Parameters: the derivatives and terms of the file, `bias_<output>` (nominal 0), and one per effect, under
+    `Effect.name` (nominal: the file's value, or 0). Raises InputError for unknown axes or outputs.
+    """
+    if axes not in MOVING:
+        raise unknown("axes", axes, MOVING)
+    moving = MOVING[axes]
+    chosen = tuple(outputs) if outputs is not None else _FRAME_OUTPUTS[axes]
+    for name in chosen:
+        if name not in _FRAME_OUTPUTS[axes]:
+            raise unknown("output", name, _FRAME_OUTPUTS[axes], f"{axes} model of '{aircraft.name}'")
+    values = {effect_of(e).name: e.value for e in aircraft.effects}
+    chosen_effects = [effect_of(e) for e in aircraft.effects] if effects is None else list(effects)
+    symbolic = [e for e in chosen_effects if e.change is not None]
+    derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
+    nominal = derivatives | {f"bias_{o}": 0.0 for o in OUTPUTS} | {e.name: values.get(e.name, 0.0) for e in symbolic}
+    given = tuple(known)
+    disturbances = tuple(d for d in disturbance_names(aircraft.force_axes) if d not in given)
+    inputs = (*INPUTS, *(s for s in STATES if s not in moving), *given)
+    x, u, p, w = (
+        ca.SX.sym(letter, len(names))
+        for letter, names in (("x", moving), ("u", inputs), ("p", nominal), ("w", disturbances))
+    )
+    named_inputs = dict(zip(inputs, ca.vertsplit(u), strict=True))
+    path = fly(
+        SignalPath(
+            aircraft=aircraft,
+            state={s: x[moving.index(s)] if s in moving else named_inputs[s] for s in STATES},
+            inputs=named_inputs,
+            parameter=dict(zip(nominal, ca.vertsplit(p), strict=True)),
+            disturbance=dict(zip(disturbances, ca.vertsplit(w), strict=True)) | {d: named_inputs[d] for d in given},
+        ),
+        _by_station(symbolic),
+    )
+    relative = aircraft.relative_uncertainty or 0.0
+    return Model(
+        name=aircraft.name, states=moving, inputs=inputs, parameters=tuple(nominal), outputs=chosen,
+        disturbances=disturbances, x=x, u=u, p=p, w=w,
+        f=ca.vertcat(*[path.derivative[s] for s in moving]), h=ca.vertcat(*[path.output[o] for o in chosen]),
+        nominal=nominal, state_scale={s: _SCALE[s] for s in moving}, guess=state_guess(aircraft, moving),
+        prior_std={n: relative * abs(v) for n, v in derivatives.items() if relative * abs(v) > 0.0},
+        equation=equation_error(aircraft, p, tuple(nominal), axes, symbolic),
+        units=parameter_units(nominal, symbolic),
+    )  # fmt: skip
+
+
+def parameter_units(names: Iterable[str], effects: Sequence[Effect]) -> dict[str, str]:
+    """Unit of each parameter of an aircraft model."""
+    units = {
+        name: unit_of(name[5:]) if name.startswith("bias_") else ("1" if name.endswith("_0") else "1/rad")
+        for name in names
+    }
+    return units | {e.name: e.unit for e in effects}
+
+
+def _value(aircraft: Aircraft, name: str) -> float:
+    if name in aircraft.derivatives:
+        return aircraft.derivatives[name]
+    coefficient, term = name.split("_", 1)
+    return aircraft.terms[coefficient][term]
+
+
+def _by_station(effects: Iterable[Effect]) -> dict[str, list]:
+    by_station: dict[str, list] = {}
+    for effect in effects:
+        change, name = effect.change, effect.name
+        if change is not None and effect.station is not None:
+            by_station.setdefault(effect.station, []).append(
+                lambda path, change=change, name=name: change(path, path.parameter[name])
+            )
+    return by_station
+
+
+def equation_error(
+    aircraft: Aircraft, p: ca.SX, parameters: Sequence[str], axes: str, effects: Sequence[Effect]
+) -> EquationError:
+    """Equation-error form: coefficients computed from measured accelerations (paper eq. 6, 7) against the aerodynamic
+    model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g."""
+    channels = (
+        "V",
+        "alpha",
+        "beta",
+        "p",
+        "q",
+        "r",
+        "ax",
+        "ay",
+        "az",
+        "pdot",
+        "qdot",
+        "rdot",
+        *SURFACES,
+        "thrust",
+        "rho",
+    )
+    m = ca.SX.sym("m", len(channels))
+    c = dict(zip(channels, ca.vertsplit(m), strict=True))
+    velocity = [
+        c["V"] * ca.cos(c["alpha"]) * ca.cos(c["beta"]),
+        c["V"] * ca.sin(c["beta"]),
+        c["V"] * ca.sin(c["alpha"]) * ca.cos(c["beta"]),
+    ]
+    zero = {d: ca.SX(0) for d in disturbance_names(aircraft.force_axes)}
+    path = fly(
+        SignalPath(
+            aircraft=aircraft, inputs=c, parameter=dict(zip(parameters, ca.vertsplit(p), strict=True)),
+            state={"u": velocity[0], "v": velocity[1], "w": velocity[2], **{s: c[s] for s in "pqr"},
+                   "phi": ca.SX(0), "theta": ca.SX(0)},
+            disturbance=zero,
+        ),
+        _by_station(e for e in effects if e.station in ("coefficients", "mass")),
+    )  # fmt: skip
+    target = _coefficients_from_accelerations(aircraft, path, c)
+    kept = _FRAME_COEFFICIENTS[axes]
+    names = tuple(n for n in coefficient_names(aircraft.force_axes) if kept is None or n[1] in kept)
+    return EquationError(
+        names=names, channels=channels, m=m,
+        target=ca.vertcat(*[target[n] for n in names]),
+        prediction=ca.vertcat(*[path.coefficient[n] for n in names]),
+    )  # fmt: skip
+
+
+def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: dict) -> dict:
+    p, q, r = c["p"], c["q"], c["r"]
+    x, y, z = aircraft.accelerometer
+    ax = c["ax"] + (q**2 + r**2) * x - (p * q - c["rdot"]) * y - (p * r + c["qdot"]) * z
+    ay = c["ay"] - (p * q + c["rdot"]) * x + (p**2 + r**2) * y - (q * r - c["pdot"]) * z
+    az = c["az"] - (p * r - c["qdot"]) * x - (q * r + c["pdot"]) * y + (p**2 + q**2) * z
+    qS = path.air["qbar"] * aircraft.area
+    fx, fy, fz = path.mass * ax - c["thrust"], path.mass * ay, path.mass * az
+    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
+    L = Ixx * c["pdot"] - Ixz * c["rdot"] + (Izz - Iyy) * q * r - Ixz * p * q
+    M = Iyy * c["qdot"] + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2) - aircraft.thrust_line_z * c["thrust"]
+    N = Izz * c["rdot"] - Ixz * c["pdot"] + (Iyy - Ixx) * p * q + Ixz * q * r
+    sa, cos_a = ca.sin(c["alpha"]), ca.cos(c["alpha"])
+    return {
+        "CL": (fx * sa - fz * cos_a) / qS, "CD": -(fx * cos_a + fz * sa) / qS, "CX": fx / qS, "CZ": fz / qS,
+        "CY": fy / qS, "Cl": L / (qS * aircraft.moment_length_lateral), "Cm": M / (qS * aircraft.moment_length_pitch),
+        "Cn": N / (qS * aircraft.moment_length_lateral),
+    }  # fmt: skip
+
+
+def standard_density(altitude: np.ndarray) -> np.ndarray:
+    """Density [kg/m3] of the standard troposphere at geometric altitude [m]."""
+    return 1.225 * (1.0 - 2.25577e-5 * altitude) ** 4.25588
+
+
+def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full", known: Iterable[str] = ()) -> Record:
+    """The record with every input channel that an aircraft model wants.
+
+    Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
+    [trim], constant; the states that a reduction does not move from the measured channels. What can come from nowhere
+    is an InputError, not a guess. `record.notes` says what was filled in. `known` disturbances absent are zero.
+    """
+    added: dict[str, np.ndarray] = {}
+    notes: list[str] = []
+    n = len(record)
+    for surface in SURFACES:
+        if surface not in record:
+            if axes != "full" and (surface == "delta_e") == (axes == "lateral"):
+                added[surface] = np.full(n, aircraft.trim.get(surface, 0.0))
+                continue
+            raise InputError(f"record '{record.name}': input channel '{surface}' is missing; the {axes} model needs it")
+    if "rho" not in record:
+        if "altitude" in record:
+            added["rho"] = standard_density(_filled(record, "altitude", 0.0))
+            notes.append("rho from altitude, standard atmosphere")
+        elif "rho" in aircraft.trim or "altitude" in aircraft.trim:
+            rho = aircraft.trim.get("rho") or float(standard_density(np.array(aircraft.trim["altitude"])))
+            added["rho"] = np.full(n, rho)
+            notes.append("rho constant, from [trim]")
+        else:
+            raise InputError(
+                f"record '{record.name}': density rho cannot be had: give a channel rho or altitude, or rho in [trim]"
+            )
+    if "thrust" not in record:
+        if "thrust" not in aircraft.trim:
+            raise InputError(
+                f"record '{record.name}': thrust cannot be had: give a channel thrust, or thrust in [trim]"
+            )
+        added["thrust"] = np.full(n, aircraft.trim["thrust"])
+        notes.append("thrust constant, from [trim]")
+    fixed = [s for s in STATES if s not in MOVING[axes]]
+    if fixed:
+        columns = state_guess(aircraft, fixed)(record)
+        added |= dict(zip(fixed, columns.T, strict=True))
+    added |= {name: np.zeros(n) for name in known if name not in record}
+    filled = record.with_channels(**added)
+    return Record(
+        name=filled.name, t=filled.t, channels=filled.channels, hold=filled.hold, source=filled.source,
+        notes=(*record.notes, *notes),
+    )  # fmt: skip
+
+
+def typical_size(name: str) -> float:
+    """Typical size of a state or channel, for conditioning."""
+    return _SCALE.get(name, scale_of(name))

@@ -1,0 +1,98 @@
+"""Operators on sampled time series that effects are made of: lag, delay, rate limit, dead zone, backlash, mode.
+
+All take t (N,) [s] and a series (N,), run between samples linearly, start in steady state and accept non-uniform t.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg, signal
+
+
+def delay(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
+    """y(t - tau), linear between samples; the first (tau > 0) or last (tau < 0) sample is held."""
+    return np.interp(t - tau, t, y)
+
+
+def lag(t: np.ndarray, y: np.ndarray, time_constant: float) -> np.ndarray:
+    """First-order lag, exact for an input that is linear between samples; none for a time constant of 0."""
+    T = abs(time_constant)
+    if T < 1e-9:
+        return y.copy()
+    dt = np.diff(t)
+    if np.ptp(dt) < 1e-6 * dt[0]:
+        a, b0, b1 = _lag_coefficients(dt[0], T)
+        return signal.lfilter([b1, b0], [1.0, -a], y - y[0]) + y[0]
+    out = np.empty_like(y)
+    out[0] = y[0]
+    for k, (a, b0, b1) in enumerate(zip(*_lag_coefficients(dt, T), strict=True)):
+        out[k + 1] = a * out[k] + b0 * y[k] + b1 * y[k + 1]
+    return out
+
+
+def _lag_coefficients(dt, T):
+    a = np.exp(-dt / T)
+    b1 = 1.0 - T / dt * (1.0 - a)
+    return a, (1.0 - a) - b1, b1
+
+
+def rate_limit(t: np.ndarray, y: np.ndarray, rate: float) -> np.ndarray:
+    """y followed with at most `rate` [unit of y per s]."""
+    out = y.copy()
+    for k, step in enumerate(np.diff(t) * abs(rate), start=1):
+        out[k] = out[k - 1] + min(max(y[k] - out[k - 1], -step), step)
+    return out
+
+
+def dead_zone(y: np.ndarray, width: float, centre: float) -> np.ndarray:
+    """Half-width `width` around `centre` without response; beyond it the response is shifted by the half-width."""
+    z = y - centre
+    return centre + np.sign(z) * np.maximum(np.abs(z) - abs(width), 0.0)
+
+
+def backlash(y: np.ndarray, width: float) -> np.ndarray:
+    """Play of half-width `width`: the output moves only when pushed by an end stop."""
+    out = y.copy()
+    half = abs(width)
+    for k in range(1, len(y)):
+        out[k] = min(max(out[k - 1], y[k] - half), y[k] + half)
+    return out
+
+
+def one_minus_cosine(t: np.ndarray, onset: float, length: float) -> np.ndarray:
+    """Discrete gust of unit height that starts at `onset` and lasts `length` [s]."""
+    inside = (t >= onset) & (t <= onset + length)
+    return np.where(inside, 0.5 * (1.0 - np.cos(2.0 * np.pi * (t - onset) / length)), 0.0)
+
+
+def step(t: np.ndarray, onset: float) -> np.ndarray:
+    """0 before `onset`, 1 from one sample after it, linear within the sample that contains it: smooth in the onset."""
+    dt = float(np.median(np.diff(t)))
+    return np.clip((t - onset) / dt, 0.0, 1.0)
+
+
+def ramp(t: np.ndarray, onset: float) -> np.ndarray:
+    """0 before `onset`, then rising by 1 per second."""
+    return np.maximum(t - onset, 0.0)
+
+
+def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float = 0.03) -> np.ndarray:
+    """Rate of a lightly damped mode driven by y, from rest: w0^2 s / (s^2 + 2 d w0 s + w0^2)."""
+    w0 = 2.0 * np.pi * frequency_hz
+    dt = float(np.median(np.diff(t)))
+    a = np.array([[0.0, 1.0], [-(w0**2), -2.0 * damping * w0]])
+    b = np.array([[0.0], [w0**2]])
+    phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
+    numerator, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, np.array([[0.0, 1.0]]), gamma1[1:2, :])
+    return signal.lfilter(numerator[0], denominator, y - y[0])
+
+
+def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x_{k+1} = phi x_k + gamma0 u_k + gamma1 u_{k+1} for an input linear between samples."""
+    n, m = b.shape
+    block = np.zeros((n + 2 * m, n + 2 * m))
+    block[:n, :n], block[:n, n : n + m] = a * dt, b * dt
+    block[n : n + m, n + m :] = np.eye(m)
+    e = linalg.expm(block)
+    gamma1 = e[:n, n + m :]
+    return e[:n, :n], e[:n, n : n + m] - gamma1, gamma1

@@ -1,0 +1,264 @@
+"""The signal path of an aircraft, station by station, as CasADi expressions.
+
+surface -> mass properties -> wind -> air data -> coefficients -> forces and moments -> rigid body -> sensors
+
+Every station is one function that reads and writes a `SignalPath`. An effect (see `effects`) is an extra piece at one
+named station, applied after the station's own equations. Frames: body axes x forward, y right, z down, origin in the
+centre of gravity; u v w are inertial velocity components in an air mass at rest, wind enters at its own station.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from casid.model.aircraft import Aircraft
+from casid.model.terms import derivative_term, parse_term
+
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
+INPUTS = ("delta_e", "delta_a", "delta_r", "thrust", "rho")
+STATIONS = ("surface", "mass", "wind", "coefficients", "moments", "sensors")
+MOMENTS = ("Cl", "Cm", "Cn")
+
+
+def coefficient_names(force_axes: str) -> tuple[str, ...]:
+    """The six coefficients of an aircraft file: wind-axes lift and drag, or body-axes forces."""
+    return ("CL", "CD", "CY", *MOMENTS) if force_axes == "wind" else ("CX", "CZ", "CY", *MOMENTS)
+
+
+def disturbance_names(force_axes: str) -> tuple[str, ...]:
+    """Stations at which an unknown time history may enter: increments of coefficients (dCL ...), of surfaces and
+    thrust (d_delta_e ..., d_thrust), velocity of the air in body axes [m/s] and its rotation [rad/s]."""
+    increments = tuple(f"d{name}" for name in coefficient_names(force_axes))
+    controls = ("d_delta_e", "d_delta_a", "d_delta_r", "d_thrust")
+    return (*increments, *controls, "wind_x", "wind_y", "wind_z", "gust_p", "gust_q", "gust_r")
+
+
+@dataclass
+class SignalPath:
+    """What is known at a station: symbols of state, inputs, parameters and disturbances, and the quantities that the
+    stations up to here have computed. Effects change these quantities; nothing else does."""
+
+    aircraft: Aircraft
+    state: Mapping[str, Any]
+    inputs: Mapping[str, Any]
+    parameter: Mapping[str, Any]
+    disturbance: Mapping[str, Any]
+    surface: dict[str, Any] = field(default_factory=dict)
+    mass: Any = 0.0
+    inertia: dict[str, Any] = field(default_factory=dict)
+    cg: list[Any] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    wind: list[Any] = field(default_factory=list)
+    air: dict[str, Any] = field(default_factory=dict)
+    regressor: dict[str, Any] = field(default_factory=dict)
+    coefficient: dict[str, Any] = field(default_factory=dict)
+    moment: list[Any] = field(default_factory=list)
+    force: list[Any] = field(default_factory=list)
+    sensor_position: dict[str, list[Any]] = field(default_factory=dict)
+    output: dict[str, Any] = field(default_factory=dict)
+    derivative: dict[str, Any] = field(default_factory=dict)
+
+
+def surface_station(path: SignalPath) -> None:
+    """Surface positions and thrust as they act on the aircraft."""
+    for name in ("delta_e", "delta_a", "delta_r", "thrust"):
+        path.surface[name] = path.inputs[name] + path.disturbance[f"d_{name}"]
+
+
+def mass_station(path: SignalPath) -> None:
+    """Mass, inertia tensor, position of the true c.g. relative to the one in the aircraft file."""
+    inertia = path.aircraft.inertia
+    path.mass = path.aircraft.mass
+    path.inertia = {name: getattr(inertia, name) for name in ("Ixx", "Iyy", "Izz", "Ixz")}
+
+
+def wind_station(path: SignalPath) -> None:
+    """Velocity of the air in body axes."""
+    path.wind = [path.disturbance[f"wind_{axis}"] for axis in "xyz"]
+
+
+def air_data_station(path: SignalPath) -> None:
+    """Airspeed, flow angles, dynamic pressure and the dimensionless regressors of the aerodynamic model."""
+    state, aircraft = path.state, path.aircraft
+    ua, va, wa = (state[name] - wind for name, wind in zip("uvw", path.wind, strict=True))
+    V = ca.sqrt(ua**2 + va**2 + wa**2)
+    alpha, beta = ca.atan2(wa, ua), ca.asin(va / V)
+    path.air = {
+        "u": ua,
+        "v": va,
+        "w": wa,
+        "V": V,
+        "alpha": alpha,
+        "beta": beta,
+        "qbar": 0.5 * path.inputs["rho"] * V**2,
+    }
+    lateral, pitch = aircraft.rate_length_lateral / V, aircraft.rate_length_pitch / V
+    V_trim = aircraft.trim.get("V")
+    path.regressor = {
+        "alpha": alpha,
+        "beta": beta,
+        "p": (state["p"] - path.disturbance["gust_p"]) * lateral,
+        "q": (state["q"] - path.disturbance["gust_q"]) * pitch,
+        "r": (state["r"] - path.disturbance["gust_r"]) * lateral,
+        **{name: path.surface[name] for name in ("delta_e", "delta_a", "delta_r")},
+        "mach": V / speed_of_sound(path.inputs["rho"]),
+    }
+    if V_trim:
+        path.regressor["V"] = (V - V_trim) / V_trim
+
+
+def speed_of_sound(rho: Any) -> Any:
+    """Speed of sound [m/s] of the standard troposphere as a function of density [kg/m3]."""
+    return 340.294 * (rho / 1.225) ** (0.5 * 0.23496)
+
+
+def coefficient_station(path: SignalPath) -> None:
+    """The six coefficients: derivatives and terms of the aircraft file on the regressors (paper eq. 8)."""
+    axes = path.aircraft.force_axes
+    path.coefficient = {name: path.disturbance[f"d{name}"] for name in coefficient_names(axes)}
+    for coefficient, name, term in aerodynamic_parameters(path.aircraft):
+        if "alphadot" not in term and "betadot" not in term:
+            path.coefficient[coefficient] += path.parameter[name] * evaluate(term, path)
+
+
+def evaluate(term: str, path: SignalPath) -> Any:
+    """A term (canonical text, "0" for the constant) on the regressors at this point of the path."""
+    return parse_term(term).evaluate(path.regressor)
+
+
+def aerodynamic_parameters(aircraft: Aircraft) -> list[tuple[str, str, str]]:
+    """(coefficient, parameter name, term) of every derivative and further term of the aircraft file."""
+    rows = []
+    for name in aircraft.derivatives:
+        coefficient, term = derivative_term(name)
+        rows.append((coefficient, name, term.name))
+    for coefficient, terms in aircraft.terms.items():
+        rows += [(coefficient, f"{coefficient}_{term}", term) for term in terms]
+    return rows
+
+
+def force_station(path: SignalPath) -> None:
+    """Body-axes aerodynamic force and moment about the reference point, [N] and [N m]; thrust along body x."""
+    aircraft, C, air = path.aircraft, path.coefficient, path.air
+    qS = air["qbar"] * aircraft.area
+    if aircraft.force_axes == "wind":
+        sa, cos_a = ca.sin(air["alpha"]), ca.cos(air["alpha"])
+        X, Z = qS * (C["CL"] * sa - C["CD"] * cos_a), -qS * (C["CL"] * cos_a + C["CD"] * sa)
+    else:
+        X, Z = qS * C["CX"], qS * C["CZ"]
+    thrust = path.surface["thrust"]
+    path.force = [X + thrust, qS * C["CY"], Z]
+    lateral, pitch = aircraft.moment_length_lateral, aircraft.moment_length_pitch
+    path.moment = [
+        qS * lateral * C["Cl"],
+        qS * pitch * C["Cm"] + aircraft.thrust_line_z * thrust,
+        qS * lateral * C["Cn"],
+    ]
+
+
+def rigid_body_station(path: SignalPath) -> None:
+    """Accelerations of the c.g. and the kinematics of the Euler angles; flat earth, constant mass."""
+    s, g = path.state, path.aircraft.gravity
+    fx, fy, fz = path.force
+    cx, cy, cz = path.cg
+    L = path.moment[0] - (cy * fz - cz * fy)
+    M = path.moment[1] - (cz * fx - cx * fz)
+    N = path.moment[2] - (cx * fy - cy * fx)
+    ax, ay, az = fx / path.mass, fy / path.mass, fz / path.mass
+    sph, cph, sth, cth = ca.sin(s["phi"]), ca.cos(s["phi"]), ca.sin(s["theta"]), ca.cos(s["theta"])
+    p, q, r = s["p"], s["q"], s["r"]
+    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
+    L = L - (Izz - Iyy) * q * r + Ixz * p * q
+    N = N - (Iyy - Ixx) * p * q - Ixz * q * r
+    determinant = Ixx * Izz - Ixz**2
+    path.derivative = {
+        "u": ax - g * sth + r * s["v"] - q * s["w"],
+        "v": ay + g * cth * sph - r * s["u"] + p * s["w"],
+        "w": az + g * cth * cph + q * s["u"] - p * s["v"],
+        "p": (Izz * L + Ixz * N) / determinant,
+        "q": (M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2)) / Iyy,
+        "r": (Ixz * L + Ixx * N) / determinant,
+        "phi": p + ca.tan(s["theta"]) * (q * sph + r * cph),
+        "theta": q * cph - r * sph,
+    }
+
+
+def sensor_station(path: SignalPath) -> None:
+    """What instruments at their positions read; positions are relative to the c.g. of the aircraft file."""
+    s, d, air = path.state, path.derivative, path.air
+    p, q, r = s["p"], s["q"], s["r"]
+
+    def arm(name: str) -> list[Any]:
+        return [a - c for a, c in zip(path.sensor_position[name], path.cg, strict=True)]
+
+    def airspeed_at(position: list[Any]) -> tuple[Any, Any, Any]:
+        x, y, z = position
+        return air["u"] + q * z - r * y, air["v"] + r * x - p * z, air["w"] + p * y - q * x
+
+    ua, _, wa = airspeed_at(arm("alpha_vane"))
+    ub, vb, wb = airspeed_at(arm("beta_vane"))
+    x, y, z = arm("accelerometer")
+    ax, ay, az = (f / path.mass for f in path.force)
+    path.output = {
+        "V": air["V"],
+        "alpha": ca.atan2(wa, ua),
+        "beta": ca.asin(vb / ca.sqrt(ub**2 + vb**2 + wb**2)),
+        "p": p, "q": q, "r": r, "phi": s["phi"], "theta": s["theta"],
+        "ax": ax - (q**2 + r**2) * x + (p * q - d["r"]) * y + (p * r + d["q"]) * z,
+        "ay": ay + (p * q + d["r"]) * x - (p**2 + r**2) * y + (q * r - d["p"]) * z,
+        "az": az + (p * r - d["q"]) * x + (q * r + d["p"]) * y - (p**2 + q**2) * z,
+        "pdot": d["p"], "qdot": d["q"], "rdot": d["r"],
+    }  # fmt: skip
+    for name in path.output:
+        path.output[name] += path.parameter[f"bias_{name}"]
+
+
+OUTPUTS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az", "pdot", "qdot", "rdot")
+
+
+def unsteady_regressors(path: SignalPath) -> None:
+    """alphadot and betadot made dimensionless like q and r, from the rigid body without the terms they multiply:
+    explicit, exact to first order in those terms."""
+    d, air = path.derivative, path.air
+    alphadot = (air["u"] * d["w"] - air["w"] * d["u"]) / (air["u"] ** 2 + air["w"] ** 2)
+    betadot = (
+        d["v"] - air["v"] * (air["u"] * d["u"] + air["v"] * d["v"] + air["w"] * d["w"]) / air["V"] ** 2
+    ) / ca.sqrt(air["u"] ** 2 + air["w"] ** 2)
+    path.regressor["alphadot"] = alphadot * path.aircraft.rate_length_pitch / air["V"]
+    path.regressor["betadot"] = betadot * path.aircraft.rate_length_lateral / air["V"]
+
+
+def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
+    """Take the signal through all stations; `effects` gives, by station, functions that change the path there."""
+
+    def apply(station: str) -> None:
+        for change in effects.get(station, ()):
+            change(path)
+
+    surface_station(path)
+    apply("surface")
+    mass_station(path)
+    apply("mass")
+    path.sensor_position = {
+        name: list(getattr(path.aircraft, name)) for name in ("accelerometer", "alpha_vane", "beta_vane")
+    }
+    wind_station(path)
+    apply("wind")
+    air_data_station(path)
+    coefficient_station(path)
+    unsteady = [row for row in aerodynamic_parameters(path.aircraft) if "alphadot" in row[2] or "betadot" in row[2]]
+    force_station(path)
+    rigid_body_station(path)
+    unsteady_regressors(path)
+    for coefficient, name, term in unsteady:
+        path.coefficient[coefficient] += path.parameter[name] * evaluate(term, path)
+    apply("coefficients")
+    force_station(path)
+    apply("moments")
+    rigid_body_station(path)
+    sensor_station(path)
+    apply("sensors")
+    return path

@@ -1,0 +1,79 @@
+"""Steady straight flight of an aircraft model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import root
+
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import aircraft_model, standard_density
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trim:
+    """State and controls of unaccelerated flight, SI and radians."""
+
+    V: float
+    alpha: float
+    theta: float
+    delta_e: float
+    thrust: float
+    rho: float
+
+    @property
+    def state(self) -> np.ndarray:
+        """(8,) state vector u v w p q r phi theta."""
+        return np.array(
+            [self.V * np.cos(self.alpha), 0, self.V * np.sin(self.alpha), 0, 0, 0, 0, self.theta], dtype=float
+        )
+
+    @property
+    def inputs(self) -> dict[str, float]:
+        return {"delta_e": self.delta_e, "delta_a": 0.0, "delta_r": 0.0, "thrust": self.thrust, "rho": self.rho}
+
+
+def trim(
+    aircraft: Aircraft,
+    *,
+    V: float,
+    altitude: float | None = None,
+    rho: float | None = None,
+    thrust: float | None = None,
+    climb_angle: float = 0.0,
+    values: dict[str, float] | None = None,
+) -> Trim:
+    """Solve udot = wdot = qdot = 0 for alpha, delta_e and one of thrust or density.
+
+    Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is. climb_angle [rad].
+    `values` overrides parameters of the aircraft file. Raises InputError when there is no trim.
+    """
+    if (rho is None and altitude is None) == (thrust is None):
+        raise InputError("trim: give either a density (rho or altitude) or a thrust, the other is solved for")
+    if rho is None and altitude is not None:
+        rho = float(standard_density(np.array(altitude)))
+    model = aircraft_model(aircraft, effects=())
+    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+    p, calm = model.nominal_vector(values), np.zeros(len(model.disturbances))
+    weight = aircraft.mass * aircraft.gravity
+
+    def point(z: np.ndarray) -> Trim:
+        free_thrust, free_rho = (z[2] * 0.1 * weight, rho) if thrust is None else (thrust, z[2])
+        return Trim(
+            V=V, alpha=float(z[0]), theta=float(z[0]) + climb_angle, delta_e=float(z[1]), thrust=float(free_thrust),
+            rho=float(free_rho if free_rho is not None else z[2]),
+        )  # fmt: skip
+
+    def imbalance(z: np.ndarray) -> np.ndarray:
+        at = point(z)
+        inputs = [at.inputs[name] for name in model.inputs]
+        derivative = f(at.state, inputs, p, calm).full()[:, 0]
+        return derivative[[model.states.index(s) for s in ("u", "w", "q")]]
+
+    solution = root(imbalance, np.array([0.05, 0.0, 1.0]), tol=1e-13)
+    if np.abs(imbalance(solution.x)).max() > 1e-8:
+        raise InputError(f"trim: '{aircraft.name}' has no steady flight at V = {V:g} m/s ({solution.message})")
+    return point(solution.x)
