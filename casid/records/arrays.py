@@ -1,0 +1,94 @@
+"""Tables in binary files: MATLAB .mat, numpy .npz, and .parquet where pyarrow is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.errors import InputError, unknown
+from casid.records.table import Table
+
+
+def read_mat(path: Path, variable: str | None, time: str) -> Table:
+    """Table of a .mat file (up to version 7): its one matrix, without names, or one vector per channel."""
+    from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
+
+    content = _loaded(path, lambda: loadmat(str(path)))
+    return _table(path, {k: v for k, v in content.items() if not k.startswith("__")}, variable, time)
+
+
+def read_npz(path: Path, variable: str | None, time: str) -> Table:
+    """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are refused."""
+
+    def load() -> dict[str, Any]:
+        with np.load(path, allow_pickle=False) as archive:
+            return dict(archive)
+
+    return _table(path, _loaded(path, load), variable, time)
+
+
+def read_parquet(path: Path, variable: str | None, time: str) -> Table:
+    """Table of a .parquet file; needs the extra `parquet`."""
+    try:
+        parquet = import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError(
+            f"{path}: reading .parquet needs pyarrow; install it with: pip install 'casid[parquet]', or save as CSV"
+        ) from None
+
+    def load() -> dict[str, Any]:
+        content = parquet.read_table(path)
+        return {name: content.column(name).to_numpy() for name in content.column_names}
+
+    return _table(path, _loaded(path, load), variable, time)
+
+
+def _loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What `load` returns; whatever it raises becomes an InputError."""
+    if not path.is_file():
+        raise InputError(f"{path}: cannot be read: no such file")
+    try:
+        return load()
+    except NotImplementedError:
+        raise InputError(f"{path}: a .mat file of version 7.3; save it with '-v7', or as CSV") from None
+    except Exception as error:  # a damaged file makes these libraries raise some twenty unrelated types
+        fault = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(f"{path}: not a readable {path.suffix} file: {fault[:120]}") from None
+
+
+def _table(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> Table:
+    numeric = {k: v for k, v in arrays.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.size > 1}
+    if variable is not None:
+        if variable not in numeric:
+            raise unknown("variable", variable, numeric, str(path))
+        numeric = {variable: numeric[variable]}
+    vectors = {name: v.ravel() for name, v in numeric.items() if max(v.shape) == v.size}
+    matrices = {name: v for name, v in numeric.items() if v.ndim == 2 and name not in vectors}
+    if vectors and (time in vectors or not matrices):
+        return _vectors(path, vectors, time)
+    if len(matrices) != 1:
+        held = ", ".join(matrices) or "none"
+        raise InputError(
+            f"{path}: expected one matrix, or one vector per channel with '{time}' among them; matrices in the file: "
+            f"{held}; name one as 'variable' in a column map"
+        )
+    name, matrix = next(iter(matrices.items()))
+    if matrix.shape[0] < matrix.shape[1]:
+        raise InputError(f"{path}: '{name}' has shape {matrix.shape}; expected samples in rows: transpose it")
+    return Table(source=str(path), names=None, values=matrix.astype(float))
+
+
+def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> Table:
+    reference = time if time in vectors else next(iter(vectors))
+    for name, values in vectors.items():
+        if len(values) != len(vectors[reference]):
+            raise InputError(
+                f"{path}: variable '{name}' has {len(values)} samples, '{reference}' has {len(vectors[reference])}; "
+                "all channels need the same"
+            )
+    values = np.stack([v.astype(float) for v in vectors.values()], axis=1)
+    return Table(source=str(path), names=tuple(vectors), values=values)

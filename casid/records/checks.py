@@ -1,0 +1,141 @@
+"""Checks of a record as it comes from a file: what cannot be used is an error, what a person should know is a note."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from casid.errors import InputError, nearest
+from casid.records.record import Record
+from casid.signals import SURFACES, label_of, unit_of
+
+INPUTS = (*SURFACES, "thrust", "rho")
+MIN_SAMPLES = 50
+MIN_DURATION = 3.0  # s
+
+# Beyond these [rad, rad/s] a value is no angle or rate of an aircraft in rad; in degrees it is an ordinary one.
+_LIMITS = MappingProxyType(
+    dict.fromkeys(("alpha", "beta", "theta", *SURFACES), 1.6) | {"phi": 6.4, "psi": 12.6, "p": 15.0, "q": 6.4, "r": 6.4}
+)
+_DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
+_POSITIVE = ("V", "rho", "qbar")
+_JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
+_SLOW, _LONG_GAP = 0.5, 1.0  # s
+
+Place = Callable[[int], str]  # sample -> file and row, for a message
+
+
+def require(record: Record, channels: Iterable[str], why: str) -> None:
+    """Raise InputError, naming `why` they are needed, unless the record has all the channels."""
+    missing = [name for name in channels if name not in record and name != "t"]
+    if not missing:
+        return
+    near = {name: nearest(name, record.channels) for name in missing}
+    hint = "; ".join(f"is '{n}' meant to be '{name}'?" for name, n in near.items() if n and unit_of(n) == "")
+    raise InputError(
+        f"record '{record.name}': needs {', '.join(f'{name} ({label_of(name)})' for name in missing)} for {why}; "
+        f"add the columns or map them with --map {missing[0]}=COLUMN:unit" + (f"; {hint}" if hint else "")
+    )
+
+
+def check_time(t: np.ndarray, place: Place, column: str, source: str) -> None:
+    """Time must be complete, strictly increasing, and long enough to identify something from; else InputError."""
+    missing = np.flatnonzero(np.isnan(t))
+    if len(missing):
+        raise InputError(f"{place(missing[0])}, {column}: the time stamp is missing; fill it in or remove the row")
+    wrong = np.flatnonzero(np.diff(t) <= 0.0)
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        fault = "repeats" if t[row] == t[row - 1] else "runs back"
+        raise InputError(
+            f"{place(row)}, {column}: time {fault}, {t[row]:.10g} s after {t[row - 1]:.10g} s; "
+            "remove the row, or split the file there"
+        )
+    if len(t) < MIN_SAMPLES or t[-1] - t[0] < MIN_DURATION:
+        raise InputError(
+            f"{source}: {len(t)} samples in {t[-1] - t[0]:.4g} s are too short to identify anything; expected at least "
+            f"{MIN_SAMPLES} samples and {MIN_DURATION:.0f} s (time is in s: write the header as 't [ms]' if it is not)"
+        )
+
+
+def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> None:
+    """Values that cannot be: an input with gaps, degrees in a radian column, no airspeed; InputError with the row."""
+    missing = np.flatnonzero(np.isnan(values))
+    if name in INPUTS and len(missing):
+        raise InputError(
+            f"{place(missing[0])}, {column}: the sample of an input is missing (nan), {len(missing)} in all; "
+            "an input must be complete: fill the gaps, or cut the record there"
+        )
+    too_large = np.flatnonzero(~(np.abs(values) < 1e150) & ~np.isnan(values))
+    if len(too_large):
+        raise InputError(f"{place(too_large[0])}, {column}: {values[too_large[0]]:.6g} is too large; repair it")
+    beyond = np.flatnonzero(np.abs(values) > _LIMITS.get(name, np.inf))
+    if len(beyond):
+        value, unit = values[beyond[0]], unit_of(name)
+        degrees = unit.replace("rad", "deg")
+        raise InputError(
+            f"{place(beyond[0])}, {column}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
+            f"{label_of(name)}; if the file has {degrees}, write the header as '{name} [{degrees}]' or map the column "
+            f"with --map {name}=COLUMN:{degrees}; else repair the value"
+        )
+    not_positive = np.flatnonzero(values <= 0.0)
+    if name in _POSITIVE and len(not_positive):
+        first = not_positive[0]
+        raise InputError(
+            f"{place(first)}, {column}: {label_of(name)} must be positive, got {values[first]:.6g}; "
+            "leave the cell empty if the sample is missing" + (", or fill the gap" if name in INPUTS else "")
+        )
+
+
+def check_surfaces(channels: Mapping[str, np.ndarray], source: str) -> None:
+    """A record without any surface has no input: InputError."""
+    if not any(surface in channels for surface in SURFACES):
+        raise InputError(
+            f"{source}: no control surface; expected at least one of {', '.join(SURFACES)}: "
+            "add the column or map it, e.g. --map delta_e=COLUMN:deg"
+        )
+
+
+def time_notes(t: np.ndarray) -> list[str]:
+    """Remarks on the sampling: dropped rows, jitter."""
+    steps = np.diff(t)
+    dt = float(np.median(steps))
+    gaps = np.flatnonzero(steps > _GAP * dt)
+    regular = steps[steps <= _GAP * dt]
+    notes = []
+    if dt > _SLOW:
+        notes.append(f"time: one sample every {dt:.4g} s; if the time is in ms, write the header as 't [ms]'")
+    if len(gaps):
+        longest = int(np.argmax(steps))
+        advice = "split the record there" if steps[longest] > _LONG_GAP else "inputs are interpolated across"
+        notes.append(
+            f"time: rows are missing in {len(gaps)} place(s), the longest gap is {steps[longest]:.4g} s "
+            f"after t = {t[longest]:.6g} s; {advice}"
+        )
+    spread = float(np.max(np.abs(regular - dt)))
+    if spread > _JITTER * dt:
+        notes.append(f"time: sampling is not uniform, {dt:.4g} s with deviations up to {spread:.2g} s")
+    return notes
+
+
+def channel_notes(name: str, values: np.ndarray) -> list[str]:
+    """Remarks on one channel: constant, missing samples, a unit that looks wrong."""
+    good = values[~np.isnan(values)]
+    notes = []
+    share = 1.0 - len(good) / len(values)
+    if share > _MANY_MISSING:
+        notes.append(f"{name}: {100 * share:.0f} % of the samples are missing")
+    if unit_of(name) and np.all(good == good[0]):
+        what = "nothing can be identified from it" if name in SURFACES else "it may not be measured at all"
+        notes.append(f"{name}: constant at {good[0]:.6g}; {what}" if name not in ("thrust", "rho") else "")
+    largest = float(np.max(np.abs(good)))
+    if name in ("alpha", "beta", *SURFACES) and largest > _DOUBTFUL:
+        notes.append(f"{name}: reaches {largest:.3g} rad ({np.degrees(largest):.0f} deg); is the column in degrees?")
+    middle = float(np.median(good))
+    if name == "az" and 0.5 < abs(middle) < 2.0:
+        notes.append(f"az: about {middle:.3g} m/s2; if the file is in g, write the header as 'az [g]'")
+    if name == "az" and middle > 5.0:
+        notes.append(f"az: about {middle:+.3g} m/s2; z points down, so that level flight has -9.81")
+    return [note for note in notes if note]

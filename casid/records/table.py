@@ -1,0 +1,148 @@
+"""A table of numbers as it stands in a file: columns with or without names, before anything is known of channels."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from array import array
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from casid.errors import InputError
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan|[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
+_HOLD = re.compile(r"#\s*hold\s*:\s*(\w+)\s*")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Table:
+    """N rows of numbers.
+
+    source    file, for messages
+    names     header of each column, or None when the columns have no names
+    values    (N, columns), NaN where a cell is empty or no number
+    lines     (N,) line of each row in a text file, or None
+    text      column -> (row, cell) of the first cell that is no number
+    hold      what a comment `# hold: held` says, or ""
+    """
+
+    source: str
+    names: tuple[str, ...] | None
+    values: np.ndarray
+    lines: np.ndarray | None = None
+    text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
+    hold: str = ""
+
+    def place(self, row: int) -> str:
+        """File and row, counted from 1 without the header, for a message."""
+        line = f" (line {self.lines[row]})" if self.lines is not None else ""
+        return f"{self.source}: row {row + 1}{line}"
+
+    def column(self, index: int) -> str:
+        """Name of a column for a message, or its number counted from 1."""
+        return f"column '{self.names[index]}'" if self.names else f"column {index + 1}"
+
+
+def shown(cell: str) -> str:
+    """A cell for a one-line message, cut when it is long."""
+    return repr(cell if len(cell) <= 40 else cell[:37] + "...")
+
+
+def read_csv(path: Path) -> Table:
+    """Table of a CSV file: comma, semicolon or tab, by what stands most often in its first row; UTF-8."""
+    content, skipped, hold = _content(path)
+    first = content.partition("\n")[0]
+    delimiter = max(",;\t", key=first.count)
+    reader = csv.reader(io.StringIO(content, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
+
+    def rows() -> Iterator[tuple[int, list[str]]]:
+        try:
+            for cells in reader:
+                yield reader.line_num + skipped, cells
+        except csv.Error as error:
+            raise InputError(f"{path}: line {reader.line_num + skipped}: not valid CSV: {error}") from None
+
+    return _table(path, rows(), hold, exact="_" not in content[len(first) :] and content.isascii())
+
+
+def read_columns(path: Path) -> Table:
+    """Table of a text file with columns between blanks, with or without a row of names."""
+    content, skipped, hold = _content(path)
+    rows = ((number, line.split()) for number, line in enumerate(content.splitlines(), start=1 + skipped))
+    return _table(path, rows, hold, exact="_" not in content and content.isascii())
+
+
+def _content(path: Path) -> tuple[str, int, str]:
+    """Text of a file without the comment lines on top, their number, and what they say about `hold`."""
+    try:
+        content = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8") from None
+    skipped, start, hold = 0, 0, ""
+    while content.startswith("#", start) or content.startswith("%", start):
+        end = content.find("\n", start)
+        end = len(content) if end < 0 else end + 1
+        said = _HOLD.fullmatch(content[start:end].strip())
+        hold = said[1] if said else hold
+        skipped, start = skipped + 1, end
+    return content[start:], skipped, hold
+
+
+def _table(path: Path, rows: Iterator[tuple[int, list[str]]], hold: str, *, exact: bool) -> Table:
+    full = ((line, cells) for line, cells in rows if len(cells) > 1 or "".join(cells).strip())
+    line, head = next(full, (0, []))
+    if not head:
+        raise InputError(f"{path}: the file is empty; expected a row of channel names and rows of numbers")
+    names: tuple[str, ...] | None = tuple(cell.strip() for cell in head)
+    if all(_NUMBER.fullmatch(name) for name in names):
+        names, full = None, _chain((line, head), full)
+    numbers, lines, text = _numbers(path, full, len(head), exact)
+    if not lines:
+        raise InputError(f"{path}: no rows of numbers below the header")
+    values = np.frombuffer(numbers, dtype=float).reshape(-1, len(head))
+    return Table(source=str(path), names=names, values=values, lines=np.array(lines), text=text, hold=hold)
+
+
+def _chain(first: tuple[int, list[str]], rest: Iterable[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
+    yield first
+    yield from rest
+
+
+def _numbers(
+    path: Path, rows: Iterable[tuple[int, list[str]]], width: int, exact: bool
+) -> tuple[array, list[int], dict[int, tuple[int, str]]]:
+    """Numbers of all rows, one after the other, their lines, and per column the first cell that is no number.
+
+    `exact`: float() accepts what a number in a file may be and no more. Only then it may read whole rows.
+    """
+    numbers, lines, text = array("d"), [], {}
+    for line, cells in rows:
+        if len(cells) != width:
+            kind = "truncated or ragged" if len(cells) < width else "ragged"
+            raise InputError(
+                f"{path}: row {len(lines) + 1} (line {line}) has {len(cells)} cells, expected {width} as in the first "
+                f"row; the row is {kind}: repair or remove it"
+            )
+        start = len(numbers)
+        lines.append(line)
+        if exact:
+            try:
+                numbers.extend(map(float, cells))
+                continue
+            except ValueError:
+                del numbers[start:]
+        for column, cell in enumerate(cells):
+            stripped = cell.strip()
+            if _NUMBER.fullmatch(stripped):
+                numbers.append(float(stripped))
+                continue
+            numbers.append(np.nan)
+            if stripped:
+                text.setdefault(column, (len(lines) - 1, stripped))
+    return numbers, lines, text

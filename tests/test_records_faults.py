@@ -1,0 +1,166 @@
+"""Every fault of a flight record has its own message: file, row, column, value, and what to do.
+
+Truth: the place where the test put the fault. Row 5 is the fifth row of numbers, which stands in line 6.
+"""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from casid.errors import InputError
+from casid.records import read_record
+
+NAMES = ("t", "V", "alpha", "q", "az", "delta_e", "thrust", "rho")
+
+
+def rows(n=200):
+    i = np.arange(n)
+    wave = 0.05 * np.sin(0.3 * i)
+    columns = (0.02 * i, 100 + wave, wave, wave, -9.8 + wave, wave, 1e4 + i, 0.9 + 0 * i)
+    return [list(map(repr, row)) for row in np.stack(columns, axis=1).tolist()]
+
+
+def message(tmp_path, names, cells, ending="\n"):
+    path = tmp_path / "m1.csv"
+    path.write_text("\n".join([",".join(names), *map(",".join, cells)]) + ending, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_record(path)
+    line = str(caught.value)
+    assert "\n" not in line and "m1.csv" in line
+    return line
+
+
+CELLS = [
+    (5, "q", "n/a", ["row 5 (line 6)", "column 'q'", "'n/a' is not a number"]),
+    (5, "q", "0,5", ["row 5 (line 6)", "has 9 cells, expected 8"]),
+    (5, "q", '"0,5"', ["row 5 (line 6)", "'0,5' is not a number; write a decimal point"]),
+    (5, "q", "1_0", ["row 5 (line 6)", "'1_0' is not a number"]),
+    (5, "q", "١", ["row 5 (line 6)", "is not a number"]),
+    (5, "q", "1.0D-2", ["row 5 (line 6)", "'1.0D-2' is not a number"]),
+    (5, "q", "inf", ["row 5 (line 6)", "column 'q'", "infinite"]),
+    (5, "q", "1e999", ["row 5 (line 6)", "column 'q'", "infinite"]),
+    (5, "az", "1e200", ["row 5 (line 6)", "column 'az'", "1e+200 is too large"]),
+    (5, "q", 200 * "x", ["row 5 (line 6)", "xxx...' is not a number"]),
+    (5, "t", "0.06", ["row 5 (line 6)", "column 't'", "time repeats, 0.06 s after 0.06 s", "split the file"]),
+    (5, "t", "0.05", ["row 5 (line 6)", "column 't'", "time runs back, 0.05 s after 0.06 s"]),
+    (5, "t", "", ["row 5 (line 6)", "column 't'", "time stamp is missing"]),
+    (5, "t", "nan", ["row 5 (line 6)", "column 't'", "time stamp is missing"]),
+    (5, "delta_e", "", ["row 5 (line 6)", "column 'delta_e'", "sample of an input is missing", "fill the gaps"]),
+    (5, "thrust", "nan", ["row 5 (line 6)", "column 'thrust'", "sample of an input is missing (nan)"]),
+    (5, "rho", "", ["row 5 (line 6)", "column 'rho'", "sample of an input is missing"]),
+    (5, "alpha", "3.0", ["row 5 (line 6)", "column 'alpha'", "3 rad is 171.9 deg", "'alpha [deg]'"]),
+    (5, "delta_e", "-12", ["row 5 (line 6)", "column 'delta_e'", "'delta_e [deg]'"]),
+    (5, "q", "20", ["row 5 (line 6)", "20 rad/s is 1146 deg/s", "'q [deg/s]'"]),
+    (5, "V", "0.0", ["row 5 (line 6)", "column 'V'", "must be positive, got 0"]),
+    (5, "rho", "-1", ["row 5 (line 6)", "column 'rho'", "must be positive, got -1", "fill the gap"]),
+]
+
+
+@pytest.mark.parametrize(("row", "column", "cell", "parts"), CELLS, ids=[f"{c[1]}={c[2][:8]}" for c in CELLS])
+def test_a_wrong_cell(tmp_path, row, column, cell, parts):
+    cells = rows()
+    cells[row - 1][NAMES.index(column)] = cell
+    line = message(tmp_path, NAMES, cells)
+    for part in parts:
+        assert part in line
+
+
+HEADERS = [
+    ("alpha", "Alpha", "unknown channel 'Alpha'; did you mean 'alpha'?"),
+    ("alpha", "aplha", "unknown channel 'aplha'; did you mean 'alpha'?"),
+    ("alpha", "angle of attack", "did you mean 'alpha'?"),
+    ("delta_e", "elevator", "did you mean 'delta_e'? Rename it, or say what it is: --map delta_e=elevator"),
+    ("delta_e", "Delta-E", "did you mean 'delta_e'?"),
+    ("delta_e", "flap", "no control surface; expected at least one of delta_e, delta_a, delta_r"),
+    ("t", "time", "unknown channel 'time'; did you mean 't'?"),
+    ("t", "count", "no column 't', the time in s"),
+    ("V", "v", "did you mean 'V'?"),
+    ("q", "alpha", "columns 3 and 4 are both called 'alpha'"),
+    ("q", "alpha [deg]", "columns 3 and 4 are both called 'alpha'"),
+    ("q", "", "column 4 has no name"),
+    ("q", "q [m/s]", "column 'q [m/s]': unit 'm/s' does not fit channel 'q', whose SI unit is rad/s"),
+    ("q", "q [dge/s]", "unknown unit 'dge/s' of channel 'q'; did you mean 'deg/s'?"),
+    ("alpha", "alpha (deg)", "unknown channel 'alpha (deg)'; did you mean 'alpha'?"),
+    ("alpha", "alpha [deg", "did you mean 'alpha'?"),
+]
+
+
+@pytest.mark.parametrize(("good", "bad", "part"), HEADERS, ids=[h[1] or "empty" for h in HEADERS])
+def test_a_wrong_header(tmp_path, good, bad, part):
+    line = message(tmp_path, [bad if name == good else name for name in NAMES], rows())
+    assert part in line
+
+
+def test_degrees_under_a_header_without_unit(tmp_path):
+    cells = rows()
+    for row, cell in enumerate(cells):
+        cell[2] = repr(2.0 + 3.0 * math.sin(0.1 * row))
+    line = message(tmp_path, NAMES, cells)  # 2 + 3 sin 0 = 2 rad, more than 90 deg, in the very first row
+    assert "row 1 (line 2), column 'alpha': 2 rad is 114.6 deg" in line and "'alpha [deg]'" in line
+
+
+def test_a_ragged_row(tmp_path):
+    cells = rows()
+    del cells[4][-1]
+    assert "row 5 (line 6) has 7 cells, expected 8" in message(tmp_path, NAMES, cells)
+    cells = rows()
+    cells[4].append("1.0")
+    assert "row 5 (line 6) has 9 cells, expected 8" in message(tmp_path, NAMES, cells)
+
+
+def test_a_file_that_was_cut_off(tmp_path):
+    cells = rows()
+    cells[-1] = cells[-1][:3]
+    assert "row 200 (line 201) has 3 cells, expected 8" in message(tmp_path, NAMES, cells, ending="")
+
+
+def test_lines_count_from_the_top_of_the_file(tmp_path):
+    cells = rows()
+    cells[4][3] = "x"
+    path = tmp_path / "m1.csv"
+    path.write_text("# one\n# two\n" + "\n".join([",".join(NAMES), *map(",".join, cells)]), encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape("row 5 (line 8), column 'q'")):
+        read_record(path)
+
+
+@pytest.mark.parametrize(("n", "part"), [(40, "40 samples in 0.78 s are too short"), (149, "149 samples in 2.96 s")])
+def test_a_short_record(tmp_path, n, part):
+    assert part in message(tmp_path, NAMES, rows(n))
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (b"", "the file is empty"),
+        (b"\n\n", "the file is empty"),
+        (b"# only a comment", "the file is empty"),
+        (b"t,delta_e\n", "no rows of numbers below the header"),
+        (b"0.0,1.0\n0.1,2.0\n", "its 2 columns have no names; say which is which with a column map"),
+        (b"# t,delta_e\n0.0,1.0\n0.1,2.0\n", "its 2 columns have no names"),
+        ("t,δ\n".encode("utf-16"), "not UTF-8 text (byte 0)"),
+        (b't,delta_e\n0.0,"1.0\n', "line 2: not valid CSV"),
+    ],
+)
+def test_a_file_that_is_no_record(tmp_path, content, part):
+    path = tmp_path / "m1.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_record(path)
+    assert part in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_record(tmp_path / "m1.csv")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_record(tmp_path / "m1.mat")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
+        read_record(tmp_path / "folder.csv")
+
+
+def test_a_file_of_another_type(tmp_path):
+    with pytest.raises(InputError, match=r"unknown file type '.cvs'; did you mean '.csv'"):
+        read_record(tmp_path / "m1.cvs")
