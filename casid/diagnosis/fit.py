@@ -1,0 +1,274 @@
+"""Fit a hypothesis to a flight: Gauss-Newton on the innovations, trajectory and parameters together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.flight import Flight, Regressors
+from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.estimation.innovations import (
+    Batch,
+    Filter,
+    Linear,
+    NoiseModel,
+    PointFunctions,
+    inject,
+    kalman_filter,
+    linearise,
+    residual_column,
+)
+from casid.model.system import Model
+
+_LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
+_SMALLEST = {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slot:
+    """One fitted number: a parameter of the model, or a value of an attached effect that enters a time series."""
+
+    name: str
+    attached: int | None = None
+    key: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit:
+    """A fitted hypothesis.
+
+    values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
+    white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
+    deviance     -2 log likelihood up to a constant of the data, prior included
+    """
+
+    flight: Flight
+    attached: tuple[Attached, ...]
+    model: Model
+    batch: Batch
+    noise: NoiseModel
+    slots: tuple[Slot, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    linear: Linear
+    filter: Filter
+    disturbances: np.ndarray
+    white: np.ndarray
+    columns: np.ndarray
+    known: dict[str, np.ndarray]
+    prior_pull: np.ndarray
+    deviance: float
+    data_deviance: float
+    iterations: int
+    converged: bool
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[[s.name for s in self.slots].index(name)])
+
+    def std(self, name: str) -> float:
+        index = [s.name for s in self.slots].index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """(slots,) what is left of the slope of the log likelihood: zero at a maximum."""
+        return self.columns.reshape(-1, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
+
+    @property
+    def derivatives(self) -> dict[str, float]:
+        """Fitted derivatives and terms of the aircraft file."""
+        given = set(self.flight.model().parameters)
+        return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
+
+
+class _Work:
+    """What stays the same over the iterations of one fit."""
+
+    def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, fixed: bool) -> None:
+        self.flight, self.noise = flight, noise
+        self.model = flight.model([a.effect for a in attached])
+        self.batch = flight.batch(self.model)
+        symbolic = [a.name for a in attached if a.effect.change is not None]
+        aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
+        free = [] if fixed else [*aerodynamic, *symbolic]
+        self.functions = PointFunctions(self.model, free)
+        self.regressors = Regressors(flight, self.model)
+        numeric = [] if fixed else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
+        self.slots = (
+            *(Slot(name=name) for name in free),
+            *(Slot(name=attached[i].name + ("" if key == "value" else f".{key}"), attached=i, key=key) for i, key in numeric),
+        )
+        self.mean, self.weight = self._prior()
+
+    def _prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and inverse variance of every slot; effects have none."""
+        mean, weight = np.zeros(len(self.slots)), np.zeros(len(self.slots))
+        for i, slot in enumerate(self.slots):
+            if slot.attached is None and slot.name in self.flight.model().parameters:
+                mean[i] = self.model.nominal[slot.name]
+                loose = _LOOSE * max(abs(mean[i]), _SMALLEST[slot.name[:2]])
+                weight[i] = 1.0 / max(self.model.prior_std.get(slot.name, loose), 0.1 * loose / _LOOSE) ** 2
+        return mean, weight
+
+    def parameters(self, values: np.ndarray, attached: Sequence[Attached]) -> np.ndarray:
+        """(R, np) parameters of every record."""
+        P = np.tile(self.model.nominal_vector(), (len(self.batch.names), 1))
+        for slot, value in zip(self.slots, values, strict=True):
+            if slot.attached is None:
+                P[:, self.model.parameters.index(slot.name)] = value
+        for one in attached:
+            if one.effect.change is not None:
+                index = self.model.parameters.index(one.name)
+                if not self.slots:
+                    P[:, index] = one.values["value"]
+                P[:, index] *= [one.concerns(record) for record in self.batch.names]
+        return P
+
+
+def fit(
+    flight: Flight,
+    attached: Sequence[Attached],
+    noise: NoiseModel,
+    start: Fit | None = None,
+    *,
+    fixed: bool = False,
+    iterations: int = 10,
+    tolerance: float = 0.5,
+) -> Fit:
+    """Maximum likelihood of derivatives and effects under `noise`; `fixed` fits initial states alone.
+
+    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
+    a full step lowers the deviance by less than `tolerance`.
+    """
+    work = _Work(flight, attached, noise, fixed)
+    attached = tuple(attached)
+    values = _start_values(work, attached, start)
+    X = start.linear.X if start is not None and start.flight.records is flight.records else _guess(work)
+    best: Fit | None = None
+    step, shrink = None, 1.0
+    for iteration in range(1, iterations + 1):
+        now = _evaluate(work, _with_values(attached, work.slots, values), values, X, iteration)
+        if best is not None and not now.deviance < best.deviance + tolerance:
+            shrink *= 0.4
+            if shrink < 0.02 or step is None:
+                break
+            values, X = best.values + shrink * step[0], best.linear.X + shrink * step[1]
+            continue
+        gained = np.inf if best is None else best.deviance - now.deviance
+        best, shrink = now, 1.0
+        if gained < tolerance:
+            best = replace(best, converged=True)
+            break
+        step = _step(work, now)
+        values, X = now.values + step[0], now.linear.X + step[1]
+    if best is None:
+        raise RuntimeError("a fit without iterations")
+    return best
+
+
+def _start_values(work: _Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:
+    before = {} if start is None else {s.name: v for s, v in zip(start.slots, start.values, strict=True)}
+    own = {a.name: a for a in attached}
+    values = []
+    for slot in work.slots:
+        if slot.attached is not None:
+            values.append(attached[slot.attached].values[slot.key])
+        elif slot.name in own:
+            values.append(own[slot.name].values["value"])
+        else:
+            values.append(before.get(slot.name, work.model.nominal[slot.name]))
+    return np.array(values, dtype=float)
+
+
+def _with_values(attached: Sequence[Attached], slots: Sequence[Slot], values: np.ndarray) -> tuple[Attached, ...]:
+    by_effect: dict[int, dict[str, float]] = {}
+    names = {a.name: i for i, a in enumerate(attached)}
+    for slot, value in zip(slots, values, strict=True):
+        if slot.attached is not None:
+            by_effect.setdefault(slot.attached, {})[slot.key] = float(value)
+        elif slot.name in names:
+            by_effect.setdefault(names[slot.name], {})["value"] = float(value)
+    return tuple(a.with_values(by_effect.get(i, {})) for i, a in enumerate(attached))
+
+
+def _guess(work: _Work) -> np.ndarray:
+    X = np.zeros((*work.batch.live.shape, len(work.model.states)))
+    for j, record in enumerate(work.flight.records):
+        guess = work.model.guess(record)
+        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+    return X
+
+
+def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X: np.ndarray, iteration: int) -> Fit:
+    batch, model = work.batch, work.model
+    known = work.regressors.along(X, batch)
+    W = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
+    linear = linearise(work.functions, batch, work.parameters(values, attached), X, W)
+    read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
+    linear = replace(linear, output=read, residual=np.where(linear.seen, batch.Z - read, 0.0))
+    kalman = kalman_filter(linear, work.noise)
+    Y, F = _columns(work, attached, linear, known)
+    residual = residual_column(linear)
+    white = kalman.whiten(np.concatenate([residual[0], Y], axis=3), np.concatenate([residual[1], F], axis=3))
+    deviation = values - work.mean
+    data = float(np.sum(white[..., 0] ** 2) + np.sum(kalman.log_determinant))
+    flat = white[..., 1:].reshape(-1, len(work.slots))
+    information = flat.T @ flat + np.diag(work.weight)
+    return Fit(
+        flight=work.flight, attached=attached, model=model, batch=batch, noise=work.noise, slots=work.slots,
+        values=values, covariance=_inverse(information), linear=linear, filter=kalman, disturbances=W,
+        white=white[..., 0], columns=white[..., 1:], known=known, prior_pull=work.weight * deviation, data_deviance=data,
+        deviance=data + float(np.sum(work.weight * deviation**2)), iterations=iteration, converged=False,
+    )  # fmt: skip
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    scale = 1.0 / np.sqrt(np.diag(information) + 1e-300)
+    return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
+
+
+def _columns(
+    work: _Work, attached: Sequence[Attached], linear: Linear, known: dict
+) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
+    batch, model = work.batch, work.model
+    Y, F = [linear.Dp], [linear.Bp]
+    symbolic = {a.name: a for a in attached if a.effect.change is not None}
+    for i, slot in enumerate(s for s in work.slots if s.attached is None):
+        if slot.name in symbolic:
+            mask = np.array([symbolic[slot.name].concerns(record) for record in batch.names])
+            Y[0][..., i] *= mask[None, :, None]
+            F[0][..., i] *= mask[None, :, None]
+    stations = range(len(model.disturbances))
+    for slot in work.slots:
+        if slot.attached is None:
+            continue
+        one = attached[slot.attached]
+        h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
+        sides = [one.with_values({slot.key: one.values[slot.key] + sign * h}) for sign in (1, -1)]
+        if one.effect.series is not None:
+            plus, minus = (
+                disturbance_series([side], batch.names, batch.t, known, model.disturbances) for side in sides
+            )
+            y, f = inject(linear, stations, (plus - minus) / (2 * h))
+            Y.append(y.sum(axis=3, keepdims=True))
+            F.append(f.sum(axis=3, keepdims=True))
+        else:
+            plus, minus = (
+                readings([side], batch.names, batch.t, linear.output, model.outputs, known) for side in sides
+            )
+            Y.append(np.where(linear.seen, (plus - minus) / (2 * h), 0.0)[..., None])
+            F.append(np.zeros((*linear.defect.shape, 1)))
+    return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
+
+
+def _step(work: _Work, now: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Change of values and trajectory by one full Gauss-Newton step."""
+    change = now.covariance @ now.gradient
+    Y, F = residual_column(now.linear)
+    by_slot = _columns(work, now.attached, now.linear, now.known)
+    Y, F = Y - by_slot[0] @ change[:, None], F - by_slot[1] @ change[:, None]
+    nx = len(work.model.states)
+    return change, now.filter.smooth(Y, F)[..., :nx]

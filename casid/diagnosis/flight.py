@@ -1,0 +1,137 @@
+"""What is to be explained: an aircraft, its records made ready for the model, and the noise of every channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import InputError
+from casid.estimation.innovations import Batch, NoiseModel, evaluate, make_batch
+from casid.estimation.noise import denoise, pooled_sigma
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import aircraft_model, flight_inputs
+from casid.model.path import OUTPUTS, STATES, SignalPath, air_data_station, disturbance_names, surface_station
+from casid.model.path import wind_station
+from casid.model.system import Model
+from casid.records.record import Record
+from casid.signals import SURFACES
+
+_LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flight:
+    """An aircraft and its prepared records.
+
+    axes, outputs  which model the records can feed, and which channels it must explain
+    sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
+    """
+
+    aircraft: Aircraft
+    axes: str
+    outputs: tuple[str, ...]
+    records: tuple[Record, ...]
+    sigma: dict[str, float]
+    input_sigma: dict[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(record.name for record in self.records)
+
+    def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
+        """Measurement and input noise, and `coloured` disturbances beside them."""
+        return NoiseModel(measurement=self.sigma, white=self.input_sigma, coloured=coloured or {})
+
+    def model(self, effects: Sequence = ()) -> Model:
+        """The aircraft model of this flight, with symbolic `effects` among its parameters."""
+        return aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=effects)
+
+    def batch(self, model: Model) -> Batch:
+        return make_batch(model, self.records)
+
+    def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
+        """Further records under the noise of this flight."""
+        ready = (flight_inputs(aircraft, record, self.axes) for record in records)
+        quiet = tuple(_with_quiet_inputs(record, self.input_sigma) for record in ready)
+        return replace(self, aircraft=aircraft, records=quiet)
+
+
+def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
+    """Decide axes, outputs and noise from what the records hold. Offsets of all six coefficients are always fitted.
+
+    Raises InputError when the records cannot feed any model, or hold nothing to be explained.
+    """
+    axes = _axes(records)
+    offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
+    aircraft = aircraft.with_derivatives(offsets)
+    ready = tuple(flight_inputs(aircraft, record, axes) for record in records)
+    moved = aircraft_model(aircraft, axes=axes).outputs
+    outputs = tuple(o for o in OUTPUTS if o in moved and all(_measured(record, o) for record in ready))
+    if len(outputs) < 2:
+        raise InputError(
+            f"record '{records[0].name}': of the outputs {', '.join(moved)} it has only "
+            f"{', '.join(outputs) or 'none'}; at least two are needed"
+        )
+    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in ready]) for o in outputs}
+    inputs = {f"d_{name}": [r[name] for r in ready] for name in (*SURFACES, "thrust")}
+    input_sigma = {
+        name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
+        for name, series in inputs.items()
+        if np.ptp(np.concatenate(series)) > 0.0
+    }
+    input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
+    quiet = tuple(_with_quiet_inputs(record, input_sigma) for record in ready)
+    return Flight(
+        aircraft=aircraft, axes=axes, outputs=outputs, records=quiet, sigma=sigma, input_sigma=input_sigma
+    )
+
+
+def _with_quiet_inputs(record: Record, input_sigma: dict[str, float]) -> Record:
+    """Noise in a recorded input is also noise in every fingerprint made of it, and correlates with the residual."""
+    return record.with_channels(**{name[2:]: denoise(record[name[2:]], s) for name, s in input_sigma.items()})
+
+
+def _axes(records: Sequence[Record]) -> str:
+    has = {s for s in SURFACES if all(s in record for record in records)}
+    if has == set(SURFACES):
+        return "full"
+    if "delta_e" in has:
+        return "longitudinal"
+    if {"delta_a", "delta_r"} <= has:
+        return "lateral"
+    missing = sorted(set(SURFACES) - has)
+    raise InputError(f"record '{records[0].name}': input channels {', '.join(missing)} are missing")
+
+
+def _measured(record: Record, name: str) -> bool:
+    return name in record and np.isfinite(record[name]).sum() > len(record) // 10
+
+
+def _sigma(series: list[np.ndarray]) -> float:
+    variation = float(np.nanstd(np.concatenate(series)))
+    return max(pooled_sigma(series), _LEAST_NOISE * variation, 1e-12)
+
+
+class Regressors:
+    """The aerodynamic regressors of an aircraft along trajectories, by name, and the recorded inputs with them."""
+
+    def __init__(self, flight: Flight, model: Model) -> None:
+        named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
+        path = SignalPath(
+            aircraft=flight.aircraft, state={s: named[s] for s in STATES}, inputs=named, parameter={},
+            disturbance={d: ca.SX(0) for d in disturbance_names(flight.aircraft.force_axes)},
+        )  # fmt: skip
+        for station in (surface_station, wind_station, air_data_station):
+            station(path)
+        self.names = tuple(path.regressor)
+        self._inputs = model.inputs
+        self._function = ca.Function("regressors", [model.x, model.u], [ca.vertcat(*path.regressor.values())])
+
+    def along(self, X: np.ndarray, batch: Batch) -> dict[str, np.ndarray]:
+        """name -> (N, R): regressors of the trajectory X (N, R, nx) and recorded inputs."""
+        values = evaluate(self._function, X, batch.U)[0][..., 0]
+        table = {name: batch.U[..., i] for i, name in enumerate(self._inputs)}
+        return table | {name: values[..., i] for i, name in enumerate(self.names)}

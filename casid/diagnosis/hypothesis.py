@@ -1,0 +1,82 @@
+"""A hypothesis: which effects, in which records and of which size, are added to the aircraft of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from casid.model.effects import Effect
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attached:
+    """An effect with its values.
+
+    values   "value" and the further parameters of the effect
+    onsets   record -> onset [s], for a timed effect
+    records  names of the records that have it; empty: all
+    amplitudes  record -> value, for an event whose size is its own in every record
+    """
+
+    effect: Effect
+    values: Mapping[str, float]
+    onsets: Mapping[str, float] = field(default_factory=dict)
+    records: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return self.effect.name
+
+    def concerns(self, record: str) -> bool:
+        if self.effect.timed:
+            return record in self.onsets
+        return not self.records or record in self.records
+
+    def in_record(self, record: str) -> dict[str, float]:
+        """Values that the effect's functions take for this record."""
+        return dict(self.values) | ({"onset": self.onsets[record]} if self.effect.timed else {})
+
+    @property
+    def numeric(self) -> tuple[str, ...]:
+        """Values that are estimated by differences, because they enter a time series and not the symbols."""
+        return tuple(self.values) if self.effect.change is None else ()
+
+    def with_values(self, values: Mapping[str, float]) -> Attached:
+        return replace(self, values=dict(self.values) | dict(values))
+
+
+def disturbance_series(
+    attached: Sequence[Attached], names: Sequence[str], t: np.ndarray, known: Mapping[str, np.ndarray],
+    disturbances: Sequence[str],
+) -> np.ndarray:  # fmt: skip
+    """(N, R, nw) time histories that attached effects put on the disturbance stations."""
+    W = np.zeros((*t.shape, len(disturbances)))
+    for one in attached:
+        if one.effect.series is None:
+            continue
+        for j, record in enumerate(names):
+            if one.concerns(record):
+                here = {name: series[:, j] for name, series in known.items()}
+                for station, series in one.effect.series(t[:, j], here, one.in_record(record)).items():
+                    W[:, j, disturbances.index(station)] += series
+    return W
+
+
+def readings(
+    attached: Sequence[Attached], names: Sequence[str], t: np.ndarray, output: np.ndarray, outputs: Sequence[str],
+    known: Mapping[str, np.ndarray],
+) -> np.ndarray:  # fmt: skip
+    """(N, R, ny) what instruments with attached output effects read when the model's output is `output`."""
+    read = output.copy()
+    for one in attached:
+        if one.effect.output is None:
+            continue
+        for j, record in enumerate(names):
+            if one.concerns(record):
+                here = {name: series[:, j] for name, series in known.items()}
+                here |= {name: read[:, j, i] for i, name in enumerate(outputs)}
+                for channel, series in one.effect.output(t[:, j], here, one.in_record(record)).items():
+                    read[:, j, outputs.index(channel)] = series
+    return read

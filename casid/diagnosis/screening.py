@@ -1,0 +1,278 @@
+"""Score every cause of the catalogue at once, from one linearisation of the fitted baseline.
+
+The fingerprint m of a cause is the whitened response of the linearised, filtered aircraft to a unit of it. With the
+fitted slots eliminated (their Gram matrix, prior included), statistic T = (m'e)^2 / m'm is the predicted drop of the
+deviance, chi-square with one degree of freedom when the cause is absent, and m'e / m'm its predicted size. Fingerprints
+are kept record by record, so that a cause that is in some records only costs no further pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.estimation.innovations import PointFunctions, inject, linearise
+from casid.model.effects import Effect, aero_term
+from casid.model.path import coefficient_names
+from casid.model.terms import parse_term
+
+_CHUNK = 96
+ONSET_STEP = 1.0
+_SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
+# causes that may differ from record to record: instruments and loading change between flights, aerodynamics do not
+_BY_RECORD = ("mass", "cg_offset", "inertia", "thrust_asymmetry", "sensor_bias", "sensor_scale")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fingerprint:
+    """Sums over each record of the whitened response m to one cause: square (R,), cross with the fitted slots (R, k),
+    and with the residual (R,)."""
+
+    effect: Effect
+    values: Mapping[str, float]
+    onset: float | None
+    square: np.ndarray
+    cross: np.ndarray
+    match: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate:
+    """A cause with its predicted size.
+
+    statistic  predicted drop of the deviance;  net: less the price of its parameters and of the places tried
+    attached   ready to be fitted
+    surviving  share of the fingerprint that fitted derivatives cannot imitate
+    """
+
+    attached: Attached
+    statistic: float
+    net: float
+    dof: int
+    value: float
+    std: float
+    surviving: float
+    parts: tuple[Fingerprint, ...]
+
+    @property
+    def name(self) -> str:
+        return self.attached.name
+
+
+class Screen:
+    """Projection off the fitted slots, and prices, for one fitted baseline."""
+
+    def __init__(self, base: Fit) -> None:
+        self.base = base
+        self.covariance = base.covariance
+        self.newton = base.covariance @ base.gradient
+        self.price = float(np.log(max(base.linear.seen.sum(), 2)))
+
+    def projected(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float]:
+        """(m'm, m'e, surviving share) of the sum of fingerprints; keep (parts, R) weights of each record."""
+        square = sum(float((k**2 * p.square).sum()) for p, k in zip(parts, keep, strict=True))
+        cross = sum(k @ p.cross for p, k in zip(parts, keep, strict=True))
+        match = sum(float((k * p.match).sum()) for p, k in zip(parts, keep, strict=True)) - float(cross @ self.newton)
+        left = square - float(cross @ self.covariance @ cross)
+        left = left if left > 1e-9 * max(square, 1e-300) else 0.0
+        return left, match, float(np.sqrt(left / square)) if square > 0 else 0.0
+
+    def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
+        """(statistic, size, its 1-sigma, surviving share); zero statistic for what derivatives imitate fully."""
+        left, match, share = self.projected(parts, keep)
+        if left <= 0.0 or share < _SURVIVING:
+            return 0.0, 0.0, np.inf, share
+        return match**2 / left, match / left, left**-0.5, share
+
+
+def fingerprints(base: Fit, effects: Iterable[Effect], onset_step: float = ONSET_STEP) -> list[Fingerprint]:
+    """The fingerprints of effects on the whole grid of their further values and onsets."""
+    effects = list(effects)
+    rows: list[tuple[Effect, Mapping[str, float], float | None]] = []
+    for effect in effects:
+        for values in effect.grid:
+            if not effect.timed:
+                rows.append((effect, values, None))
+                continue
+            longest = max(record.duration for record in base.flight.records)
+            rows += [(effect, values, float(o)) for o in np.arange(0.5, longest - 0.5, onset_step)]
+    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.change is not None and e.kind != "aero_term"])
+    found: list[Fingerprint] = []
+    flat = [base.columns[:, r].reshape(-1, base.columns.shape[3]) for r in range(len(base.flight.records))]
+    residual = [base.white[:, r].reshape(-1) for r in range(len(base.flight.records))]
+    for at in range(0, len(rows), _CHUNK):
+        chunk = rows[at : at + _CHUNK]
+        Y, F = _response(base, chunk, symbolic)
+        white = base.filter.whiten(Y, F)
+        square = np.einsum("krcj,krcj->rj", white, white)
+        parts = [white[:, r].reshape(-1, len(chunk)) for r in range(white.shape[1])]
+        cross = np.stack([c.T @ w for c, w in zip(flat, parts, strict=True)])
+        match = np.stack([e @ w for e, w in zip(residual, parts, strict=True)])
+        found += [
+            Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
+            for j, (e, v, o) in enumerate(chunk)
+        ]
+    return found
+
+
+def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """name -> (Y, F) of symbolic effects, from the Jacobians of a model that has them all at their null."""
+    already = [a.effect for a in base.attached]
+    effects = [e for e in effects if e.name not in {a.name for a in already}]
+    if not effects:
+        return {}
+    model = base.flight.model([*already, *effects])
+    P = np.tile(model.nominal_vector(), (len(base.batch.names), 1))
+    for slot, value in zip(base.slots, base.values, strict=True):
+        if slot.attached is None:
+            P[:, model.parameters.index(slot.name)] = value
+    names = [e.name for e in effects]
+    linear = linearise(PointFunctions(model, names), base.batch, P, base.linear.X, base.disturbances)
+    return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
+
+
+def _response(
+    base: Fit, rows: Sequence[tuple[Effect, Mapping[str, float], float | None]], symbolic: Mapping
+) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) columns of the rows: a unit of a linear effect, the whole of one that is not."""
+    N, R, ny = base.white.shape
+    nx = base.linear.A.shape[3]
+    Y, F = np.zeros((N, R, ny, len(rows))), np.zeros((N - 1, R, nx, len(rows)))
+    disturbances = base.model.disturbances
+    stations = range(len(disturbances))
+    for j, (effect, values, onset) in enumerate(rows):
+        if effect.kind == "aero_term" and effect.term is not None:
+            series = np.broadcast_to(parse_term(effect.term).evaluate(base.known), (N, R))
+            y, f = inject(base.linear, [disturbances.index(f"d{effect.target}")], series[..., None])
+            Y[..., j], F[..., j] = y[..., 0], f[..., 0]
+        elif effect.change is not None:
+            if effect.name in symbolic:
+                Y[..., j], F[..., j] = symbolic[effect.name]
+        else:
+            one = _unit(effect, values, onset, base)
+            if effect.series is not None:
+                W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
+                used = [s for s in stations if W[..., s].any()]
+                y, f = inject(base.linear, used, W[..., used])
+                Y[..., j], F[..., j] = y.sum(axis=3), f.sum(axis=3)
+            else:
+                output = base.linear.output
+                read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
+                Y[..., j] = np.where(base.linear.seen, read - output, 0.0)
+    return Y, F
+
+
+def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: Fit) -> Attached:
+    """The effect at unit amplitude in every record, its onset counted from each record's first sample."""
+    onsets = {r.name: r.t[0] + onset for r in base.flight.records} if onset is not None else {}
+    return Attached(effect=effect, values={"value": 1.0} | dict(values), onsets=onsets)
+
+
+def screen(base: Fit, effects: Iterable[Effect]) -> list[Candidate]:
+    """All effects ranked by predicted drop of the deviance less its price (`Candidate.net`), best first.
+
+    The price is ln(samples) per parameter, as in the BIC, and 2 ln(places tried) for shapes, onsets and subsets.
+    """
+    effects = list(effects)
+    steps = [e for e in effects if e.kind != "configuration_change"]
+    judge = Screen(base)
+    by_name: dict[str, list[Fingerprint]] = {}
+    for print_ in fingerprints(base, steps):
+        by_name.setdefault(print_.effect.name, []).append(print_)
+    found = []
+    for prints in by_name.values():
+        best = _timed(judge, prints) if prints[0].effect.timed else _untimed(judge, prints)
+        if best is not None:
+            found.append(best)
+    return sorted(found, key=lambda c: -c.net)
+
+
+def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
+    """The best of the tried shapes, in all records or, for what may change between flights, in some."""
+    effect = prints[0].effect
+    R = len(prints[0].square)
+    subsets = [np.ones(R)]
+    if effect.kind in _BY_RECORD:
+        subsets += [_subset(c, R) for size in range(1, R) for c in combinations(range(R), size)]
+    best: Candidate | None = None
+    for one in prints:
+        for keep in subsets:
+            statistic, size, std, share = judge.score([one], keep[None])
+            if size == 0.0 or (not effect.linear and not 0.3 < size < 3.0):
+                continue
+            tried = len(prints) * (1 if keep.all() else len(subsets))
+            dof = 1 + (effect.linear and len(one.values) > 0)
+            net = statistic - dof * judge.price - 2.0 * np.log(tried)
+            if best is None or net > best.net:
+                value = size if effect.linear else one.values["value"] * min(size, 1.5)
+                records = () if keep.all() else tuple(np.array(judge.base.batch.names)[keep > 0])
+                attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
+                best = Candidate(
+                    attached=attached, statistic=statistic, net=net, dof=dof, value=value, std=std * abs(value / size),
+                    surviving=share, parts=(one,),
+                )  # fmt: skip
+    return best
+
+
+def _subset(chosen: Iterable[int], R: int) -> np.ndarray:
+    keep = np.zeros(R)
+    keep[list(chosen)] = 1.0
+    return keep
+
+
+def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
+    """The set of records that share one size, and the onset in each: best of all sets, by coordinate ascent."""
+    effect = prints[0].effect
+    names, R = judge.base.batch.names, len(prints[0].square)
+    best: Candidate | None = None
+    for values in effect.grid:
+        mine = [p for p in prints if p.values is values]
+        for parts, chosen in _onset_sets(judge, mine, R, shared=effect.kind == "effectiveness_change"):
+            keep = np.stack([_subset([r], R) for r in chosen])
+            statistic, size, std, share = judge.score(parts, keep)
+            dof = 1 + len(values)
+            net = statistic - dof * judge.price - 2.0 * len(chosen) * np.log(len(mine)) - 2.0 * R * np.log(2.0)
+            if best is None or net > best.net:
+                first = {r.name: r.t[0] for r in judge.base.flight.records}
+                starts = {names[r]: float(first[names[r]] + (p.onset or 0.0)) for r, p in zip(chosen, parts, strict=True)}
+                attached = Attached(effect=effect, values=dict(values) | {"value": size}, onsets=starts)
+                best = Candidate(
+                    attached=attached, statistic=statistic, net=net, dof=dof, value=size, std=std, surviving=share,
+                    parts=tuple(parts),
+                )  # fmt: skip
+    return best
+
+
+def _onset_sets(
+    judge: Screen, prints: Sequence[Fingerprint], R: int, shared: bool
+) -> list[tuple[list[Fingerprint], list[int]]]:
+    """(fingerprints at their best onsets, records) for single records and, when the size is shared, larger sets."""
+    single = [[judge.score([p], _subset([r], R)[None]) for p in prints] for r in range(R)]
+    sets = [([prints[int(np.argmax([s[0] for s in row]))]], [r]) for r, row in enumerate(single)]
+    if not shared:
+        return sets
+    for sign in (1.0, -1.0):
+        leaders = []
+        for row in single:
+            scores = [s[0] if s[1] * sign > 0 else -1.0 for s in row]
+            leaders.append((max(scores), prints[int(np.argmax(scores))]))
+        order = sorted((r for r in range(R) if leaders[r][0] > 0), key=lambda r: -leaders[r][0])
+        for count in range(2, len(order) + 1):
+            chosen, parts = order[:count], [leaders[r][1] for r in order[:count]]
+            keep = np.stack([_subset([r], R) for r in chosen])
+            for _ in range(2):
+                for i in range(count):
+                    trials = [judge.score([*parts[:i], p, *parts[i + 1 :]], keep)[0] for p in prints]
+                    parts[i] = prints[int(np.argmax(trials))]
+            sets.append((parts, chosen))
+    return sets
+
+
+def aero_like(base: Fit) -> list[Effect]:
+    """Steps of each coefficient, of which configuration changes are made."""
+    return [aero_term(c, "0") for c in coefficient_names(base.flight.aircraft.force_axes)]
