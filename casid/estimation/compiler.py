@@ -1,0 +1,190 @@
+"""CasADi functions on numpy arrays, through the CasADi virtual machine or, when it pays, as compiled C.
+
+When compiling pays is unknown beforehand, so it is bought like skis: a function runs in the virtual machine until
+the time it has spent there equals the estimated time to compile it, then it is compiled. That is never worse than
+twice the best choice in hindsight. A library that is already in the cache is looked up far sooner, because that
+only costs generating the source for its hash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off", "-shared", "-fPIC")
+_LOG = logging.getLogger(__name__)
+_COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.15, 3e-4  # s, gcc 12 to 14 on a laptop
+_SOURCE_PER_INSTRUCTION = 1e-5  # s, to write and hash the C source
+
+
+@cache
+def c_compiler() -> str | None:
+    """Path of the C compiler; None when there is none or CASID_NO_COMPILER is set (said once)."""
+    if os.environ.get("CASID_NO_COMPILER"):
+        return None
+    found = shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
+    if found is None:
+        _LOG.warning("no C compiler found: estimation runs in the CasADi virtual machine, slower")
+    return found
+
+
+def cache_folder() -> Path:
+    """Where compiled functions are kept between runs."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "casid"
+
+
+@cache
+def _machine() -> str:
+    """What a compiled library depends on besides its source: compiler version and processor."""
+    compiler = c_compiler()
+    version = subprocess.run([str(compiler), "--version"], capture_output=True, text=True, check=True).stdout
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    cpu = next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
+    return f"{version}{platform.machine()}{cpu}"
+
+
+def _source(function: ca.Function) -> str:
+    generator = ca.CodeGenerator(f"{function.name()}.c")
+    generator.add(function)
+    return generator.dump()
+
+
+def _library(source: str) -> Path:
+    key = hashlib.sha256("\0".join([source, *FLAGS, _machine(), ca.CasadiMeta.version()]).encode()).hexdigest()
+    return cache_folder() / f"{key[:32]}.so"
+
+
+def compile_function(function: ca.Function) -> ca.Function | None:
+    """The function as compiled C, from the cache or made now; None (and said) when compiling fails."""
+    source = _source(function)
+    library = _library(source)
+    return _load(function, library) if library.exists() else _build(function, source, library)
+
+
+def _load(function: ca.Function, library: Path) -> ca.Function:
+    return ca.external(function.name(), str(library))
+
+
+def _build(function: ca.Function, source: str, library: Path) -> ca.Function | None:
+    try:
+        with _workshop(library.parent) as folder:
+            text, binary = folder / "f.c", folder / "f.so"
+            text.write_text(source)
+            command = [str(c_compiler()), *FLAGS, str(text), "-o", str(binary), "-lm"]
+            environment = {**os.environ, "TMPDIR": str(folder)}
+            subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+            # one step, on one file system: another process sees the whole library or none
+            os.replace(binary, library)
+        return _load(function, library)
+    except (OSError, subprocess.CalledProcessError) as error:
+        detail = getattr(error, "stderr", "") or str(error)
+        _LOG.warning("compiling failed, the CasADi virtual machine is used: %s", detail.strip()[-200:])
+        return None
+
+
+@contextmanager
+def _workshop(cache_path: Path) -> Iterator[Path]:
+    """A folder of this process for everything that compiling writes; what a killed process left is swept first."""
+    cache_path.mkdir(parents=True, exist_ok=True)
+    for left in cache_path.glob("building-*"):
+        if not _alive(int(left.name.split("-")[1])):
+            shutil.rmtree(left, ignore_errors=True)
+    folder = cache_path / f"building-{os.getpid()}-{threading.get_ident()}"
+    folder.mkdir(exist_ok=True)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+class Compilable:
+    """A CasADi function that becomes compiled C once it has earned it."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self.function = function
+        self.spent = 0.0
+        instructions = function.n_instructions()
+        self._look_up_after = _SOURCE_PER_INSTRUCTION * instructions
+        self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
+        self._pending: tuple[str, Path] | None = None
+        self._settled = False
+
+    def current(self) -> ca.Function:
+        """The function in the form that is to be used now."""
+        if self._settled or self.spent < self._look_up_after:
+            return self.function
+        if c_compiler() is None:
+            self._settled = True
+            return self.function
+        if self._pending is None:
+            source = _source(self.function)
+            self._pending = (source, _library(source))
+        source, library = self._pending
+        if library.exists():
+            self.function, self._settled = _load(self.function, library), True
+        elif self.spent >= self._compile_after:
+            self.function, self._settled = _build(self.function, source, library) or self.function, True
+        return self.function
+
+
+class Batch:
+    """A function derived from a Compilable one (mapped over samples, accumulated over time), numpy in, numpy out.
+
+    Arguments and results are (columns, rows) of the CasADi matrices, which is numpy's (samples, channels). The arrays
+    that a call returns are overwritten by the next call.
+    """
+
+    def __init__(self, kernel: Compilable, derive: Callable[[ca.Function], ca.Function]) -> None:
+        self._kernel, self._derive = kernel, derive
+        self._used: ca.Function | None = None
+        self._buffer: Any = None  # casadi.FunctionBuffer: the stubs misstate its signatures
+
+    def _prepare(self, function: ca.Function) -> None:
+        self._used = function
+        self._derived = self._derive(function)
+        f = self._derived
+        self._inputs = [np.zeros((f.size2_in(i), f.size1_in(i))) for i in range(f.n_in())]
+        self._outputs = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]
+        self._buffer, self._trigger = f.buffer()
+        for i, array in enumerate(self._inputs):
+            if array.size:
+                self._buffer.set_arg(i, array.data)
+        for i, array in enumerate(self._outputs):
+            if array.size:
+                self._buffer.set_res(i, array.data)
+
+    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        function = self._kernel.current()
+        if function is not self._used:
+            self._prepare(function)
+        for held, given in zip(self._inputs, arguments, strict=True):
+            held[...] = given.reshape(held.shape)
+        begin = time.perf_counter()
+        self._trigger()
+        self._kernel.spent += time.perf_counter() - begin
+        return self._outputs

@@ -1,0 +1,122 @@
+"""The equation-error part of a cost: equations evaluated on measured signals (paper eq. 6-9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.signal import savgol_filter
+
+from casid.errors import EstimationError
+from casid.estimation.problem import Problem
+from casid.estimation.steps import quiet
+from casid.model.system import EquationError as EquationForm
+from casid.model.system import Model
+from casid.records.record import Record
+
+_SMOOTHING_SECONDS = 0.25  # half width of the smoothing polynomial: below the short period, above sensor noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EquationValue:
+    """residuals: per record (N, equations) prediction minus target, NaN where a signal is missing."""
+
+    residuals: list[np.ndarray]
+
+
+def smoothed_derivative(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(N,) time derivative by local cubic polynomials (Savitzky-Golay) on a uniform grid of the median interval."""
+    good = np.isfinite(values)
+    if good.sum() < 5:
+        return np.full(len(t), np.nan)
+    dt = float(np.median(np.diff(t)))
+    grid = t[0] + dt * np.arange(int(round((t[-1] - t[0]) / dt)) + 1)
+    half = max(2, int(round(_SMOOTHING_SECONDS / dt)))
+    window = min(2 * half + 1, len(grid) - (len(grid) + 1) % 2)
+    if window < 5:
+        return np.full(len(t), np.nan)
+    smooth = savgol_filter(np.interp(grid, t[good], values[good]), window, 3, deriv=1, delta=dt)
+    return np.where(good, np.interp(t, grid, np.asarray(smooth)), np.nan)
+
+
+def state_equations(model: Model) -> EquationForm:
+    """The state equations as an equation-error form: measured state derivatives against f at measured states."""
+    derivatives = tuple(f"{name}dot" for name in model.states)
+    dots = ca.SX.sym("xdot", len(derivatives))
+    return EquationForm(
+        names=derivatives, channels=(*model.states, *model.inputs, *derivatives),
+        m=ca.vertcat(model.x, model.u, dots), target=dots, prediction=quiet(model, model.f),
+    )  # fmt: skip
+
+
+def _channel(record: Record, name: str) -> np.ndarray:
+    if name in record:
+        return record[name]
+    base = name.removesuffix("dot")
+    if base != name and base in record:
+        return smoothed_derivative(record.t, record[base])
+    raise EstimationError(
+        f"record '{record.name}': the equation error needs the channel '{name}', which is not recorded"
+        + (f", nor is '{base}' to differentiate" if base != name else "")
+        + "; use OutputError"
+    )
+
+
+class EquationPart:
+    """Residuals and Jacobians of the equations on the measured signals of all records.
+
+    Raises EstimationError at construction when a channel is not recorded or, for a pure equation-error cost, when a
+    free parameter stands in no equation.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, model = problem, problem.model
+        form = model.equation or state_equations(model)
+        self.names = form.names
+        residual = ca.densify(form.prediction - form.target)
+        free = ca.vertcat(*[model.p[int(i)] for i in problem.free_index])
+        jacobian = ca.jacobian(residual, free)
+        self._check_parameters(jacobian)
+        self.residual = ca.Function("equation", [form.m, model.p], [residual])
+        self._target = ca.Function("target", [form.m, model.p], [ca.densify(form.target)])
+        self.jacobian = ca.Function("equation_jacobian", [form.m, model.p], [ca.densify(jacobian)])
+        self.data = [np.stack([_channel(r, name) for name in form.channels], axis=1) for r in problem.records]
+
+    def _check_parameters(self, jacobian: ca.SX) -> None:
+        used = set(jacobian.sparsity().get_col())
+        names = self.problem.shared + self.problem.local
+        idle = [name for i, name in enumerate(names) if i not in used and not np.isfinite(self._prior(name))]
+        if idle and not hasattr(self.problem.cost, "equation_weight"):
+            raise EstimationError(
+                f"Problem: {', '.join(idle)} stand in no equation of model '{self.problem.model.name}'; "
+                "fix them, or use OutputError or CombinedError"
+            )
+
+    def _prior(self, name: str) -> float:
+        return self.problem.model.prior_std.get(name, np.inf) if self.problem.prior else np.inf
+
+    def _evaluate(self, function: ca.Function, theta: np.ndarray) -> list[np.ndarray]:
+        values = self.problem.model_parameters(theta)
+        results = []
+        for data, p in zip(self.data, values, strict=True):
+            mapped = function(data.T, np.repeat(p[:, None], len(data), axis=1))
+            results.append(np.asarray(mapped).T.reshape(len(data), function.size2_out(0), function.size1_out(0)))
+        return results
+
+    def targets(self) -> list[np.ndarray]:
+        """Per record (N, equations) what the equations are to give; NaN where a signal is missing."""
+        return [t[:, 0] for t in self._evaluate(self._target, self.problem.start_vector)]
+
+    def value(self, theta: np.ndarray) -> EquationValue:
+        """Residuals at the parameters."""
+        return EquationValue(residuals=[r[:, 0] for r in self._evaluate(self.residual, theta)])
+
+    def jacobians(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per record (N, equations, free) derivatives in the free parameters, zero where a signal is missing."""
+        residuals = self.value(theta).residuals
+        found = self._evaluate(self.jacobian, theta)
+        return [
+            np.where(np.isfinite(e)[..., None], np.nan_to_num(j.transpose(0, 2, 1)), 0.0)
+            for j, e in zip(found, residuals, strict=True)
+        ]

@@ -1,0 +1,164 @@
+"""`solve`: a problem, a transcription and a solver make a fit."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from casid.errors import EstimationError
+from casid.estimation.collocation import LiftedCollocation
+from casid.estimation.cost import EquationError, RangeWeights
+from casid.estimation.fit import Estimate, Fit, StateHistory, channel_fit
+from casid.estimation.gauss_newton import GaussNewton, Outcome, minimise
+from casid.estimation.ipopt import Ipopt, minimise_with_ipopt
+from casid.estimation.layout import build_layout
+from casid.estimation.objective import Objective
+from casid.estimation.problem import Problem
+from casid.estimation.sensitivity import Shooting
+from casid.estimation.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
+from casid.estimation.uncertainty import Uncertainty, uncertainty
+
+Solver = GaussNewton | Ipopt
+_DEFAULT_METHOD = MultipleShooting()
+_DEFAULT_SOLVER = GaussNewton()
+
+
+def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
+    """Estimate the free parameters of `problem`.
+
+    The three choices are independent: cost (in the problem), transcription, solver. EquationError simulates nothing,
+    so every transcription gives the same result with it. Raises EstimationError for a combination that cannot work:
+    path constraints with GaussNewton, process noise without a given measurement noise or with EquationError. A course
+    of iteration that goes wrong is not an error: `Fit.status` says it.
+    """
+    begin = time.perf_counter()
+    _check(problem, method, solver)
+    objective = build_objective(problem, method)
+    outcome = minimise(objective, solver) if isinstance(solver, GaussNewton) else minimise_with_ipopt(objective, solver)
+    return _fit(objective, outcome, method, solver, begin)
+
+
+def build_objective(problem: Problem, method: Transcription) -> Objective:
+    """The residuals of a problem in a transcription."""
+    if isinstance(problem.cost, EquationError):
+        return Objective(problem, None, None)
+    model, free = problem.model, problem.free_index
+    if isinstance(method, Collocation):
+        layout = build_layout(problem, 1)
+        return Objective(problem, layout, LiftedCollocation(model, free, layout, method.degree))
+    layout = build_layout(problem, method.interval if isinstance(method, MultipleShooting) else None)
+    noise = dict(method.process_noise or {}) if isinstance(method, MultipleShooting) else {}
+    return Objective(problem, layout, Shooting(model, free, layout, noise))
+
+
+def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
+    if not isinstance(method, SingleShooting | MultipleShooting | Collocation):
+        raise EstimationError(f"solve: {method!r} is no transcription; expected SingleShooting() or the like")
+    if not isinstance(solver, GaussNewton | Ipopt):
+        raise EstimationError(f"solve: {solver!r} is no solver; expected GaussNewton() or Ipopt()")
+    if problem.path_constraints and isinstance(solver, GaussNewton):
+        raise EstimationError("solve: a path constraint acts on the states, which GaussNewton eliminates; use Ipopt()")
+    if isinstance(method, MultipleShooting) and method.process_noise:
+        if isinstance(problem.cost, EquationError):
+            raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
+        if not isinstance(problem.noise, dict):
+            raise EstimationError(
+                "solve: with process noise the measurement noise cannot be read off the residuals; "
+                "give Problem(noise={channel: 1-sigma, ...})"
+            )
+
+
+def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: Solver, begin: float) -> Fit:
+    problem, value = objective.problem, outcome.value
+    status = outcome.status
+    errors = _errors(objective, outcome)
+    if errors.confused and status == "converged":
+        status = f"not identifiable: the data cannot tell {', '.join(errors.confused)} apart; fix one or give a prior"
+    with np.errstate(invalid="ignore"):
+        std, corrected = (np.sqrt(np.diagonal(c)) for c in (errors.covariance, errors.corrected))
+    estimates = {
+        name: Estimate(
+            name=name, value=float(outcome.point.theta[i]), std=float(std[i]), std_corrected=float(corrected[i]),
+            prior=float(problem.nominal[i]), prior_std=float(problem.prior_std[i]),
+        )
+        for i, name in enumerate(problem.parameters)
+    }  # fmt: skip
+    measured, predicted = _signals(objective, outcome)
+    names = objective.channel_names
+    together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
+    channels = {
+        n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if objective.present[i]
+    }
+    residuals = {record: measured[record] - predicted[record] for record in measured}
+    sigma = objective.residual_sigma(value) if isinstance(problem.noise, RangeWeights) else objective.sigma
+    return Fit(
+        problem=problem, parameters=estimates, covariance=errors.covariance, covariance_corrected=errors.corrected,
+        status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin, cost=value.cost,
+        log_likelihood=_log_likelihood(residuals, sigma), stationarity=outcome.stationarity,
+        defect=float(np.abs(value.defects).max(initial=0.0)),
+        noise={n: float(sigma[i]) for i, n in enumerate(names) if objective.present[i]}, channels=channels,
+        predictions=predicted, residuals=residuals, states=_states(objective, outcome),
+        multipliers=outcome.limit_multipliers, method=type(method).__name__, solver=type(solver).__name__,
+    )  # fmt: skip
+
+
+def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
+    count = len(objective.problem.parameters)
+    unknown = np.full((count, count), np.nan)
+    nothing = Uncertainty(covariance=unknown, corrected=unknown, confused=())
+    if not np.isfinite(outcome.value.cost):
+        return nothing
+    try:
+        linear = objective.linearise(outcome.point, outcome.value)
+    except np.linalg.LinAlgError:
+        return nothing
+    return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
+
+
+def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """record -> (N, channels) measured and predicted."""
+    problem, value = objective.problem, outcome.value
+    measured: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
+    predicted: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
+    if value.trajectory is not None:
+        flat = value.trajectory.y.reshape(-1, value.trajectory.y.shape[2])
+        for record, sample in zip(problem.records, objective.layout.sample, strict=True):
+            measured[record.name].append(problem.measured(record))
+            predicted[record.name].append(flat[sample])
+    if objective.equations is not None and value.equations is not None:
+        for record, target, residual in zip(
+            problem.records, objective.equations.targets(), value.equations.residuals, strict=True
+        ):
+            measured[record.name].append(target)
+            predicted[record.name].append(target + residual)
+    return _joined(measured), _joined(predicted)
+
+
+def _joined(parts: dict[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
+    return {name: np.concatenate(columns, axis=1) for name, columns in parts.items()}
+
+
+def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
+    trajectory = outcome.value.trajectory
+    if trajectory is None:
+        return {}
+    layout, states = objective.layout, trajectory.states
+    flat = states.reshape(-1, states.shape[2])
+    return {
+        record.name: StateHistory(
+            trajectory=flat[layout.sample[r]], nodes=outcome.point.nodes[layout.segments_of(r)],
+            node_times=record.t[:: layout.length],
+        )
+        for r, record in enumerate(objective.problem.records)
+    }  # fmt: skip
+
+
+def _log_likelihood(residuals: dict[str, np.ndarray], sigma: np.ndarray) -> float:
+    total = 0.0
+    for array in residuals.values():
+        white = array / sigma
+        total -= 0.5 * float(np.nansum(white**2)) + float(
+            (np.isfinite(array).sum(axis=0) * np.log(sigma * np.sqrt(2 * np.pi))).sum()
+        )
+    return total

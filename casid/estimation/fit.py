@@ -1,0 +1,173 @@
+"""What an estimation gives: parameters with their errors, addressed by name, and how well the data are explained."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from casid.errors import unknown
+from casid.estimation.problem import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A parameter: std by Cramer-Rao, std_corrected for coloured residuals, prior value and prior_std (inf: none).
+    A parameter on an active limit has std 0 when nothing else moves it."""
+
+    name: str
+    value: float
+    std: float
+    std_corrected: float
+    prior: float
+    prior_std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFit:
+    """rms of measured minus predicted, R2 = 1 - rms^2/variance, theil = Theil's inequality coefficient
+    rms/(rms measured + rms predicted); all over the samples present."""
+
+    rms: float
+    R2: float
+    theil: float
+    samples: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StateHistory:
+    """trajectory (N, states) at the record's samples; nodes (M, states), the starts of the segments, at node_times."""
+
+    trajectory: np.ndarray
+    nodes: np.ndarray
+    node_times: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit:
+    """Result of `solve`.
+
+    parameters        name -> Estimate; a per-record one is named "bias_q[m1]"
+    covariance        (parameters, parameters) Cramer-Rao, in the order of `parameters`; `covariance_corrected` likewise
+    status            "converged", or in words why not; `converged` is its truth value
+    cost              1/2 sum of squares of all weighted residuals, priors included, at the final weights
+    log_likelihood    of the residuals under independent normal noise of `noise`
+    noise             channel -> 1-sigma that the weights stand for (range weights: what the residuals show)
+    stationarity      length of a further Gauss-Newton step in standard deviations of the solution
+    defect            largest scaled state defect, zero but for rounding where defects are hard
+    predictions, residuals   record -> (N, channels) in the order of `channels`; residual = measured - predicted, NaN
+                      where not measured
+    states            record -> StateHistory; empty for equation error
+    multipliers       one per row of the problem's linear constraints, positive at an upper limit
+    """
+
+    problem: Problem
+    parameters: Mapping[str, Estimate]
+    covariance: np.ndarray
+    covariance_corrected: np.ndarray
+    status: str
+    iterations: int
+    seconds: float
+    cost: float
+    log_likelihood: float
+    stationarity: float
+    defect: float
+    noise: Mapping[str, float]
+    channels: Mapping[str, ChannelFit]
+    predictions: Mapping[str, np.ndarray]
+    residuals: Mapping[str, np.ndarray]
+    states: Mapping[str, StateHistory]
+    multipliers: np.ndarray
+    method: str
+    solver: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether the point is a checked stationary point that satisfies the constraints."""
+        return self.status == "converged"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """name -> estimate."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
+    def __getitem__(self, name: str) -> Estimate:
+        if name not in self.parameters:
+            raise unknown("parameter", name, self.parameters, "fit")
+        return self.parameters[name]
+
+    def correlation(self, first: str, second: str) -> float:
+        """Correlation of the errors of two parameters; raises InputError for a name that was not estimated."""
+        names = list(self.parameters)
+        i, j = names.index(self[first].name), names.index(self[second].name)
+        return float(self.correlations[i, j])
+
+    @property
+    def correlations(self) -> np.ndarray:
+        """(parameters, parameters) correlation matrix; zero off the diagonal for a parameter without variance."""
+        std = np.sqrt(np.diagonal(self.covariance))
+        outer = np.outer(std, std)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            matrix = np.where(outer > 0, self.covariance / outer, np.where(np.isnan(outer), np.nan, 0.0))
+        np.fill_diagonal(matrix, 1.0)
+        return matrix
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None."""
+
+        def number(value: float) -> float | None:
+            return float(value) if math.isfinite(value) else None
+
+        parameters = {
+            name: {
+                "value": number(e.value), "std": number(e.std), "std_corrected": number(e.std_corrected),
+                "prior": number(e.prior), "prior_std": number(e.prior_std),
+            }
+            for name, e in self.parameters.items()
+        }  # fmt: skip
+        channels = {
+            name: {"rms": number(c.rms), "R2": number(c.R2), "theil": number(c.theil), "samples": c.samples}
+            for name, c in self.channels.items()
+        }
+        return {
+            "schema": "casid.estimate/1", "model": self.problem.model.name, "status": self.status,
+            "converged": self.converged, "iterations": self.iterations, "seconds": self.seconds,
+            "cost": number(self.cost), "log_likelihood": number(self.log_likelihood),
+            "stationarity": number(self.stationarity), "defect": number(self.defect),
+            "method": self.method, "solver": self.solver, "estimator": type(self.problem.cost).__name__,
+            "records": [record.name for record in self.problem.records], "parameters": parameters,
+            "correlation": {
+                "names": list(self.parameters), "matrix": [[number(v) for v in row] for row in self.correlations]
+            },
+            "noise": {name: number(v) for name, v in self.noise.items()}, "channels": channels,
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        head = (
+            f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
+            f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s, cost {self.cost:.6g}"
+        )
+        width = max(len(name) for name in self.parameters)
+        lines = [head, "", f"{'parameter':{width}}  {'value':>12} {'std':>10} {'corrected':>10} {'a priori':>12}"]
+        for name, e in self.parameters.items():
+            lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_corrected:10.3g} {e.prior:12.6g}")
+        lines += ["", f"{'channel':{width}}  {'rms':>12} {'R2':>10} {'Theil':>10} {'samples':>12}"]
+        for name, c in self.channels.items():
+            lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")
+        return "\n".join(lines)
+
+
+def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
+    """Statistics of one channel over all its samples; NaN are missing."""
+    good = np.isfinite(measured)
+    z, y = measured[good], predicted[good]
+    rms = float(np.sqrt(np.mean((z - y) ** 2)))
+    spread = float(np.mean((z - z.mean()) ** 2))
+    size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(y**2)))
+    return ChannelFit(
+        rms=rms, R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
+        theil=rms / size if size > 0 else 0.0, samples=int(good.sum()),
+    )  # fmt: skip

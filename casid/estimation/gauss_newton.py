@@ -1,0 +1,167 @@
+"""Gauss-Newton on the structured problem: full steps where the filter allows, damping where it does not."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from casid.estimation.objective import Objective, Point, Step, Value, moved
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaussNewton:
+    """Gauss-Newton with a filter line search.
+
+    tolerance    converged when a further step would move the solution by less than this many of its standard
+                 deviations, and the defects are below 1e-8 of the typical state
+    iterations   after how many steps to give up
+    seconds      after how much time to give up
+    """
+
+    tolerance: float = 1e-6
+    iterations: int = 100
+    seconds: float = 600.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """Where a solver stopped and why: status is "converged" or says in words what is the matter."""
+
+    point: Point
+    value: Value
+    status: str
+    iterations: int
+    stationarity: float
+    limit_multipliers: np.ndarray
+
+
+_DEFECT = 1e-8
+_NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
+
+
+def minimise(objective: Objective, solver: GaussNewton) -> Outcome:
+    """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _Iteration(objective, solver).run()
+
+
+class _Iteration:
+    """State of one minimisation."""
+
+    def __init__(self, objective: Objective, solver: GaussNewton) -> None:
+        self.objective, self.solver = objective, solver
+        self.point = objective.start()
+        self.value = objective.value(self.point)
+        self.damping = 0.0
+        self.filter: list[tuple[float, float]] = []
+        self.widest = 100 * max(self.value.violation(), 1.0)
+        self.estimate_noise = objective.problem.noise is None
+        self.relaxing = False
+        self.noise_change = np.inf if self.estimate_noise else 0.0
+        self.stationarity = np.inf
+        self.multipliers = np.zeros(len(objective.lower))
+
+    def run(self) -> Outcome:
+        if not np.isfinite(self.value.cost):
+            return self._outcome("departed: the simulation diverges at the start values; try MultipleShooting", 0)
+        deadline = time.perf_counter() + self.solver.seconds
+        for iteration in range(1, self.solver.iterations + 1):
+            status = self._iterate()
+            if status:
+                return self._outcome(status, iteration)
+            if time.perf_counter() > deadline:
+                return self._outcome(f"stopped after {self.solver.seconds:g} s, not converged", iteration)
+        return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
+
+    def _iterate(self) -> str:
+        """One linearisation and accepted step; a status when that ends the iteration."""
+        objective = self.objective
+        if self.relaxing:
+            self._relax()
+        try:
+            linear = objective.linearise(self.point, self.value)
+        except np.linalg.LinAlgError as error:
+            return f"failed: {error}"
+        self.value = objective.weighed(self.point, self.value.trajectory, self.value.equations)
+        while True:
+            try:
+                step = objective.step(self.point, self.value, linear, self.damping)
+            except np.linalg.LinAlgError as error:
+                if not self._more_damping():
+                    return f"failed: {error}"
+                continue
+            if self._judge(step):
+                return "converged"
+            found = self._search(step)
+            if found is not None:
+                break
+            if not self._more_damping():
+                return "failed: no descent from a point that is not stationary"
+        self.point, self.value = found
+        self.multipliers = step.limit_multipliers
+        self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
+        return ""
+
+    def _more_damping(self) -> bool:
+        self.damping = max(10 * self.damping, 1e-8)
+        return self.damping < 1e6
+
+    def _relax(self) -> None:
+        """Put the noise to what the residuals show (maximum likelihood for given parameters)."""
+        objective = self.objective
+        sigma = objective.residual_sigma(self.value)
+        self.noise_change = float(np.abs(np.log(sigma / objective.sigma)).max(initial=0.0))
+        objective.sigma = sigma
+        self.filter.clear()  # its costs were under the former noise
+
+    def _judge(self, step: Step) -> bool:
+        """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
+        length = np.sqrt(max(step.curvature, 0.0))
+        noise = np.sqrt(2 * self.value.cost / self.objective.count)
+        self.stationarity = length / max(noise, 1e-300)
+        if self.estimate_noise and self.value.worst() < 1e-3:
+            self.relaxing |= bool(length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.size)
+        still = length < max(self.solver.tolerance * noise, 1e-11 * self.objective.size)
+        settled = self.noise_change < 10 * self.solver.tolerance
+        if still and settled and self.value.worst() < _DEFECT and self.damping < 1e-3:
+            self.multipliers = step.limit_multipliers
+            return True
+        return False
+
+    def _search(self, step: Step) -> tuple[Point, Value] | None:
+        """The longest of the halved steps that the filter accepts (Waechter and Biegler, Math. Program. 106, 2006).
+
+        Cost and violation are not added up: a merit function that does refuses good steps along curved constraints.
+        """
+        cost, violation = self.value.cost, self.value.violation()
+        rounding = 1e-11 * abs(cost)
+        length = 1.0
+        for _ in range(14):
+            point = moved(self.point, step, length)
+            value = self.objective.value(point)
+            new_violation = value.violation()
+            if np.isfinite(value.cost) and np.isfinite(new_violation):
+                # descent of the cost outweighs what the violation is worth: then it is the cost that must fall
+                by_cost = -length * step.slope > step.price * violation
+                if by_cost:
+                    better = value.cost <= cost + 1e-4 * length * step.slope + rounding
+                else:
+                    fallen = value.cost <= cost - 1e-4 * step.price * violation + rounding
+                    better = fallen or new_violation <= (1 - 1e-4) * violation + 1e-12
+                if better and new_violation <= self.widest and self._passes(new_violation, value.cost - rounding):
+                    if not by_cost:
+                        self.filter.append((violation, cost))
+                    return point, value
+            length *= 0.5
+        return None
+
+    def _passes(self, violation: float, cost: float) -> bool:
+        return all(violation < v or cost < c for v, c in self.filter)
+
+    def _outcome(self, status: str, iterations: int) -> Outcome:
+        return Outcome(
+            point=self.point, value=self.value, status=status, iterations=iterations,
+            stationarity=float(self.stationarity), limit_multipliers=self.multipliers,
+        )  # fmt: skip

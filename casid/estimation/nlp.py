@@ -1,0 +1,226 @@
+"""The problem as a nonlinear programme for a general solver: every cost, transcription and constraint.
+
+Variables, scaled: parameters, nodes, noise of soft defects, interior states of collocation. All data, weights and
+fixed values are parameters of the programme, so that one programme serves every data set of the same size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.collocation import LiftedCollocation
+from casid.estimation.objective import Objective, Point
+from casid.estimation.steps import dynamics_function, output_function, step_function
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Programme:
+    """nlp: x, p, f, g for casadi.nlpsol; residual, the vector of which f is half the sum of squares times a gain;
+    lower, upper of g; linear (slice of g with the linear constraints)."""
+
+    x: ca.MX
+    p: ca.MX
+    gain: ca.MX
+    residual: ca.MX
+    f: ca.MX
+    g: ca.MX
+    lower: np.ndarray
+    upper: np.ndarray
+    linear: slice
+
+
+class Packing:
+    """Symbols of one vector and the numbers that go there, by name and in one order."""
+
+    def __init__(self, values: dict[str, np.ndarray]) -> None:
+        self.symbols = {name: ca.MX.sym(name, *np.atleast_2d(v).shape) for name, v in values.items()}
+
+    @property
+    def vector(self) -> ca.MX:
+        """All symbols, column-major, one after the other."""
+        return ca.vertcat(*[ca.vec(s) for s in self.symbols.values()])
+
+    def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
+        """Numbers in the same order."""
+        return np.concatenate([np.atleast_2d(values[name]).ravel(order="F") for name in self.symbols])
+
+    def unpack(self, vector: np.ndarray) -> dict[str, np.ndarray]:
+        """Arrays by name, from the numbers."""
+        out, at = {}, 0
+        for name, symbol in self.symbols.items():
+            out[name] = vector[at : at + symbol.numel()].reshape(symbol.shape, order="F")
+            at += symbol.numel()
+        return out
+
+
+def variables(objective: Objective, point: Point, scale: np.ndarray) -> dict[str, np.ndarray]:
+    """Scaled variables at a point; time runs along the columns."""
+    found = {"theta": (point.theta / scale)[:, None]}
+    if objective.dynamics is not None:
+        found["nodes"] = (point.nodes / objective.scale).T
+        if objective.soft:
+            found["noise"] = point.noise.T
+        if point.points is not None:
+            found["points"] = (point.points / objective.scale).reshape(-1, len(objective.scale)).T
+    return found
+
+
+def point_from(objective: Objective, values: dict[str, np.ndarray], scale: np.ndarray, like: Point) -> Point:
+    """The inverse of `variables`."""
+    theta = values["theta"][:, 0] * scale
+    if objective.dynamics is None:
+        return Point(theta=theta, nodes=like.nodes, noise=like.noise)
+    nodes = values["nodes"].T * objective.scale
+    noise = values["noise"].T.copy() if "noise" in values else like.noise
+    points = None
+    if like.points is not None:
+        points = (values["points"].T.reshape(like.points.shape)) * objective.scale
+    return Point(theta=theta, nodes=nodes, noise=noise, points=points)
+
+
+def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.ndarray]:
+    """Everything that differs between two problems of the same size; `gain` multiplies the cost."""
+    problem = objective.problem
+    base = problem.model_parameters(np.zeros_like(scale))
+    values = {"gain": np.array([[gain]]), "base": base.T, "scale": scale[:, None], "nominal": problem.nominal[:, None]}
+    values["precision"] = (1.0 / problem.prior_std)[:, None]
+    if objective.dynamics is not None:
+        layout = objective.layout
+        flat = {k: getattr(layout, k) for k in ("u0", "u1", "z", "present")}
+        values |= {k: v.reshape(-1, v.shape[2]).T for k, v in flat.items()}
+        values |= {"dt": layout.dt.reshape(1, -1), "weights": objective.output_weights[:, None]}
+        values |= {"centre": objective.centre.T, "initial_std": objective.initial_std[:, None]}
+        if objective.factor is not None:
+            values["factor"] = objective.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
+    if objective.equations is not None:
+        measured = np.concatenate(objective.equations.data)
+        residual = np.concatenate(objective.equations.value(problem.start_vector).residuals)
+        # a missing signal takes no part, but must be a number
+        values["signals"] = np.where(np.isfinite(measured), measured, np.nanmean(measured, axis=0)).T
+        values["seen"] = np.isfinite(residual).astype(float).T
+        values["equation_weights"] = objective.equation_weights[:, None]
+    return values
+
+
+def build(objective: Objective, x: Packing, d: Packing) -> Programme:
+    """The programme in the symbols of `x` (variables) and `d` (data)."""
+    v, s = x.symbols, d.symbols
+    theta = v["theta"] * s["scale"]
+    residuals = [(theta - s["nominal"]) * s["precision"]]
+    constraints: list[tuple[ca.MX, float | np.ndarray, float | np.ndarray]] = []
+    parameters = _parameters(objective, theta, s["base"])
+    if objective.dynamics is not None:
+        nodes = v["nodes"] * ca.repmat(ca.DM(objective.scale), 1, v["nodes"].shape[1])
+        first = [int(i) for i in objective.layout.first]
+        start = nodes[:, first] - s["centre"]
+        residuals.append(ca.vec(start / ca.repmat(s["initial_std"], 1, len(first))))
+        states, end, y, gap = _simulated(objective, nodes, parameters, v, s)
+        weight = s["present"] * ca.repmat(s["weights"], 1, y.shape[1])
+        residuals.append(ca.vec(weight * (y - s["z"])))
+        defect = _defects(objective, nodes, end, v, s)
+        if "noise" in v:
+            residuals.append(ca.vec(v["noise"]))
+        constraints += [(defect, 0.0, 0.0), (gap, 0.0, 0.0)]
+        constraints += _paths(objective, states, y)
+    if objective.equations is not None:
+        residuals.append(_equations(objective, parameters, s))
+    constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
+    residual = ca.vertcat(*residuals)
+    lower = np.concatenate([np.broadcast_to(low, (g.numel(),)) for g, low, _ in constraints])
+    upper = np.concatenate([np.broadcast_to(up, (g.numel(),)) for g, _, up in constraints])
+    linear = slice(len(lower) - len(objective.lower), len(lower))
+    return Programme(
+        x=x.vector, p=d.vector, gain=s["gain"], residual=residual, f=0.5 * s["gain"] * ca.sumsqr(residual),
+        g=ca.vertcat(*[g for g, _, _ in constraints]), lower=lower, upper=upper, linear=linear,
+    )  # fmt: skip
+
+
+def _parameters(objective: Objective, theta: ca.MX, base: ca.MX) -> list[ca.MX]:
+    """Per record, all model parameters."""
+    problem = objective.problem
+    found = []
+    for r in range(len(problem.records)):
+        columns = [int(i) for i in problem.columns(r)]
+        place = ca.DM.zeros(len(problem.model.parameters), len(columns))
+        for j, i in enumerate(problem.free_index):
+            place[int(i), j] = 1.0
+        keep = 1.0 - np.asarray(ca.sum2(place))
+        found.append(base[:, r] * ca.DM(keep) + ca.sparsify(place) @ theta[columns])
+    return found
+
+
+def _simulated(objective: Objective, nodes: ca.MX, parameters: list[ca.MX], v: dict, s: dict):
+    """states (n, K*L), end (n, K), y (o, K*L), and what collocation leaves unsatisfied (a column)."""
+    layout, model = objective.layout, objective.problem.model
+    count, length = layout.segments, layout.length
+    by_segment = ca.horzcat(*[parameters[int(r)] for r in layout.record])
+    if isinstance(objective.dynamics, LiftedCollocation):
+        end, gap = _collocated(objective, nodes, by_segment, v, s)
+        y = output_function(model).map(count)(nodes, s["u0"], by_segment)
+        return nodes, end, y, gap
+    n, m = len(model.states), len(model.inputs)
+    x, p = ca.MX.sym("x", n), ca.MX.sym("p", len(model.parameters))
+    u0, u1, dt = ca.MX.sym("u0", m, length), ca.MX.sym("u1", m, length), ca.MX.sym("dt", 1, length)
+    repeated = ca.repmat(p, 1, length)
+    after = step_function(model).mapaccum("segment", length)(x, u0, u1, dt, repeated)
+    states = ca.horzcat(x, after[:, :-1]) if length > 1 else x
+    y = output_function(model).map(length)(states, u0, repeated)
+    segment = ca.Function("segment", [x, u0, u1, dt, p], [states, after[:, -1], y])
+    states, end, y = segment.map(count)(nodes, s["u0"], s["u1"], s["dt"], by_segment)
+    return states, end, y, ca.MX(0, 1)
+
+
+def _collocated(objective: Objective, nodes: ca.MX, by_segment: ca.MX, v: dict, s: dict):
+    dynamics, model = objective.dynamics, objective.problem.model
+    assert isinstance(dynamics, LiftedCollocation)
+    n, m, degree = len(model.states), len(model.inputs), dynamics.degree
+    f = dynamics_function(model)
+    x, interior = ca.MX.sym("x", n), ca.MX.sym("c", n, degree)
+    u0, u1, dt, p = ca.MX.sym("u0", m), ca.MX.sym("u1", m), ca.MX.sym("dt"), ca.MX.sym("p", len(model.parameters))
+    together = ca.horzcat(x, interior)
+    equations = [
+        together @ ca.DM(dynamics.c[:, i]) - dt * f(interior[:, i], u0 + dynamics.tau[i] * (u1 - u0), p)
+        for i in range(degree)
+    ]
+    scaled = ca.vertcat(*equations) / ca.repmat(ca.DM(objective.scale), degree, 1)
+    interval = ca.Function("interval", [x, interior, u0, u1, dt, p], [interior[:, -1], scaled])
+    points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1])
+    end, gap = interval.map(objective.layout.segments)(nodes, points, s["u0"], s["u1"], s["dt"], by_segment)
+    return end, ca.vec(gap)
+
+
+def _defects(objective: Objective, nodes: ca.MX, end: ca.MX, v: dict, s: dict) -> ca.MX:
+    tied = [int(i) for i in objective.layout.tied]
+    if not tied:
+        return ca.MX(0, 1)
+    defect = end[:, tied] - nodes[:, [i + 1 for i in tied]]
+    if "noise" in v:
+        n = len(objective.scale)
+        factors = ca.horzsplit(s["factor"], n)
+        defect = defect + ca.horzcat(*[factors[j] @ v["noise"][:, j] for j in range(len(tied))])
+    return ca.vec(defect / ca.repmat(ca.DM(objective.scale), 1, len(tied)))
+
+
+def _paths(objective: Objective, states: ca.MX, y: ca.MX) -> list[tuple[ca.MX, float, float]]:
+    problem = objective.problem
+    samples = [int(i) for sample in objective.layout.sample for i in sample]
+    found = []
+    for constraint in problem.path_constraints:
+        names, values = problem.model.states, states
+        if constraint.name not in names:
+            names, values = problem.model.outputs, y
+        signal = values[names.index(constraint.name), samples]
+        found.append((ca.vec(signal), constraint.lower, constraint.upper))
+    return found
+
+
+def _equations(objective: Objective, parameters: list[ca.MX], s: dict) -> ca.MX:
+    equations = objective.equations
+    assert equations is not None
+    lengths = [len(record) for record in objective.problem.records]
+    repeated = ca.horzcat(*[ca.repmat(p, 1, k) for p, k in zip(parameters, lengths, strict=True)])
+    residual = equations.residual.map(sum(lengths))(s["signals"], repeated)
+    return ca.vec(s["seen"] * residual * ca.repmat(s["equation_weights"], 1, sum(lengths)))

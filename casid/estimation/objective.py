@@ -1,0 +1,350 @@
+"""The weighted residuals of a problem in one transcription: value at a point, and the step towards the minimum.
+
+A point is the parameters, the start states of all segments (nodes), the process noise of every tied pair of segments
+in units of its standard deviation, and, for collocation, the interior states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.errors import InputError, unknown
+from casid.estimation.collocation import LiftedCollocation
+from casid.estimation.cost import RangeWeights, cost_weights
+from casid.estimation.equation_part import EquationPart, EquationValue
+from casid.estimation.kkt import BandedKKT, Reduced
+from casid.estimation.layout import Layout
+from casid.estimation.problem import Problem
+from casid.estimation.quadratic import parameter_step
+from casid.estimation.sensitivity import Blocks, Shooting, Trajectory
+
+_START_NOISE = 0.05  # of a channel's range, before any residual is known
+_NOISE_FLOOR = 1e-7  # of a channel's range: data without noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Point:
+    """theta (parameters,), nodes (K, n), noise (T, n), points (K, d, n) of collocation or None."""
+
+    theta: np.ndarray
+    nodes: np.ndarray
+    noise: np.ndarray
+    points: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Value:
+    """cost at a point, and the constraint residuals there: defects (T, n), limits (rows,) beyond the linear limits."""
+
+    cost: float
+    trajectory: Trajectory | None
+    equations: EquationValue | None
+    defects: np.ndarray
+    limits: np.ndarray
+    gap: np.ndarray
+
+    def violation(self) -> float:
+        """L1 norm of all constraint residuals, scaled by the typical size of the states."""
+        return float(np.abs(self.defects).sum() + np.abs(self.limits).sum() + np.abs(self.gap).sum())
+
+    def worst(self) -> float:
+        """Largest constraint residual, scaled."""
+        parts = (self.defects, self.limits, self.gap)
+        return max(float(np.abs(part).max(initial=0.0)) for part in parts)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Step:
+    """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints."""
+
+    theta: np.ndarray
+    nodes: np.ndarray
+    noise: np.ndarray
+    points: np.ndarray | None
+    slope: float
+    curvature: float
+    price: float
+    limit_multipliers: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linearised:
+    """All that one linearisation gives: blocks per segment, reduced systems per record, information matrix."""
+
+    blocks: Blocks | None
+    reduced: list[Reduced]
+    hessian: np.ndarray
+    gradient: np.ndarray
+    equation_jacobian: list[np.ndarray]
+
+
+class Objective:
+    """Residuals of `problem` on `layout`; `dynamics` is None for equation error, which simulates nothing."""
+
+    def __init__(self, problem: Problem, layout: Layout | None, dynamics: Shooting | LiftedCollocation | None) -> None:
+        self.problem, self.dynamics = problem, dynamics
+        self.part, equation_share = cost_weights(problem.cost)
+        self.equation_share = equation_share
+        self.equations = EquationPart(problem) if equation_share else None
+        n = len(problem.model.states)
+        self.scale = problem.model.scale_vector()
+        self.rows, self.lower, self.upper = problem.linear_rows
+        self.factor: np.ndarray | None = None  # (T, n, n) square root of the covariance of soft defects
+        if layout is not None:
+            self.layout = layout
+            self.kkt = [BandedKKT(self._count(r), n) for r in range(len(problem.records))]
+            initial = problem.initial_state
+            known = [initial.value.get(s, np.nan) for s in problem.model.states]
+            guess = layout.start[layout.first]
+            self.centre = np.where(np.isnan(known), guess, known)
+            std = [initial.std.get(s, problem.model.state_scale[s]) for s in problem.model.states]
+            self.initial_std = np.array(std, dtype=float)
+            if self.soft:
+                self.factor = np.zeros((len(layout.tied), n, n))
+        self._start_weights()
+
+    def _count(self, record: int) -> int:
+        segments = self.layout.segments_of(record)
+        return segments.stop - segments.start
+
+    @property
+    def soft(self) -> bool:
+        """Whether defects are random with a covariance."""
+        return isinstance(self.dynamics, Shooting) and bool(self.dynamics.noise_names)
+
+    # ---- weights
+
+    def _start_weights(self) -> None:
+        noise = self.problem.noise
+        measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
+        if self.equations is not None:
+            targets = np.concatenate(self.equations.targets())
+            measured = _side_by_side(measured, targets)
+        names = self.channel_names
+        self.present = np.isfinite(measured).sum(axis=0)
+        filled = np.where(self.present > 0, measured, 0.0)
+        _check_noise(noise, names)
+        spread = np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)
+        self.floor = _NOISE_FLOOR * np.maximum(spread, 1e-3 * np.nanmax(np.abs(filled), axis=0) + 1e-12)
+        if noise is None:
+            sigma = np.maximum(_START_NOISE * spread, self.floor)
+        elif isinstance(noise, RangeWeights):
+            sigma = 1.0 / noise.weights(filled)
+        else:
+            sigma = np.array([noise[name] for name in names])
+        self.sigma = np.where(self.present > 0, sigma, 1.0)
+        self.count = max(int(self.present.sum()), 1)
+        self.size = float(np.sqrt(np.nansum((filled / self.sigma) ** 2)))
+
+    def _measured_outputs(self) -> np.ndarray:
+        return np.concatenate([self.problem.measured(record) for record in self.problem.records])
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Outputs (when they take part), then equations."""
+        outputs = self.problem.model.outputs if self.dynamics is not None else ()
+        return outputs + (self.equations.names if self.equations is not None else ())
+
+    @property
+    def output_weights(self) -> np.ndarray:
+        """(o,) factor of each output residual."""
+        return np.sqrt(self.part) / self.sigma[: len(self.problem.model.outputs)]
+
+    @property
+    def equation_weights(self) -> np.ndarray:
+        """(e,) factor of each equation residual."""
+        start = len(self.problem.model.outputs) if self.dynamics is not None else 0
+        return np.sqrt(self.equation_share) / self.sigma[start:]
+
+    def residual_sigma(self, value: Value) -> np.ndarray:
+        """(channels,) root mean square of the residuals of each channel; floored where there is no noise."""
+        squares = []
+        if value.trajectory is not None:
+            squares.append(((value.trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
+        if value.equations is not None:
+            squares.append(sum(np.nansum(e**2, axis=0) for e in value.equations.residuals))
+        mean = np.concatenate(squares) / np.maximum(self.present, 1)
+        return np.where(self.present > 0, np.maximum(np.sqrt(mean), self.floor), 1.0)
+
+    # ---- value
+
+    def start(self) -> Point:
+        """Parameters at their start values, nodes at the model's guess from the measurements."""
+        theta = self.problem.start_vector
+        if self.dynamics is None:
+            return Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))
+        nodes = self.layout.start.copy()
+        nodes[self.layout.first] = self.centre
+        noise = np.zeros((len(self.layout.tied), nodes.shape[1]))
+        return Point(theta=theta, nodes=nodes, noise=noise, points=self.dynamics.points0)
+
+    def parameters(self, theta: np.ndarray) -> np.ndarray:
+        """(K, model parameters) per segment."""
+        return self.problem.model_parameters(theta)[self.layout.record]
+
+    def value(self, point: Point) -> Value:
+        """Simulate and evaluate; not finite where the simulation departs."""
+        trajectory = None
+        if self.dynamics is not None:
+            trajectory = self.dynamics.trajectory(point.nodes, self.parameters(point.theta), point.points)
+        equations = self.equations.value(point.theta) if self.equations is not None else None
+        return self.weighed(point, trajectory, equations)
+
+    def weighed(self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None) -> Value:
+        """The cost with the present weights, of what has been simulated already."""
+        prior = (point.theta - self.problem.nominal) / self.problem.prior_std
+        cost = float(prior @ prior)
+        defects = gap = np.zeros((0, 0))
+        if trajectory is not None:
+            layout = self.layout
+            residual = (trajectory.y - layout.z) * layout.present * self.output_weights
+            x0 = (point.nodes[layout.first] - self.centre) / self.initial_std
+            cost += float((residual**2).sum() + (x0**2).sum() + (point.noise**2).sum())
+            defects = trajectory.end[layout.tied] - point.nodes[layout.tied + 1]
+            if self.factor is not None:
+                defects = defects + (self.factor @ point.noise[..., None])[..., 0]
+            defects = defects / self.scale
+            if trajectory.gap is not None:
+                gap = trajectory.gap / self.scale
+        if equations is not None:
+            for e in equations.residuals:
+                cost += float(np.nansum((e * self.equation_weights) ** 2))
+        at = self.rows @ point.theta
+        beyond = np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)
+        return Value(
+            cost=0.5 * cost, trajectory=trajectory, equations=equations, defects=defects, limits=beyond, gap=gap
+        )
+
+    # ---- linearisation
+
+    def linearise(self, point: Point, value: Value) -> Linearised:
+        """Blocks, the reduced system of each record, and the information matrix of all parameters.
+
+        Raises numpy.linalg.LinAlgError when a record's states are not determined.
+        """
+        precision = 1.0 / self.problem.prior_std**2
+        hessian = np.diag(precision)
+        gradient = precision * (point.theta - self.problem.nominal)
+        reduced: list[Reduced] = []
+        blocks = None
+        if value.trajectory is not None and self.dynamics is not None:
+            layout, n = self.layout, len(self.scale)
+            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.output_weights)
+            diagonal = np.arange(n)
+            blocks.hessian[layout.first[:, None], diagonal, diagonal] += 1.0 / self.initial_std**2
+            blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) / self.initial_std**2
+            if self.soft and blocks.covariance is not None:
+                self.factor = _square_root(blocks.covariance[layout.tied], self.scale)
+            for r in range(len(self.problem.records)):
+                reduced.append(self._reduce(r, blocks, point))
+                columns = self.problem.columns(r)
+                hessian[np.ix_(columns, columns)] += reduced[r].hessian
+                gradient[columns] += reduced[r].gradient
+        jacobians: list[np.ndarray] = []
+        if self.equations is not None and value.equations is not None:
+            for r, jacobian in enumerate(self.equations.jacobians(point.theta)):
+                columns = self.problem.columns(r)
+                weighted = jacobian * self.equation_weights[:, None]
+                residual = np.nan_to_num(value.equations.residuals[r]) * self.equation_weights
+                hessian[np.ix_(columns, columns)] += np.einsum("kef,keg->fg", weighted, weighted)
+                gradient[columns] += np.einsum("kef,ke->f", weighted, residual)
+                jacobians.append(weighted)
+        return Linearised(
+            blocks=blocks, reduced=reduced, hessian=hessian, gradient=gradient, equation_jacobian=jacobians
+        )
+
+    def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
+        own = self.layout.segments_of(record)
+        tied = slice(own.start, own.stop - 1)
+        following = slice(own.start + 1, own.stop)
+        covariance = blocks.covariance[tied] if blocks.covariance is not None else None
+        return self.kkt[record].solve(
+            blocks.hessian[own], blocks.gradient[own], blocks.a[tied], blocks.b[tied],
+            blocks.end[tied] - point.nodes[following], covariance, self.scale,
+        )  # fmt: skip
+
+    def step(self, point: Point, value: Value, linear: Linearised, damping: float) -> Step:
+        """The Gauss-Newton step, with `damping` times the diagonal added to the information of the parameters.
+
+        Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
+        """
+        at = self.rows @ point.theta
+        damped = linear.hessian + damping * np.diag(np.diagonal(linear.hessian))
+        theta, limit_multipliers = parameter_step(damped, linear.gradient, self.rows, self.lower - at, self.upper - at)
+        precision = 1.0 / self.problem.prior_std**2
+        slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
+        curvature = float(theta @ (precision * theta))
+        price = float(np.abs(limit_multipliers).max(initial=0.0))
+        nodes, noise, points = np.zeros_like(point.nodes), np.zeros_like(point.noise), None
+        if linear.blocks is not None:
+            blocks = linear.blocks
+            local = np.stack([theta[self.problem.columns(r)] for r in range(len(self.problem.records))])
+            nodes, multipliers = self._expand(linear.reduced, local)
+            whole = np.concatenate([nodes, local[self.layout.record]], axis=1)
+            slope += float((blocks.gradient * whole).sum())
+            curvature += float((whole * (blocks.hessian @ whole[..., None])[..., 0]).sum())
+            price = max(price, float(np.abs(multipliers * self.scale).max(initial=0.0)))
+            if self.factor is not None:
+                noise = (self.factor.transpose(0, 2, 1) @ multipliers[..., None])[..., 0] - point.noise
+                slope += float((point.noise * noise).sum())
+                curvature += float((noise**2).sum())
+            if blocks.lift is not None:
+                points = blocks.lift.points(nodes, local[self.layout.record], len(self.scale))
+                price = max(price, blocks.lift.price(self.layout.tied, multipliers, self.scale))
+        if self.equations is not None and value.equations is not None:
+            for r, jacobian in enumerate(linear.equation_jacobian):
+                shift = jacobian @ theta[self.problem.columns(r)]
+                residual = np.nan_to_num(value.equations.residuals[r]) * self.equation_weights
+                slope += float((shift * residual).sum())
+                curvature += float((shift**2).sum())
+        return Step(
+            theta=theta, nodes=nodes, noise=noise, points=points, slope=slope, curvature=curvature, price=price,
+            limit_multipliers=limit_multipliers,
+        )  # fmt: skip
+
+    def _expand(self, reduced: list[Reduced], local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nodes = [red.ds0 - red.ds_p @ local[r] for r, red in enumerate(reduced)]
+        multipliers = [red.l0 - red.l_p @ local[r] for r, red in enumerate(reduced)]
+        return np.concatenate(nodes), np.concatenate(multipliers)
+
+
+def _check_noise(noise: Mapping[str, float] | RangeWeights | None, names: tuple[str, ...]) -> None:
+    if noise is None or isinstance(noise, RangeWeights):
+        return
+    for name in noise:
+        if name not in names:
+            raise unknown("channel", name, names, "Problem: noise")
+    for name in names:
+        if name not in noise:
+            raise InputError(f"Problem: noise has no 1-sigma of '{name}'; expected one for each of {', '.join(names)}")
+        if not noise[name] > 0:
+            raise InputError(f"Problem: noise of '{name}' is {noise[name]}; expected a positive 1-sigma")
+
+
+def moved(point: Point, step: Step, length: float) -> Point:
+    """The point after `length` times the step."""
+    points = None if point.points is None or step.points is None else point.points + length * step.points
+    return replace(
+        point, theta=point.theta + length * step.theta, nodes=point.nodes + length * step.nodes,
+        noise=point.noise + length * step.noise, points=points,
+    )  # fmt: skip
+
+
+def _square_root(covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """(T, n, n) F with F F' = covariance, also where it is singular; continuous in the covariance."""
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    # the root turns rounding of 1e-16 into 1e-8: what is below it is a direction without noise
+    values = np.where(values > 1e-13 * values[:, -1:], values, 0.0)
+    return scale[:, None] * ((vectors * np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1))
+
+
+def _side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Columns of both, the shorter one filled with NaN."""
+    rows = max(len(left), len(right))
+    out = np.full((rows, left.shape[1] + right.shape[1]), np.nan)
+    out[: len(left), : left.shape[1]] = left
+    out[: len(right), left.shape[1] :] = right
+    return out

@@ -1,0 +1,218 @@
+"""The estimation problem: model, records, what is free, what is measured with which noise, what is known before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from fnmatch import fnmatchcase
+from functools import cached_property
+
+import numpy as np
+
+from casid.errors import EstimationError, InputError, unknown
+from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
+from casid.estimation.cost import Cost, EquationError, OutputError, RangeWeights
+from casid.model.system import Model
+from casid.records.record import Record
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialState:
+    """The initial state of every record is free, with a prior: never a hard equality.
+
+    value   state -> centre of the prior; default: the first row of `model.guess(record)`
+    std     state -> 1-sigma of the prior; default: `model.state_scale`, which is weak
+    """
+
+    value: Mapping[str, float] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """An estimation problem, independent of how it is transcribed and solved.
+
+    free          globs of model parameters to estimate, one value for all records
+    per_record    globs of model parameters to estimate with an own value per record, named "bias_q[m1]" in results
+    fixed         values of parameters that are not estimated (it wins over the globs); all others stay nominal
+    start         start values by name (a per-record name without brackets means every record); default: nominal
+    noise         None: the 1-sigma of every measured channel is estimated along with the parameters;
+                  name -> 1-sigma of every output (and every equation, where the cost has any);
+                  RangeWeights(): weights by range (paper eq. 13)
+    prior         use `model.prior_std` about the nominal values, for the free parameters that have one
+    constraints   from `parameter`, `linear`, `path`
+    Raises InputError for a name that does not exist and for gaps in an input; EstimationError for a problem that
+    cannot be estimated as posed.
+    """
+
+    model: Model
+    records: Sequence[Record]
+    _: KW_ONLY
+    free: Sequence[str] = ()
+    per_record: Sequence[str] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    cost: Cost = field(default_factory=OutputError)
+    noise: Mapping[str, float] | RangeWeights | None = None
+    prior: bool = False
+    constraints: Sequence[Constraint] = ()
+    initial_state: InitialState = field(default_factory=InitialState)
+
+    def __post_init__(self) -> None:
+        records = (self.records,) if isinstance(self.records, Record) else tuple(self.records)
+        object.__setattr__(self, "records", records)
+        for what, given in (("free", self.free), ("per_record", self.per_record)):
+            if isinstance(given, str):
+                raise InputError(f"Problem: {what} is the text '{given}'; expected a list of names or globs")
+        _check_records(self.model, records, simulated=not isinstance(self.cost, EquationError))
+        self.model.nominal_vector(self.fixed)
+        if not self.parameters:
+            raise EstimationError("Problem: no parameter is free; name some in free or per_record")
+        for name in self.start:
+            if name not in self.parameters and name not in self.local and name not in self.model.parameters:
+                raise unknown("parameter", name, (*self.parameters, *self.model.parameters), "Problem: start")
+        _check_initial_state(self.model, self.initial_state)
+        for constraint in self.constraints:
+            self._check_constraint(constraint)
+
+    def _check_constraint(self, constraint: Constraint) -> None:
+        if isinstance(constraint, LinearConstraint):
+            for name in constraint.coefficients:
+                if name not in self.parameters and name not in self.local:
+                    raise unknown("free parameter", name, self.parameters, "Problem: constraint")
+        elif constraint.name not in (*self.model.states, *self.model.outputs):
+            names = (*self.model.states, *self.model.outputs)
+            raise unknown("state or output", constraint.name, names, "Problem: path constraint")
+        elif isinstance(self.cost, EquationError):
+            raise EstimationError("Problem: EquationError has no trajectory, so no path constraint can be put on it")
+
+    @cached_property
+    def shared(self) -> tuple[str, ...]:
+        """Free parameters with one value for all records, in the model's order."""
+        names = _select(self.free, self.model, "free")
+        return tuple(n for n in names if n not in self.fixed and n not in self.local)
+
+    @cached_property
+    def local(self) -> tuple[str, ...]:
+        """Free parameters with an own value per record, in the model's order."""
+        return tuple(n for n in _select(self.per_record, self.model, "per_record") if n not in self.fixed)
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of all unknown parameters: the shared ones, then those of each record."""
+        own = tuple(f"{name}[{record.name}]" for record in self.records for name in self.local)
+        return self.shared + own
+
+    @cached_property
+    def free_index(self) -> np.ndarray:
+        """(free,) index in model.parameters of what one record sees as free: shared, then local."""
+        order = {name: i for i, name in enumerate(self.model.parameters)}
+        return np.array([order[n] for n in self.shared + self.local], dtype=int)
+
+    def columns(self, record: int) -> np.ndarray:
+        """(free,) where the free parameters of a record stand in `parameters`, in the order of `free_index`."""
+        shared, local = len(self.shared), len(self.local)
+        return np.r_[np.arange(shared), shared + record * local + np.arange(local)]
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """(parameters,) a-priori value of every unknown."""
+        return np.array([self.model.nominal[name.split("[")[0]] for name in self.parameters])
+
+    @cached_property
+    def start_vector(self) -> np.ndarray:
+        """(parameters,) start values."""
+        bare = [name.split("[")[0] for name in self.parameters]
+        pairs = zip(self.parameters, bare, self.nominal, strict=True)
+        return np.array([self.start.get(n, self.start.get(b, value)) for n, b, value in pairs], dtype=float)
+
+    @cached_property
+    def prior_std(self) -> np.ndarray:
+        """(parameters,) a-priori 1-sigma; infinite where there is none."""
+        known = self.model.prior_std if self.prior else {}
+        return np.array([known.get(name.split("[")[0], np.inf) for name in self.parameters])
+
+    def model_parameters(self, theta: np.ndarray) -> np.ndarray:
+        """(records, model parameters) values that each record is simulated with."""
+        base = self.model.nominal_vector(self.fixed)
+        values = np.tile(base, (len(self.records), 1))
+        for r in range(len(self.records)):
+            values[r, self.free_index] = theta[self.columns(r)]
+        return values
+
+    def measured(self, record: Record) -> np.ndarray:
+        """(N, outputs) measured outputs, NaN where missing."""
+        missing = np.full(len(record), np.nan)
+        columns = [record.channels.get(name, missing) for name in self.model.outputs]
+        return np.stack(columns, axis=1)
+
+    @cached_property
+    def linear_rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rows, lower, upper) of the linear constraints on the vector of parameters."""
+        rows, lower, upper = [], [], []
+        for constraint in self.constraints:
+            if not isinstance(constraint, LinearConstraint):
+                continue
+            for row in self._rows(constraint):
+                rows.append(row)
+                lower.append(constraint.lower)
+                upper.append(constraint.upper)
+        return np.reshape(rows, (-1, len(self.parameters))), np.array(lower), np.array(upper)
+
+    def _rows(self, constraint: LinearConstraint) -> list[np.ndarray]:
+        per_record = any(name in self.local for name in constraint.coefficients)
+        rows = []
+        for record in self.records if per_record else self.records[:1]:
+            row = np.zeros(len(self.parameters))
+            for name, coefficient in constraint.coefficients.items():
+                full = f"{name}[{record.name}]" if name in self.local else name
+                row[self.parameters.index(full)] += coefficient
+            rows.append(row)
+        return rows
+
+    @property
+    def path_constraints(self) -> tuple[PathConstraint, ...]:
+        """The constraints on states and outputs."""
+        return tuple(c for c in self.constraints if isinstance(c, PathConstraint))
+
+
+def _select(globs: Sequence[str], model: Model, what: str) -> tuple[str, ...]:
+    chosen = set()
+    for glob in globs:
+        found = [name for name in model.parameters if fnmatchcase(name, glob)]
+        if not found:
+            raise unknown("parameter", glob, model.parameters, f"Problem: {what}")
+        chosen.update(found)
+    return tuple(name for name in model.parameters if name in chosen)
+
+
+def _check_initial_state(model: Model, initial: InitialState) -> None:
+    for name in (*initial.value, *initial.std):
+        if name not in model.states:
+            raise unknown("state", name, model.states, "Problem: initial_state")
+    for name, std in initial.std.items():
+        if not (std > 0 and np.isfinite(std)):
+            raise EstimationError(
+                f"Problem: initial_state std of '{name}' is {std}; expected a positive number "
+                "(a hard initial state fails on noisy data)"
+            )
+
+
+def _check_records(model: Model, records: tuple[Record, ...], simulated: bool) -> None:
+    if not records:
+        raise InputError("Problem: no record given")
+    names = [record.name for record in records]
+    if len(set(names)) != len(names):
+        raise InputError(f"Problem: names of records are not unique: {names}")
+    for record in records:
+        if len(record) < 2 or not (np.diff(record.t) > 0).all():
+            raise InputError(f"record '{record.name}': time stamps must be at least two and strictly increase")
+        for name in model.inputs if simulated else ():
+            bad = np.flatnonzero(~np.isfinite(record[name]))
+            if len(bad):
+                raise InputError(
+                    f"record '{record.name}': input '{name}' has no value at t = {record.t[bad[0]]:g} s "
+                    f"({len(bad)} samples); cut the record there or fill the gap knowingly"
+                )
+    if simulated and not any(np.isfinite(r[n]).any() for r in records for n in model.outputs if n in r):
+        raise EstimationError(f"Problem: no record has a sample of any output of the model {model.outputs}")

@@ -1,0 +1,43 @@
+"""The reduced quadratic problem in the parameters, with their linear constraints."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+
+def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
+    """Scales that make the diagonal of a positive semidefinite matrix one."""
+    diagonal = np.diagonal(hessian)
+    return 1.0 / np.sqrt(np.maximum(diagonal, 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)))
+
+
+def parameter_step(
+    hessian: np.ndarray, gradient: np.ndarray, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(step, multipliers of the rows) of min 1/2 d'Hd + g'd subject to lower <= rows d <= upper.
+
+    A multiplier is positive at an active upper limit, negative at a lower one: H d + g + rows' m = 0.
+    Raises numpy.linalg.LinAlgError when H is not positive definite or the constraints contradict each other.
+    """
+    scale = jacobi_scale(hessian)
+    h, g = hessian * np.outer(scale, scale), gradient * scale
+    free = -np.linalg.solve(h, g) if np.linalg.eigvalsh(h)[0] > 1e-13 else None
+    if free is None:
+        raise np.linalg.LinAlgError("the parameters cannot be told apart")
+    if not len(rows):
+        return free * scale, np.zeros(0)
+    c = rows * scale
+    size = np.linalg.norm(c, axis=1)
+    c, low, high = c / size[:, None], lower / size, upper / size
+    inside = c @ free
+    if ((inside >= low) & (inside <= high)).all():
+        return free * scale, np.zeros(len(rows))
+    structure = {"h": ca.Sparsity.dense(*h.shape), "a": ca.Sparsity.dense(*c.shape)}
+    options = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
+    solver = ca.conic("reduced", "qrqp", structure, options)
+    result = solver(h=h, g=g, a=c, lba=low, uba=high)
+    if not solver.stats()["success"]:
+        raise np.linalg.LinAlgError("the linear constraints cannot be satisfied together")
+    multipliers = np.asarray(result["lam_a"]).ravel() / size
+    return np.asarray(result["x"]).ravel() * scale, multipliers
