@@ -189,10 +189,20 @@ def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("ending", [".mat", ".npz"])
+@given(kept=st.floats(0.0, 0.99))
+@settings(max_examples=40)
+def test_a_binary_file_that_was_cut_off_is_one_line_of_error(tmp_path_factory, ending, kept):
+    path = matrix_file(tmp_path_factory.mktemp("records") / f"m1{ending}")
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    with pytest.raises(InputError) as caught:
+        read_record(path, ColumnMap.from_options(MAP))
+    assert "\n" not in str(caught.value)
+
+
 @given(data=st.data())
 @settings(max_examples=60)
-def test_a_mutilated_binary_file_is_a_record_or_one_line_of_error(tmp_path_factory, ending, data):
-    path = matrix_file(tmp_path_factory.mktemp("records") / f"m1{ending}")
+def test_a_mutilated_npz_file_is_a_record_or_one_line_of_error(tmp_path_factory, data):
+    path = matrix_file(tmp_path_factory.mktemp("records") / "m1.npz")
     content = bytearray(path.read_bytes())
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, 300) | st.integers(0, len(content) - 1))

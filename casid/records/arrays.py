@@ -14,7 +14,10 @@ from casid.records.table import Table
 
 
 def read_mat(path: Path, variable: str | None, time: str) -> Table:
-    """Table of a .mat file (up to version 7): its one matrix, without names, or one vector per channel."""
+    """Table of a .mat file (up to version 7): its one matrix, without names, or one vector per channel.
+
+    scipy reads it; with some forged flags in the header scipy itself crashes, so that no error can be raised.
+    """
     from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
 
     content = _loaded(path, lambda: loadmat(str(path)))
@@ -25,7 +28,8 @@ def read_npz(path: Path, variable: str | None, time: str) -> Table:
     """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are refused."""
 
     def load() -> dict[str, Any]:
-        with np.load(path, allow_pickle=False) as archive:
+        # opened here: numpy leaves a damaged file open
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return dict(archive)
 
     return _table(path, _loaded(path, load), variable, time)
