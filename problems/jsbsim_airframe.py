@@ -21,6 +21,7 @@ from types import MappingProxyType
 
 from casid.errors import unknown
 
+RATE_HZ = 200.0  # of the simulation
 FT = 0.3048
 SLUG = 14.593902937206364
 LBF = 4.4482216152605

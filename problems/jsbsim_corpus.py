@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.records.readers import write_record
 from casid.records.record import Record
 from problems.jsbsim_airframe import AIRFRAMES, Airframe, airframe
 from problems.jsbsim_apriori import aircraft_file
@@ -27,8 +28,8 @@ from problems.jsbsim_fdm import Log
 from problems.jsbsim_flight import Flight, log_of, record_of
 from problems.jsbsim_manoeuvres import CARDS
 
-RECORDS = dict(zip(("m1", "m2", "m3", "m4"), CARDS, strict=True))
-_DIGITS = {"t": 3, "V": 3, "thrust": 1, "altitude": 1, **dict.fromkeys(("ax", "ay", "az", "pdot", "qdot", "rdot"), 4)}
+RECORDS: Mapping[str, str] = dict(zip(("m1", "m2", "m3", "m4"), CARDS, strict=True))
+DIGITS = {"V": 3, "thrust": 1, "altitude": 1, **dict.fromkeys(("ax", "ay", "az", "pdot", "qdot", "rdot"), 4)}
 _ONSETS = {"m1": 12.0, "m2": 8.2, "m3": 10.9, "m4": 13.7}
 _TWO = {"m1": 6.5, "m3": 21.0}
 
@@ -178,17 +179,10 @@ def truth(frame: Airframe, case: Case, logs: Mapping[str, Log]) -> dict[str, Any
     }  # fmt: skip
 
 
-def write_record(record: Record, path: Path) -> None:
-    """CSV in the format of a flight record, channels in their usual order, with no more digits than they carry."""
-    names = ("t", *(name for name in ORDER if name in record))
-    formats = [f"%.{_DIGITS.get(name, 5)}f" for name in names]
-    np.savetxt(path, record.matrix(names), fmt=formats, delimiter=",", header=",".join(names), comments="")
-
-
-ORDER = (
-    "V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot",
-    "delta_e", "delta_a", "delta_r", "thrust", "altitude", "rho",
-)  # fmt: skip
+def rounded(record: Record) -> Record:
+    """The record with no more digits than its channels carry."""
+    digits = {name: DIGITS.get(name, 5) for name in record.channels}
+    return record.with_channels(**{name: np.round(record[name], n) + 0.0 for name, n in digits.items()})
 
 
 def write_case(name: str, case: Case, folder: Path, aircraft_toml: str) -> None:
@@ -198,7 +192,7 @@ def write_case(name: str, case: Case, folder: Path, aircraft_toml: str) -> None:
     logs = {}
     for record, flight in flights(name, case).items():
         logs[record] = log_of(flight)
-        write_record(record_of(flight, logs[record]), target / f"{record}.csv")
+        write_record(rounded(record_of(flight, logs[record])), target / f"{record}.csv")
     (target / "aircraft.toml").write_text(aircraft_toml)
     (target / "truth.json").write_text(json.dumps(truth(airframe(name), case, logs), indent=1) + "\n")
 

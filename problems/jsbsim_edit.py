@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from casid.errors import InputError, unknown
 from casid.model.terms import Term, parse_term
-from problems.jsbsim_airframe import FT, LBF, SLUG_FT2, Airframe
+from problems.jsbsim_airframe import FT, LBF, RATE_HZ, SLUG_FT2, Airframe
 from problems.jsbsim_manoeuvres import SURFACES
 
 _AXES = {"LIFT": "CL", "DRAG": "CD", "SIDE": "CY", "ROLL": "Cl", "PITCH": "Cm", "YAW": "Cn"}
@@ -186,6 +186,8 @@ def _mass(root: ET.Element, edit: Edit) -> None:
     for component, change in edit.inertia_kgm2.items():
         # our products of inertia have the sign opposite to the file's default
         sign = -1.0 if component == "Ixz" else 1.0
+        if balance.find(component.lower()) is None:
+            ET.SubElement(balance, component.lower(), unit="SLUG*FT2").text = "0"
         _add(_child(balance, component.lower()), sign * change / SLUG_FT2)
     for thruster in root.iter("thruster"):
         for axis, shift in edit.engine_shift_m.items():
@@ -237,7 +239,7 @@ def _servo_fault(kind: str, size: float) -> ET.Element:
     """The JSBSim actuator element that makes the fault."""
     tags = {
         "actuator_lag": ("lag", 1.0 / size),
-        "input_delay": ("delay", size),
+        "input_delay": ("delay", round(size * RATE_HZ) + 1),  # JSBSim's first frame delays nothing
         "rate_limit": ("rate_limit", size),
         "dead_zone": ("deadband_width", 2.0 * size),
         "backlash": ("hysteresis_width", 2.0 * size),
@@ -245,7 +247,7 @@ def _servo_fault(kind: str, size: float) -> ET.Element:
     if kind not in tags:
         raise unknown("servo fault", kind, tags)
     tag, value = tags[kind]
-    node = ET.Element(tag, {"type": "time"} if tag == "delay" else {})
+    node = ET.Element(tag, {"type": "frames"} if tag == "delay" else {})
     node.text = repr(value)
     return node
 

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError
-from problems.jsbsim_airframe import FT, LBF, SLUG, SLUG_FT2, Airframe
+from problems.jsbsim_airframe import FT, LBF, RATE_HZ, SLUG, SLUG_FT2, Airframe
 from problems.jsbsim_edit import Edit, prepare
 from problems.jsbsim_manoeuvres import CONTROLS, SURFACES
 
-RATE_HZ = 200.0
 SETTLE_S = 300.0
 LEAD_IN_S = 4.0
 _ADAMS_BASHFORTH_3 = 4
@@ -88,15 +87,15 @@ def _load(frame: Airframe, edit: Edit, folder: Path) -> Any:
         import jsbsim
     except ImportError as error:
         raise InputError(
-            "flying a JSBSim aircraft needs the package jsbsim; install it with: pip install jsbsim"
+            "flying a JSBSim aircraft needs the extra jsbsim; install it: pip install 'casid[jsbsim]'"
         ) from error
     prepare(frame, edit, Path(jsbsim.get_default_root_dir()), folder)
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.ERROR))
     fdm = jsbsim.FGFDMExec(str(folder))
     fdm.set_debug_level(0)
     fdm.load_planet(str(folder / "planet.xml"), False)
+    fdm.set_dt(1.0 / RATE_HZ)  # before loading: the servos take their step from it
     fdm.load_model(frame.model)
-    fdm.set_dt(1.0 / RATE_HZ)
     fdm["ic/h-sl-ft"] = frame.altitude_m / FT
     fdm["ic/vt-fps"] = frame.speed_mps / FT
     fdm["ic/alpha-deg"] = 1.0
@@ -213,14 +212,15 @@ def _log(fdm: Any, frame: Airframe, channels: dict[str, np.ndarray], surfaces: M
     mass = SLUG * fdm["inertia/mass-slugs"]
     for axis in "xyz":
         channels[f"a{axis}"] = channels.pop(f"F{axis}") / mass
-    balance = fdm.get_mass_balance()
+    # the property is the tensor's element, so our product of inertia Ixz is its negative
+    xx, yy, zz, xz, xy, yz = (fdm[f"inertia/i{pair}-slugs_ft2"] for pair in ("xx", "yy", "zz", "xz", "xy", "yz"))
     lateral = [FT / 12.0 * fdm[f"propulsion/engine[{i}]/y-reference-position"] for i in range(frame.engines)]
     return Log(
         t=np.arange(len(channels["p"])) / RATE_HZ,
         channels={**channels, **surfaces},
         mass=mass,
-        inertia=SLUG_FT2 * np.asarray(balance.get_J(), dtype=float),
-        cg=FT / 12.0 * np.asarray(balance.get_xyz_cg(), dtype=float).ravel(),
+        inertia=SLUG_FT2 * np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+        cg=FT / 12.0 * np.array([fdm[f"inertia/cg-{axis}-in"] for axis in "xyz"]),
         area=FT**2 * fdm["metrics/Sw-sqft"],
         span=FT * fdm["metrics/bw-ft"],
         chord=FT * fdm["metrics/cbarw-ft"],

@@ -16,9 +16,9 @@ import numpy as np
 
 from casid.errors import InputError, unknown
 from casid.records.record import Record
-from problems.jsbsim_airframe import airframe
+from problems.jsbsim_airframe import RATE_HZ, airframe
 from problems.jsbsim_faults import Fault, edit_of, instrument_fault, schedule_of, sensor_position
-from problems.jsbsim_fdm import RATE_HZ, Log, simulate
+from problems.jsbsim_fdm import Log, simulate
 from problems.jsbsim_manoeuvres import CARDS, SURFACES, commands
 
 _DEG = np.pi / 180.0
@@ -102,7 +102,7 @@ def record_of(flight: Flight, log: Log) -> Record:
         values = channels[name][::every]
         sigma = flight.noise.get(name, 0.0) * (float(np.mean(values)) if name == "thrust" else 1.0)
         sampled[name] = values + sigma * rng.standard_normal(len(values))
-    return Record(name=flight.manoeuvre, t=log.t[::every], channels=sampled, source="JSBSim")
+    return Record(name=flight.manoeuvre, t=np.round(log.t[::every], 6), channels=sampled, source="JSBSim")
 
 
 def _readings(flight: Flight, log: Log) -> dict[str, np.ndarray]:

@@ -1,0 +1,49 @@
+"""Fly the embedded demonstration records, problems/demo.
+
+Question     none: this makes the data that `scripts/diagnose.py` runs on when it is given no record.
+Set-up       a Fokker 50 of JSBSim, four manoeuvres of 26 s at 50 Hz with the noise of ordinary instruments, an aircraft
+             file whose derivatives are 10 to 20 per cent off; the elevator follows its command with a lag of 0.12 s,
+             of which records and aircraft file know nothing.
+Expectation  the same version of jsbsim makes the same files, to the last digit.
+
+    python scripts/make_demo_records.py [--out FOLDER]        needs: pip install 'casid[jsbsim]'
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from casid.errors import run_script
+from casid.records.readers import write_record
+from problems.jsbsim_apriori import aircraft_file
+from problems.jsbsim_corpus import RECORDS, rounded
+from problems.jsbsim_faults import Fault
+from problems.jsbsim_flight import Flight, fly
+
+AIRCRAFT = "fokker50"
+HIDDEN = Fault(kind="actuator_lag", target="delta_e", size=0.12)
+DURATION_S = 26.0
+SEED = 2010
+DEMO = Path(__file__).resolve().parent.parent / "problems" / "demo"
+
+
+def demo_flight(name: str) -> Flight:
+    """The flight behind a record of the demonstration, m1 to m4."""
+    seed = SEED + list(RECORDS).index(name)
+    return Flight(aircraft=AIRCRAFT, manoeuvre=RECORDS[name], fault=HIDDEN, duration_s=DURATION_S, seed=seed)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Fly the embedded demonstration records.")
+    parser.add_argument("--out", type=Path, default=DEMO, help="folder to write to")
+    folder = parser.parse_args().out
+    folder.mkdir(parents=True, exist_ok=True)
+    aircraft_file(AIRCRAFT, seed=SEED).write(folder / "aircraft.toml")
+    for name in RECORDS:
+        write_record(rounded(fly(demo_flight(name))), folder / f"{name}.csv")
+        print(f"{folder / name}.csv")
+
+
+if __name__ == "__main__":
+    run_script(main)
