@@ -43,7 +43,7 @@ Cost = OutputError | EquationError | CombinedError
 class RangeWeights:
     """Weights instead of noise variances: w = min(1/(max z - min z), maximum) per channel (paper eq. 13).
 
-    The residuals then do not have unit variance: standard errors use the variance found in the residuals.
+    Only their proportions matter; standard errors use the variance found in the residuals of each channel.
     """
 
     maximum: float = 1e4

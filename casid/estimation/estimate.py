@@ -8,7 +8,7 @@ import numpy as np
 
 from casid.errors import EstimationError
 from casid.estimation.collocation import LiftedCollocation
-from casid.estimation.cost import EquationError, RangeWeights
+from casid.estimation.cost import EquationError
 from casid.estimation.fit import Estimate, Fit, StateHistory, channel_fit
 from casid.estimation.gauss_newton import GaussNewton, Outcome, minimise
 from casid.estimation.ipopt import Ipopt, minimise_with_ipopt
@@ -85,19 +85,17 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
         for i, name in enumerate(problem.parameters)
     }  # fmt: skip
     measured, predicted = _signals(objective, outcome)
-    names = objective.channel_names
+    names, levels = objective.channel_names, objective.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
-    channels = {
-        n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if objective.present[i]
-    }
+    channels = {n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if levels.present[i]}
     residuals = {record: measured[record] - predicted[record] for record in measured}
-    sigma = objective.residual_sigma(value) if isinstance(problem.noise, RangeWeights) else objective.sigma
+    sigma = levels.rms(objective.squares(value)) if levels.proportional else levels.sigma
     return Fit(
         problem=problem, parameters=estimates, covariance=errors.covariance, covariance_corrected=errors.corrected,
         status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin, cost=value.cost,
         log_likelihood=_log_likelihood(residuals, sigma), stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
-        noise={n: float(sigma[i]) for i, n in enumerate(names) if objective.present[i]}, channels=channels,
+        noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]}, channels=channels,
         predictions=predicted, residuals=residuals, states=_states(objective, outcome),
         multipliers=outcome.limit_multipliers, method=type(method).__name__, solver=type(solver).__name__,
     )  # fmt: skip

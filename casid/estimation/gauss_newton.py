@@ -57,7 +57,7 @@ class _Iteration:
         self.damping = 0.0
         self.filter: list[tuple[float, float]] = []
         self.widest = 100 * max(self.value.violation(), 1.0)
-        self.estimate_noise = objective.problem.noise is None
+        self.estimate_noise = not objective.levels.fixed
         self.relaxing = False
         self.noise_change = np.inf if self.estimate_noise else 0.0
         self.stationarity = np.inf
@@ -110,20 +110,19 @@ class _Iteration:
 
     def _relax(self) -> None:
         """Put the noise to what the residuals show (maximum likelihood for given parameters)."""
-        objective = self.objective
-        sigma = objective.residual_sigma(self.value)
-        self.noise_change = float(np.abs(np.log(sigma / objective.sigma)).max(initial=0.0))
-        objective.sigma = sigma
+        self.noise_change = self.objective.levels.relax(self.objective.squares(self.value))
         self.filter.clear()  # its costs were under the former noise
 
     def _judge(self, step: Step) -> bool:
         """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
         length = np.sqrt(max(step.curvature, 0.0))
-        noise = np.sqrt(2 * self.value.cost / self.objective.count)
+        noise = np.sqrt(2 * self.value.cost / self.objective.levels.count)
         self.stationarity = length / max(noise, 1e-300)
         if self.estimate_noise and self.value.worst() < 1e-3:
-            self.relaxing |= bool(length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.size)
-        still = length < max(self.solver.tolerance * noise, 1e-11 * self.objective.size)
+            self.relaxing |= bool(
+                length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.levels.size
+            )
+        still = length < max(self.solver.tolerance * noise, 1e-11 * self.objective.levels.size)
         settled = self.noise_change < 10 * self.solver.tolerance
         if still and settled and self.value.worst() < _DEFECT and self.damping < 1e-3:
             self.multipliers = step.limit_multipliers

@@ -63,7 +63,7 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
     deadline = time.perf_counter() + solver.seconds
     scale = _parameter_scale(objective, point, value)
     x = Packing(variables(objective, point, scale))
-    gain = 1.0 / objective.count
+    gain = 1.0 / objective.levels.count
     d = Packing(data(objective, scale, gain))
     key = ("programme", solver, _signature(objective, x, d))
     function, programme = cached(objective.problem.model, key, lambda: _solver(objective, x, d, solver))
@@ -86,7 +86,7 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
         change = _relax(objective, point, value)
         value = objective.weighed(point, value.trajectory, value.equations)
         # a cost of about one makes the tolerance relative to the residuals, whatever their weights are
-        fitting = 0.5 / max(value.cost, 1e-12 * objective.size**2)
+        fitting = 0.5 / max(value.cost, 1e-12 * objective.levels.size**2)
         if change < _SETTLED and fitting < 30 * gain:
             break
         multipliers *= fitting / gain
@@ -154,11 +154,7 @@ def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.nda
 
 def _relax(objective: Objective, point: Point, value: Value) -> float:
     """Noise and soft-defect covariance to what the present point says; the largest relative change."""
-    change = 0.0
-    if objective.problem.noise is None:
-        sigma = objective.residual_sigma(value)
-        change = float(np.abs(np.log(sigma / objective.sigma)).max(initial=0.0))
-        objective.sigma = sigma
+    change = objective.levels.relax(objective.squares(value))
     if objective.factor is not None:
         before = objective.factor
         objective.linearise(point, value)
@@ -182,4 +178,4 @@ def _stationarity(objective: Objective, point: Point, value: Value) -> float:
         step = objective.step(point, value, objective.linearise(point, value), 0.0)
     except np.linalg.LinAlgError:
         return np.nan
-    return float(np.sqrt(max(step.curvature, 0.0) / max(2 * value.cost / objective.count, 1e-300)))
+    return float(np.sqrt(max(step.curvature, 0.0) / max(2 * value.cost / objective.levels.count, 1e-300)))

@@ -6,23 +6,19 @@ in units of its standard deviation, and, for collocation, the interior states.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.errors import InputError, unknown
 from casid.estimation.collocation import LiftedCollocation
-from casid.estimation.cost import RangeWeights, cost_weights
+from casid.estimation.cost import cost_weights
 from casid.estimation.equation_part import EquationPart, EquationValue
 from casid.estimation.kkt import BandedKKT, Reduced
 from casid.estimation.layout import Layout
+from casid.estimation.levels import NoiseLevels
 from casid.estimation.problem import Problem
 from casid.estimation.quadratic import parameter_step
 from casid.estimation.sensitivity import Blocks, Shooting, Trajectory
-
-_START_NOISE = 0.05  # of a channel's range, before any residual is known
-_NOISE_FLOOR = 1e-7  # of a channel's range: data without noise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -104,7 +100,7 @@ class Objective:
             self.initial_std = np.array(std, dtype=float)
             if self.soft:
                 self.factor = np.zeros((len(layout.tied), n, n))
-        self._start_weights()
+        self.levels = self._noise_levels()
 
     def _count(self, record: int) -> int:
         segments = self.layout.segments_of(record)
@@ -117,27 +113,11 @@ class Objective:
 
     # ---- weights
 
-    def _start_weights(self) -> None:
-        noise = self.problem.noise
+    def _noise_levels(self) -> NoiseLevels:
         measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
         if self.equations is not None:
-            targets = np.concatenate(self.equations.targets())
-            measured = _side_by_side(measured, targets)
-        names = self.channel_names
-        self.present = np.isfinite(measured).sum(axis=0)
-        filled = np.where(self.present > 0, measured, 0.0)
-        _check_noise(noise, names)
-        spread = np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)
-        self.floor = _NOISE_FLOOR * np.maximum(spread, 1e-3 * np.nanmax(np.abs(filled), axis=0) + 1e-12)
-        if noise is None:
-            sigma = np.maximum(_START_NOISE * spread, self.floor)
-        elif isinstance(noise, RangeWeights):
-            sigma = 1.0 / noise.weights(filled)
-        else:
-            sigma = np.array([noise[name] for name in names])
-        self.sigma = np.where(self.present > 0, sigma, 1.0)
-        self.count = max(int(self.present.sum()), 1)
-        self.size = float(np.sqrt(np.nansum((filled / self.sigma) ** 2)))
+            measured = _side_by_side(measured, np.concatenate(self.equations.targets()))
+        return NoiseLevels(self.problem.noise, self.channel_names, measured)
 
     def _measured_outputs(self) -> np.ndarray:
         return np.concatenate([self.problem.measured(record) for record in self.problem.records])
@@ -151,23 +131,22 @@ class Objective:
     @property
     def output_weights(self) -> np.ndarray:
         """(o,) factor of each output residual."""
-        return np.sqrt(self.part) / self.sigma[: len(self.problem.model.outputs)]
+        return np.sqrt(self.part) / self.levels.sigma[: len(self.problem.model.outputs)]
 
     @property
     def equation_weights(self) -> np.ndarray:
         """(e,) factor of each equation residual."""
         start = len(self.problem.model.outputs) if self.dynamics is not None else 0
-        return np.sqrt(self.equation_share) / self.sigma[start:]
+        return np.sqrt(self.equation_share) / self.levels.sigma[start:]
 
-    def residual_sigma(self, value: Value) -> np.ndarray:
-        """(channels,) root mean square of the residuals of each channel; floored where there is no noise."""
-        squares = []
+    def squares(self, value: Value) -> np.ndarray:
+        """(channels,) sums of squared residuals."""
+        found = []
         if value.trajectory is not None:
-            squares.append(((value.trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
+            found.append(((value.trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
         if value.equations is not None:
-            squares.append(sum(np.nansum(e**2, axis=0) for e in value.equations.residuals))
-        mean = np.concatenate(squares) / np.maximum(self.present, 1)
-        return np.where(self.present > 0, np.maximum(np.sqrt(mean), self.floor), 1.0)
+            found.append(sum(np.nansum(e**2, axis=0) for e in value.equations.residuals))
+        return np.concatenate(found)
 
     # ---- value
 
@@ -309,19 +288,6 @@ class Objective:
         nodes = [red.ds0 - red.ds_p @ local[r] for r, red in enumerate(reduced)]
         multipliers = [red.l0 - red.l_p @ local[r] for r, red in enumerate(reduced)]
         return np.concatenate(nodes), np.concatenate(multipliers)
-
-
-def _check_noise(noise: Mapping[str, float] | RangeWeights | None, names: tuple[str, ...]) -> None:
-    if noise is None or isinstance(noise, RangeWeights):
-        return
-    for name in noise:
-        if name not in names:
-            raise unknown("channel", name, names, "Problem: noise")
-    for name in names:
-        if name not in noise:
-            raise InputError(f"Problem: noise has no 1-sigma of '{name}'; expected one for each of {', '.join(names)}")
-        if not noise[name] > 0:
-            raise InputError(f"Problem: noise of '{name}' is {noise[name]}; expected a positive 1-sigma")
 
 
 def moved(point: Point, step: Step, length: float) -> Point:

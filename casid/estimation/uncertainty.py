@@ -12,7 +12,6 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.signal import fftconvolve
 
-from casid.estimation.cost import RangeWeights
 from casid.estimation.objective import Linearised, Objective, Value
 from casid.estimation.quadratic import jacobi_scale
 
@@ -80,7 +79,7 @@ def _channels(objective: Objective, value: Value, linear: Linearised):
             for c in range(residuals.shape[1]):
                 seen = np.abs(rows[:, c]).sum(axis=1) > 0
                 variance = float((residuals[seen, c] ** 2).mean()) if seen.any() else 0.0
-                found = variance if isinstance(problem.noise, RangeWeights) else share
+                found = variance if objective.levels.proportional else share
                 yield rows[:, c], residuals[:, c], found, columns
 
 

@@ -1,0 +1,203 @@
+"""Truth: finite differences, closed forms of trivial systems, the order of Runge-Kutta, dense linear algebra."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from estimation_cases import TRUTH, elevator, exact, flight, matrices, short_period
+
+from casid.estimation import Collocation, MultipleShooting, Problem, SingleShooting
+from casid.estimation.estimate import build_objective
+from casid.estimation.kkt import BandedKKT
+from casid.estimation.objective import Point
+from casid.estimation.quadratic import parameter_step
+from casid.model.system import define_model
+from casid.records.record import Record
+
+
+def pendulum():
+    return define_model(
+        "pendulum", states=("phi", "p"), inputs=("delta_a",), parameters={"k": 4.0, "c": 0.3, "b": 1.5, "bias": 0.01},
+        outputs=("phi", "p", "pdot"), disturbances=("w_p",),
+        dynamics=lambda s: {"phi": s.p, "p": -s.k * ca.sin(s.phi) - s.c * s.p * s.p + s.b * s.delta_a + s.w_p},
+        output=lambda s: {"phi": s.phi, "p": s.p + s.bias, "pdot": -s.k * ca.sin(s.phi) - s.c * s.p * s.p},
+    )  # fmt: skip
+
+
+def pendulum_problem() -> Problem:
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.05, 0.15, 23))
+    names = ("phi", "p", "pdot", "delta_a")
+    record = Record(name="m1", t=t, channels={n: 0.3 * rng.standard_normal(23) for n in names})
+    return Problem(pendulum(), [record], free=["k", "b", "bias", "c"], noise={"phi": 0.1, "p": 0.2, "pdot": 0.4})
+
+
+def numerical(function, at: np.ndarray) -> np.ndarray:
+    """(values, len(at)) central differences."""
+    columns = []
+    for i in range(len(at)):
+        h = 1e-5 * max(abs(at[i]), 1.0)
+        up, down = at.copy(), at.copy()
+        up[i] += h
+        down[i] -= h
+        columns.append((function(up) - function(down)) / (2 * h))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("method", [SingleShooting(), MultipleShooting(interval=5), MultipleShooting(interval=1)])
+def test_block_derivatives_against_finite_differences(method):
+    problem = pendulum_problem()
+    objective = build_objective(problem, method)
+    point = objective.start()
+    n, theta = 2, point.theta
+    blocks = objective.dynamics.blocks(
+        objective.value(point).trajectory, objective.parameters(theta), objective.output_weights
+    )
+    for segment in range(objective.layout.segments):
+
+        def outputs(z: np.ndarray, segment=segment) -> np.ndarray:
+            nodes = point.nodes.copy()
+            nodes[segment] = z[:n]
+            trajectory = objective.dynamics.trajectory(nodes, objective.parameters(z[n:]))
+            weighted = (trajectory.y * objective.layout.present)[segment] * objective.output_weights
+            return np.concatenate([weighted.ravel(), trajectory.end[segment]])
+
+        expected = numerical(outputs, np.concatenate([point.nodes[segment], theta]))
+        found = np.concatenate([blocks.jacobian[segment], np.concatenate([blocks.a, blocks.b], axis=2)[segment]])
+        np.testing.assert_allclose(found, expected, atol=2e-7 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("method", [MultipleShooting(interval=5), Collocation(degree=2)])
+def test_slope_of_the_cost_and_of_the_defects_along_a_step(method):
+    """The linear model that a step was computed from is the derivative of what is evaluated."""
+    objective = build_objective(pendulum_problem(), method)
+    point = objective.start()
+    value = objective.value(point)
+    step = objective.step(point, value, objective.linearise(point, value), 0.0)
+
+    def along(length: np.ndarray) -> np.ndarray:
+        moved = Point(
+            theta=point.theta + length[0] * step.theta, nodes=point.nodes + length[0] * step.nodes, noise=point.noise,
+            points=None if point.points is None else point.points + length[0] * step.points,
+        )  # fmt: skip
+        at = objective.value(moved)
+        return np.concatenate([[at.cost], at.defects.ravel(), at.gap.ravel()])
+
+    slopes = numerical(along, np.zeros(1))[:, 0]
+    assert step.slope == pytest.approx(slopes[0], rel=1e-6)
+    # a full step would satisfy the linearised constraints
+    np.testing.assert_allclose(slopes[1:], -np.concatenate([value.defects.ravel(), value.gap.ravel()]), atol=1e-6)
+
+
+def integrator():
+    return define_model(
+        "integrator", states=("theta",), inputs=("q",), parameters={"scale": 1.0}, outputs=("theta",),
+        dynamics=lambda s: {"theta": s.scale * s.q}, output=lambda s: {"theta": s.theta},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", [SingleShooting(), MultipleShooting(interval=7)])
+def test_inputs_between_samples_are_exact(method):
+    """The integral of a linear input is the trapezoidal sum, of a held one the rectangular sum of what came before."""
+    rng = np.random.default_rng(2)
+    t = np.cumsum(rng.uniform(0.1, 0.4, 30))
+    q = rng.standard_normal(30)
+    sums = {"linear": 0.5 * (q[1:] + q[:-1]) * np.diff(t), "held": q[:-1] * np.diff(t)}
+    for hold, steps in sums.items():
+        theta = np.concatenate([[0.0], np.cumsum(steps)])
+        record = Record(name="m1", t=t, channels={"q": q, "theta": theta}, hold=hold)
+        objective = build_objective(Problem(integrator(), [record], free=["scale"]), method)
+        value = objective.value(objective.start())
+        flat = value.trajectory.y.reshape(-1)[objective.layout.sample[0]]
+        np.testing.assert_allclose(flat, theta, atol=1e-13)
+        assert value.worst() < 1e-13
+
+
+def test_order_of_the_integration_is_four():
+    errors = []
+    for dt in (0.1, 0.05, 0.025):
+        # knots of the input stay samples on every grid, so that the input is the same function of time
+        t = dt * np.arange(int(round(6.0 / dt)) + 1)
+        coarse = np.arange(0.0, 6.05, 0.1)
+        u = np.interp(t, coarse, elevator(coarse))
+        x = exact(*matrices(TRUTH), t, u[:, None], np.zeros(2), "linear")
+        record = Record(name="m1", t=t, channels={"delta_e": u, "alpha": x[:, 0], "q": x[:, 1]})
+        objective = build_objective(Problem(short_period(), [record], free=["Za"]), SingleShooting())
+        trajectory = objective.value(objective.start()).trajectory
+        errors.append(np.abs(trajectory.states[0] - x).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (np.abs(orders - 4.0) < 0.2).all(), orders
+
+
+def test_collocation_integrates_with_order_two_d_minus_one():
+    """Radau collocation of degree 2: order 3 (Hairer and Wanner, Solving ODEs II, theorem IV.5.2)."""
+    errors = []
+    for dt in (0.1, 0.05, 0.025):
+        t = dt * np.arange(int(round(4.0 / dt)) + 1)
+        record = Record(
+            name="m1", t=t, channels={"delta_e": np.zeros(len(t)), "alpha": np.zeros(len(t)), "q": np.zeros(len(t))}
+        )
+        x = exact(*matrices(TRUTH), t, np.zeros((len(t), 1)), np.array([0.1, 0.0]), "held")
+        objective = build_objective(Problem(short_period(), [record], free=["Za"]), Collocation(degree=2))
+        point = objective.start()
+        nodes = np.tile([0.1, 0.0], (len(t), 1))
+        value = objective.value(Point(theta=point.theta, nodes=nodes, noise=point.noise, points=point.points))
+        blocks = objective.linearise(
+            Point(theta=point.theta, nodes=nodes, noise=point.noise, points=point.points), value
+        ).blocks
+        assert blocks is not None
+        # the equations are linear: one Newton step solves them, and `a` is then the exact transition of the scheme
+        end = np.array([0.1, 0.0])
+        for k in range(len(t) - 1):
+            end = blocks.a[k] @ end
+        errors.append(np.abs(end - x[-1]).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (np.abs(orders - 3.0) < 0.2).all(), orders
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_banded_step_equals_a_dense_solution(soft):
+    """Truth: the same optimality system, written out densely and solved by numpy."""
+    rng = np.random.default_rng(6)
+    n, f, m = 3, 4, 6
+    factors = rng.standard_normal((m, n + f + 2, n + f))
+    hessian, gradient = factors.transpose(0, 2, 1) @ factors, rng.standard_normal((m, n + f))
+    a, b, d = rng.standard_normal((m - 1, n, n)), rng.standard_normal((m - 1, n, f)), rng.standard_normal((m - 1, n))
+    root = rng.standard_normal((m - 1, n, 2))
+    q = root @ root.transpose(0, 2, 1) if soft else np.zeros((m - 1, n, n))  # singular on purpose
+    states, ties = n * m, n * (m - 1)
+    system, right = np.zeros((states + f + ties,) * 2), np.zeros(states + f + ties)
+    for j in range(m):
+        where = np.r_[n * j : n * (j + 1), states : states + f]
+        system[np.ix_(where, where)] += hessian[j]
+        right[where] -= gradient[j]
+    constraint = np.zeros((ties, states + f))
+    for j in range(m - 1):
+        row = slice(n * j, n * (j + 1))
+        constraint[row, n * (j + 1) : n * (j + 2)] = np.eye(n)
+        constraint[row, row] = -a[j]
+        constraint[row, states:] = -b[j]
+        system[states + f + n * j : states + f + n * (j + 1), states + f + n * j : states + f + n * (j + 1)] = -q[j]
+    system[states + f :, : states + f] = constraint
+    system[: states + f, states + f :] = constraint.T
+    right[states + f :] = d.ravel()
+    expected = np.linalg.solve(system, right)
+    scale = np.array([100.0, 1.0, 0.01])
+    reduced = BandedKKT(m, n).solve(hessian, gradient, a, b, d, q if soft else None, scale)
+    dp, _ = parameter_step(reduced.hessian, reduced.gradient, np.zeros((0, f)), np.zeros(0), np.zeros(0))
+    found = np.concatenate([(reduced.ds0 - reduced.ds_p @ dp).ravel(), dp, (reduced.l0 - reduced.l_p @ dp).ravel()])
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+
+
+def test_short_last_segment_and_unequal_records_are_only_padding():
+    """A record whose length is no multiple of the interval simulates as one that is."""
+    records = [flight("m1", t=np.arange(0.0, 3.0, 0.02)), flight("m2", t=np.arange(0.0, 4.5, 0.02))]
+    problem = Problem(short_period(), records, free=["*"])
+    for interval in (7, 64, 1000):
+        objective = build_objective(problem, MultipleShooting(interval=interval))
+        value = objective.value(objective.start())
+        flat = value.trajectory.y.reshape(-1, 2)
+        for r, record in enumerate(records):
+            np.testing.assert_allclose(flat[objective.layout.sample[r]], record.matrix(["alpha", "q"]), atol=2e-8)
+        assert value.worst() < 1e-6
