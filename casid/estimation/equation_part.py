@@ -105,8 +105,10 @@ class EquationPart:
         return results
 
     def targets(self) -> list[np.ndarray]:
-        """Per record (N, equations) what the equations are to give; NaN where a signal is missing."""
-        return [t[:, 0] for t in self._evaluate(self._target, self.problem.start_vector)]
+        """Per record (N, equations) what the equations are to give; NaN where any of their signals is missing."""
+        found = self._evaluate(self._target, self.problem.start_vector)
+        usable = self.value(self.problem.start_vector).residuals
+        return [np.where(np.isfinite(e), t[:, 0], np.nan) for t, e in zip(found, usable, strict=True)]
 
     def value(self, theta: np.ndarray) -> EquationValue:
         """Residuals at the parameters."""

@@ -35,8 +35,13 @@ def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Sol
     begin = time.perf_counter()
     _check(problem, method, solver)
     objective = build_objective(problem, method)
-    outcome = minimise(objective, solver) if isinstance(solver, GaussNewton) else minimise_with_ipopt(objective, solver)
-    return _fit(objective, outcome, method, solver, begin)
+    # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        if isinstance(solver, GaussNewton):
+            outcome = minimise(objective, solver)
+        else:
+            outcome = minimise_with_ipopt(objective, solver)
+        return _fit(objective, outcome, method, solver, begin)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:

@@ -43,8 +43,7 @@ _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated wi
 
 def minimise(objective: Objective, solver: GaussNewton) -> Outcome:
     """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _Iteration(objective, solver).run()
+    return _Iteration(objective, solver).run()
 
 
 class _Iteration:
