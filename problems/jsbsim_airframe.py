@@ -7,6 +7,7 @@ The aircraft's aerodynamics, mass, engines and propellers are JSBSim's own. Prep
 - propellers turn without torque reaction, P-factor and gyroscopic moment; the fault `propeller_moments` restores them;
   their slipstream does not act on the wing and tail (JSBSim's table jumps at the trimmed angle of attack);
 - drag is smooth where JSBSim's has a kink at zero, and the aerodynamic reference point lies at the c.g.'s height;
+- tables over the Reynolds number are read at that of trim;
 - fuel does not burn, the earth does not turn, and gravity is spherical.
 
 Signs: delta_e trailing edge down (Cm_delta_e < 0), delta_a rolls to the right (Cl_delta_a > 0), delta_r trailing edge
@@ -37,6 +38,7 @@ class Airframe:
     configuration  properties that an unrecorded change of configuration sets; `configuration_steps`: what
                    JSBSim's file then adds to the coefficients at trim
     controls       properties held throughout (propeller, mixture, magnetos)
+    curvature      (coefficient, term, size) that JSBSim's tables have beside the linear derivatives, small in flight
     torque_limit_lbft  by engine: replaces a limit that keeps the bundled engine from delivering its power
     """
 
@@ -52,6 +54,7 @@ class Airframe:
     configuration_steps: Mapping[str, float]
     controls: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     torque_limit_lbft: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    curvature: tuple[tuple[str, str, float], ...] = ()
 
 
 AIRFRAMES: Mapping[str, Airframe] = MappingProxyType(
@@ -69,6 +72,7 @@ AIRFRAMES: Mapping[str, Airframe] = MappingProxyType(
             configuration_steps={"CL": 0.06, "CD": 0.046},
             controls={"fcs/advance-cmd-norm": 0.825},
             torque_limit_lbft={"PW125BX": 20000.0},
+            curvature=(("Cl", "alpha*r", 1.45), ("Cl", "alpha*beta", -0.03)),
         ),
         "737": Airframe(
             name="737, cruise",
@@ -94,6 +98,7 @@ AIRFRAMES: Mapping[str, Airframe] = MappingProxyType(
             configuration={"fcs/flap-pos-deg": 10.0},
             configuration_steps={"CL": 0.043, "CD": 0.0067, "Cm": -0.044},
             controls={"fcs/advance-cmd-norm": 1.0, "fcs/mixture-cmd-norm": 0.9, "propulsion/magneto_cmd": 3},
+            curvature=(("CL", "alpha^2", 2.0),),
         ),
     }
 )

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.errors import run_script
 from casid.records.readers import write_record
 from casid.records.record import Record
 from problems.jsbsim_airframe import AIRFRAMES, Airframe, airframe
@@ -36,16 +37,29 @@ _TWO = {"m1": 6.5, "m3": 21.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A named fault (None: clean) and, for an event, its onset per record; a record without onset is healthy then."""
+    """A named fault; None: clean.
+
+    onsets    of an event: record -> time [s]; a record without onset is healthy
+    records   that have the fault when it is no event; the others are healthy
+    """
 
     name: str
     fault: Fault | None
     onsets: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    records: tuple[str, ...] = tuple(RECORDS)
+
+    @property
+    def affected(self) -> tuple[str, ...]:
+        """Names of the records that have the fault."""
+        if self.fault is None:
+            return ()
+        return tuple(self.onsets) if self.fault.onset_s is not None else self.records
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """Sizes of the faults that go with the size of an aircraft: mass [kg], lengths [m], inertia [kg m2]."""
+    """Sizes of the faults that go with the size of an aircraft, in the vocabulary's units. `turbulence` is a moderate
+    and a light severity, which depend on the altitude."""
 
     mass: float
     cg: float
@@ -60,16 +74,20 @@ class Sizes:
     Cl_alpha_beta: float
     gust: float
     delay: float
+    turbulence: tuple[int, int]
 
 
 SIZES: Mapping[str, Sizes] = MappingProxyType(
     {
-        "fokker50": Sizes(mass=1160.0, cg=0.25, vane=9.0, accelerometer=2.0, Ixx=96000.0, engine_y=0.6, engine_z=0.8,
-                          Cm_alpha2=6.0, Cm_alphadot=-5.75, Cn_beta3=-6.0, Cl_alpha_beta=0.6, gust=4.0, delay=0.08),
-        "737": Sizes(mass=3900.0, cg=0.4, vane=14.0, accelerometer=3.0, Ixx=120000.0, engine_y=0.6, engine_z=0.8,
-                     Cm_alpha2=4.0, Cm_alphadot=-16.0, Cn_beta3=-12.0, Cl_alpha_beta=1.0, gust=5.0, delay=0.08),
-        "pa28": Sizes(mass=72.0, cg=0.1, vane=2.5, accelerometer=0.8, Ixx=220.0, engine_y=0.15, engine_z=0.25,
-                      Cm_alpha2=5.0, Cm_alphadot=-4.0, Cn_beta3=-4.0, Cl_alpha_beta=0.5, gust=2.5, delay=0.06),
+        "fokker50": Sizes(mass=1160.0, cg=0.25, vane=9.0, accelerometer=2.0, Ixx=96000.0, engine_y=1.2, engine_z=0.8,
+                          Cm_alpha2=6.0, Cm_alphadot=-5.75, Cn_beta3=-6.0, Cl_alpha_beta=0.6, gust=4.0, delay=0.08,
+                          turbulence=(3, 2)),
+        "737": Sizes(mass=3900.0, cg=0.4, vane=14.0, accelerometer=3.0, Ixx=120000.0, engine_y=1.0, engine_z=0.8,
+                     Cm_alpha2=4.0, Cm_alphadot=-16.0, Cn_beta3=-12.0, Cl_alpha_beta=1.0, gust=5.0, delay=0.08,
+                     turbulence=(4, 3)),
+        "pa28": Sizes(mass=72.0, cg=0.1, vane=2.5, accelerometer=0.8, Ixx=220.0, engine_y=0.3, engine_z=0.25,
+                      Cm_alpha2=5.0, Cm_alphadot=-4.0, Cn_beta3=-4.0, Cl_alpha_beta=0.5, gust=2.5, delay=0.06,
+                      turbulence=(3, 2)),
     }
 )  # fmt: skip
 
@@ -78,7 +96,15 @@ def cases(name: str) -> tuple[Case, ...]:
     """All cases of an airframe: clean ones, then one fault each."""
     s = SIZES[name]
     clean = [Case(name=f"clean_{i}", fault=None) for i in (1, 2, 3, 4)]
-    return (*clean, *_control_cases(), *_sensor_cases(s), *_aircraft_cases(s), *_air_cases(s), *_outside(name))
+    return (
+        *clean,
+        *_control_cases(),
+        *_sensor_cases(s),
+        *_aircraft_cases(s),
+        *_air_cases(s),
+        *_some_records(s),
+        *_outside(name),
+    )
 
 
 def _always(kind: str, target: str = "", size: float = 0.0, term: str | None = None, frequency_hz: float = 4.0) -> Case:
@@ -129,15 +155,20 @@ def _aircraft_cases(s: Sizes) -> Iterator[Case]:
 
 
 def _air_cases(s: Sizes) -> Iterator[Case]:
-    yield _always("turbulence", "", 3.0)
-    yield replace(_always("turbulence", "", 2.0), name="turbulence_light")
+    yield _always("turbulence", "", s.turbulence[0])
+    yield replace(_always("turbulence", "", s.turbulence[1]), name="turbulence_light")
     yield _event("gust", "z", s.gust, _TWO)
     yield _event("gust", "y", s.gust, {"m2": 11.5})
     yield _event("wind_shear", "x", 0.35, {"m1": 9.0, "m2": 4.0, "m3": 14.0})
 
 
+def _some_records(s: Sizes) -> Iterator[Case]:
+    yield replace(_always("cg_offset", "x", -s.cg), name="cg_offset_x_in_two", records=("m2", "m3"))
+    yield replace(_always("sensor_scale", "beta", -0.12), name="sensor_scale_beta_in_one", records=("m2",))
+
+
 def _outside(name: str) -> Iterator[Case]:
-    if AIRFRAMES[name].propeller:
+    if AIRFRAMES[name].engines == 1:  # on a twin the propellers' moments drown
         yield Case(name="outside_propeller_moments", fault=Fault(kind="propeller_moments", size=1.0))
 
 
@@ -148,16 +179,23 @@ def flights(name: str, case: Case, duration_s: float = 28.0) -> dict[str, Flight
     out = {}
     for number, (record, card) in enumerate(RECORDS.items()):
         fault = case.fault
-        if fault is not None and fault.onset_s is not None:
-            fault = replace(fault, onset_s=case.onsets[record]) if record in case.onsets else None
+        if record not in case.affected:
+            fault = None
+        elif fault is not None and fault.onset_s is not None:
+            fault = replace(fault, onset_s=case.onsets[record])
         out[record] = Flight(aircraft=name, manoeuvre=card, fault=fault, seed=base + number, duration_s=duration_s)
     return out
 
 
 def truth(frame: Airframe, case: Case, logs: Mapping[str, Log]) -> dict[str, Any]:
-    """What is hidden in a case, in the words and units of the vocabulary."""
+    """What is hidden in a case, in the words and units of the vocabulary; `also_present` is small and always there."""
     fault = case.fault
-    general = {"aircraft": frame.name, "case": case.name, "gravity": next(iter(logs.values())).gravity}
+    general = {
+        "aircraft": frame.name,
+        "case": case.name,
+        "gravity": next(iter(logs.values())).gravity,
+        "also_present": [{"kind": "aero_term", "target": c, "term": t, "size": s} for c, t, s in frame.curvature],
+    }
     if fault is None:
         return general | {"kind": "clean", "target": "", "term": None, "size": None, "onset_s": None, "records": []}
     size, parameters = fault.size, {}
@@ -175,7 +213,7 @@ def truth(frame: Airframe, case: Case, logs: Mapping[str, Log]) -> dict[str, Any
         parameters = {"duration_s": fault.duration_s}
     return general | {
         "kind": fault.kind, "target": target, "term": fault.term, "size": size, "unit": fault.unit,
-        "parameters": parameters, "onset_s": dict(case.onsets) or None, "records": list(case.onsets or RECORDS),
+        "parameters": parameters, "onset_s": dict(case.onsets) or None, "records": list(case.affected),
     }  # fmt: skip
 
 
@@ -214,4 +252,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -141,6 +141,9 @@ def _aerodynamics(root: ET.Element, edit: Edit) -> None:
             name = (node.text or "").strip()
             if name in _READS:
                 node.text = f"flight/{_READS[name]}-aero"
+    for node in aerodynamics.iter("independentVar"):
+        if (node.text or "").strip() == "aero/Re":
+            node.text = "flight/reynolds-number"
     for axis in aerodynamics.findall("axis"):
         for product in axis.iter("product"):
             if any((n.text or "").strip() == "aero/alphadot-rad_sec" for n in product.findall("property")):
@@ -216,6 +219,7 @@ def _centre_of_gravity(root: ET.Element) -> tuple[float, dict[str, float]]:
 def _flight_control(edit: Edit) -> ET.Element:
     """Servos: surface = trim + actuator(command - trim); what the air sees is effectiveness times surface."""
     control = ET.Element("flight_control", name="servos")
+    ET.SubElement(control, "property", value="0").text = "flight/reynolds-number"
     for name in _SLIPSTREAM:
         ET.SubElement(control, "property", value="0").text = f"systems/propulsion/{name}"
     for surface in SURFACES:

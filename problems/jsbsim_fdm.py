@@ -145,6 +145,7 @@ def _settle(fdm: Any, frame: Airframe) -> dict[str, float]:
             "throttle": float(np.clip(power + 5.0 * slow, 0.0, 1.0)),
         }
         _control(fdm, frame, now, now)
+        fdm["flight/reynolds-number"] = fdm["aero/Re"]
         fdm.run()
         if step >= steps - last:
             total = {name: total[name] + now[name] / last for name in total}

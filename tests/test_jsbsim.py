@@ -31,7 +31,7 @@ from problems.jsbsim_apriori import (  # noqa: E402
     healthy_flights,
     regress,
 )
-from problems.jsbsim_corpus import DIGITS, RECORDS, SIZES, cases, flights, rounded, truth  # noqa: E402
+from problems.jsbsim_corpus import DIGITS, SIZES, cases, flights, rounded, truth  # noqa: E402
 from problems.jsbsim_faults import Fault, instrument_fault  # noqa: E402
 from problems.jsbsim_fdm import Log  # noqa: E402
 from problems.jsbsim_flight import Flight, fly, log_of, record_of  # noqa: E402
@@ -250,7 +250,7 @@ def test_a_trim_point_out_of_reach_is_refused() -> None:
 
 
 def test_every_case_of_the_corpus_is_distinct() -> None:
-    """Names and seeds are unique, and the fault is in the records that have an onset, or in all."""
+    """Names and seeds are unique, and the fault is in the records that the case names."""
     seeds = set()
     for name in SIZES:
         table = cases(name)
@@ -259,7 +259,7 @@ def test_every_case_of_the_corpus_is_distinct() -> None:
             flown_now = flights(name, case)
             seeds |= {f.seed for f in flown_now.values()}
             affected = {record for record, f in flown_now.items() if f.fault is not None}
-            assert affected == (set(case.onsets or RECORDS) if case.fault else set())
+            assert affected == ((set(case.onsets) or set(case.records)) if case.fault else set())
     assert len(seeds) == sum(len(cases(name)) for name in SIZES) * len(CARDS)
     assert set(SIZES) == set(AIRFRAMES)
 
