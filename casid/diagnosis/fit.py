@@ -39,6 +39,7 @@ class Slot:
 class Fit:
     """A fitted hypothesis.
 
+    parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
     deviance     -2 log likelihood up to a constant of the data, prior included
@@ -49,6 +50,8 @@ class Fit:
     model: Model
     batch: Batch
     noise: NoiseModel
+    functions: PointFunctions
+    parameters: np.ndarray
     slots: tuple[Slot, ...]
     values: np.ndarray
     covariance: np.ndarray
@@ -59,6 +62,7 @@ class Fit:
     columns: np.ndarray
     known: dict[str, np.ndarray]
     prior_pull: np.ndarray
+    prior_weight: np.ndarray
     deviance: float
     data_deviance: float
     iterations: int
@@ -71,10 +75,14 @@ class Fit:
         index = [s.name for s in self.slots].index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
+    def output_along(self, X: np.ndarray) -> np.ndarray:
+        """(N, R, ny) outputs of the fitted model along a trajectory, instrument operators not yet applied."""
+        return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
+
     @property
     def gradient(self) -> np.ndarray:
         """(slots,) what is left of the slope of the log likelihood: zero at a maximum."""
-        return self.columns.reshape(-1, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
+        return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
 
     @property
     def derivatives(self) -> dict[str, float]:
@@ -98,15 +106,19 @@ class _Work:
         numeric = [] if fixed else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
         self.slots = (
             *(Slot(name=name) for name in free),
-            *(Slot(name=attached[i].name + ("" if key == "value" else f".{key}"), attached=i, key=key) for i, key in numeric),
+            *(
+                Slot(name=attached[i].name + ("" if key == "value" else f".{key}"), attached=i, key=key)
+                for i, key in numeric
+            ),
         )
         self.mean, self.weight = self._prior()
 
     def _prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and inverse variance of every slot; effects have none."""
         mean, weight = np.zeros(len(self.slots)), np.zeros(len(self.slots))
+        of_the_file = self.flight.model().parameters
         for i, slot in enumerate(self.slots):
-            if slot.attached is None and slot.name in self.flight.model().parameters:
+            if slot.attached is None and slot.name in of_the_file:
                 mean[i] = self.model.nominal[slot.name]
                 loose = _LOOSE * max(abs(mean[i]), _SMALLEST[slot.name[:2]])
                 weight[i] = 1.0 / max(self.model.prior_std.get(slot.name, loose), 0.1 * loose / _LOOSE) ** 2
@@ -136,11 +148,13 @@ def fit(
     fixed: bool = False,
     iterations: int = 10,
     tolerance: float = 0.5,
+    give_up: float = np.inf,
 ) -> Fit:
     """Maximum likelihood of derivatives and effects under `noise`; `fixed` fits initial states alone.
 
     Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
-    a full step lowers the deviance by less than `tolerance`.
+    a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
+    below the deviance `give_up` is left as it stands.
     """
     work = _Work(flight, attached, noise, fixed)
     attached = tuple(attached)
@@ -160,6 +174,8 @@ def fit(
         best, shrink = now, 1.0
         if gained < tolerance:
             best = replace(best, converged=True)
+            break
+        if iteration >= 3 and now.deviance - 2.0 * gained > give_up:
             break
         step = _step(work, now)
         values, X = now.values + step[0], now.linear.X + step[1]
@@ -205,7 +221,8 @@ def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X
     batch, model = work.batch, work.model
     known = work.regressors.along(X, batch)
     W = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
-    linear = linearise(work.functions, batch, work.parameters(values, attached), X, W)
+    P = work.parameters(values, attached)
+    linear = linearise(work.functions, batch, P, X, W)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
     linear = replace(linear, output=read, residual=np.where(linear.seen, batch.Z - read, 0.0))
     kalman = kalman_filter(linear, work.noise)
@@ -214,12 +231,12 @@ def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X
     white = kalman.whiten(np.concatenate([residual[0], Y], axis=3), np.concatenate([residual[1], F], axis=3))
     deviation = values - work.mean
     data = float(np.sum(white[..., 0] ** 2) + np.sum(kalman.log_determinant))
-    flat = white[..., 1:].reshape(-1, len(work.slots))
+    flat = white[..., 1:].reshape(white[..., 0].size, len(work.slots))
     information = flat.T @ flat + np.diag(work.weight)
     return Fit(
-        flight=work.flight, attached=attached, model=model, batch=batch, noise=work.noise, slots=work.slots,
+        flight=work.flight, attached=attached, model=model, batch=batch, noise=work.noise, functions=work.functions, parameters=P, slots=work.slots,
         values=values, covariance=_inverse(information), linear=linear, filter=kalman, disturbances=W,
-        white=white[..., 0], columns=white[..., 1:], known=known, prior_pull=work.weight * deviation, data_deviance=data,
+        white=white[..., 0], columns=white[..., 1:], known=known, prior_pull=work.weight * deviation, prior_weight=work.weight, data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)), iterations=iteration, converged=False,
     )  # fmt: skip
 
@@ -229,9 +246,7 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
 
 
-def _columns(
-    work: _Work, attached: Sequence[Attached], linear: Linear, known: dict
-) -> tuple[np.ndarray, np.ndarray]:
+def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: dict) -> tuple[np.ndarray, np.ndarray]:
     """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
     batch, model = work.batch, work.model
     Y, F = [linear.Dp], [linear.Bp]

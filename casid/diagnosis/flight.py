@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -36,6 +36,7 @@ class Flight:
     records: tuple[Record, ...]
     sigma: dict[str, float]
     input_sigma: dict[str, float]
+    _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -47,7 +48,10 @@ class Flight:
 
     def model(self, effects: Sequence = ()) -> Model:
         """The aircraft model of this flight, with symbolic `effects` among its parameters."""
-        return aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=effects)
+        key = tuple(effect.name for effect in effects)
+        if key not in self._models:
+            self._models[key] = aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=effects)
+        return self._models[key]
 
     def batch(self, model: Model) -> Batch:
         return make_batch(model, self.records)
@@ -56,7 +60,7 @@ class Flight:
         """Further records under the noise of this flight."""
         ready = (flight_inputs(aircraft, record, self.axes) for record in records)
         quiet = tuple(_with_quiet_inputs(record, self.input_sigma) for record in ready)
-        return replace(self, aircraft=aircraft, records=quiet)
+        return replace(self, aircraft=aircraft, records=quiet, _models={})
 
 
 def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
@@ -84,9 +88,7 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     }
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
     quiet = tuple(_with_quiet_inputs(record, input_sigma) for record in ready)
-    return Flight(
-        aircraft=aircraft, axes=axes, outputs=outputs, records=quiet, sigma=sigma, input_sigma=input_sigma
-    )
+    return Flight(aircraft=aircraft, axes=axes, outputs=outputs, records=quiet, sigma=sigma, input_sigma=input_sigma)
 
 
 def _with_quiet_inputs(record: Record, input_sigma: dict[str, float]) -> Record:

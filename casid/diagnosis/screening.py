@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy import stats
 
+from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.estimation.innovations import PointFunctions, inject, linearise
-from casid.model.effects import Effect, aero_term
-from casid.model.path import coefficient_names
+from casid.model.effects import Effect
 from casid.model.terms import parse_term
 
 _CHUNK = 96
@@ -45,7 +46,7 @@ class Fingerprint:
 class Candidate:
     """A cause with its predicted size.
 
-    statistic  predicted drop of the deviance;  net: less the price of its parameters and of the places tried
+    statistic  predicted drop of the deviance;  net: less the price of its parameters and of the `tries`: places tried
     attached   ready to be fitted
     surviving  share of the fingerprint that fitted derivatives cannot imitate
     """
@@ -57,30 +58,48 @@ class Candidate:
     value: float
     std: float
     surviving: float
-    parts: tuple[Fingerprint, ...]
+    tries: float
 
     @property
     def name(self) -> str:
         return self.attached.name
 
+    @property
+    def p_value(self) -> float:
+        """Chance of such a statistic without the cause, all tries counted (Bonferroni), on white Gaussian noise."""
+        return float(min(1.0, self.tries * stats.chi2.sf(self.statistic, self.dof)))
+
 
 class Screen:
-    """Projection off the fitted slots, and prices, for one fitted baseline."""
+    """Projection off the fitted slots and the small terms, and prices, for one baseline."""
 
-    def __init__(self, base: Fit) -> None:
-        self.base = base
-        self.covariance = base.covariance
-        self.newton = base.covariance @ base.gradient
-        self.price = float(np.log(max(base.linear.seen.sum(), 2)))
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence, self.base = evidence, evidence.fit
+        self.covariance, self.newton = evidence.covariance, evidence.newton
+        self.price = float(np.log(max(evidence.samples, 2)))
+        slots = len(evidence.fit.slots)
+        self._terms = {term: slots + i for i, term in enumerate(evidence.terms)}
 
     def projected(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float]:
         """(m'm, m'e, surviving share) of the sum of fingerprints; keep (parts, R) weights of each record."""
         square = sum(float((k**2 * p.square).sum()) for p, k in zip(parts, keep, strict=True))
         cross = sum(k @ p.cross for p, k in zip(parts, keep, strict=True))
-        match = sum(float((k * p.match).sum()) for p, k in zip(parts, keep, strict=True)) - float(cross @ self.newton)
-        left = square - float(cross @ self.covariance @ cross)
+        match = sum(float((k * p.match).sum()) for p, k in zip(parts, keep, strict=True))
+        spent, step = float(cross @ self.covariance @ cross), float(cross @ self.newton)
+        own = self._own_term(parts[0].effect)
+        if own is not None:
+            # the candidate is one of the small terms: as a cause it is free, so its nuisance twin must go
+            column, pivot = self.covariance[own], self.covariance[own, own]
+            spent -= float(cross @ column) ** 2 / pivot
+            step -= float(cross @ column) * self.newton[own] / pivot
+        left = square - spent
         left = left if left > 1e-9 * max(square, 1e-300) else 0.0
-        return left, match, float(np.sqrt(left / square)) if square > 0 else 0.0
+        return left, match - step, float(np.sqrt(left / square)) if square > 0 else 0.0
+
+    def _own_term(self, effect: Effect) -> int | None:
+        if effect.kind != "aero_term" or (effect.target, effect.term) not in self._terms:
+            return None
+        return self._terms[(effect.target, effect.term)]
 
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
         """(statistic, size, its 1-sigma, surviving share); zero statistic for what derivatives imitate fully."""
@@ -90,21 +109,26 @@ class Screen:
         return match**2 / left, match / left, left**-0.5, share
 
 
-def fingerprints(base: Fit, effects: Iterable[Effect], onset_step: float = ONSET_STEP) -> list[Fingerprint]:
-    """The fingerprints of effects on the whole grid of their further values and onsets."""
-    effects = list(effects)
+def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarray | None = None) -> list[Fingerprint]:
+    """The fingerprints of effects on the whole grid of their further values and onsets.
+
+    onsets  [s] after each record's first sample; default a grid of `ONSET_STEP` over the longest record
+    """
+    effects, base = list(effects), evidence.fit
+    if onsets is None:
+        onsets = np.arange(0.5, max(record.duration for record in base.flight.records) - 0.5, ONSET_STEP)
     rows: list[tuple[Effect, Mapping[str, float], float | None]] = []
     for effect in effects:
         for values in effect.grid:
             if not effect.timed:
                 rows.append((effect, values, None))
                 continue
-            longest = max(record.duration for record in base.flight.records)
-            rows += [(effect, values, float(o)) for o in np.arange(0.5, longest - 0.5, onset_step)]
+            rows += [(effect, values, float(onset)) for onset in onsets]
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.change is not None and e.kind != "aero_term"])
     found: list[Fingerprint] = []
-    flat = [base.columns[:, r].reshape(-1, base.columns.shape[3]) for r in range(len(base.flight.records))]
-    residual = [base.white[:, r].reshape(-1) for r in range(len(base.flight.records))]
+    records = range(len(base.flight.records))
+    flat = [evidence.columns[:, r].reshape(base.white[:, r].size, -1) for r in records]
+    residual = [base.white[:, r].reshape(-1) for r in records]
     for at in range(0, len(rows), _CHUNK):
         chunk = rows[at : at + _CHUNK]
         Y, F = _response(base, chunk, symbolic)
@@ -145,25 +169,34 @@ def _response(
     Y, F = np.zeros((N, R, ny, len(rows))), np.zeros((N - 1, R, nx, len(rows)))
     disturbances = base.model.disturbances
     stations = range(len(disturbances))
+    aero = [j for j, (effect, _, _) in enumerate(rows) if effect.kind == "aero_term"]
+    if aero:
+        terms = [parse_term(rows[j][0].term or "0").evaluate(base.known) for j in aero]
+        series = np.stack([np.broadcast_to(values, (N, R)) for values in terms], axis=2)
+        Y[..., aero], F[..., aero] = inject(
+            base.linear, [disturbances.index(f"d{rows[j][0].target}") for j in aero], series
+        )
+    histories: list[tuple[int, int, np.ndarray]] = []
     for j, (effect, values, onset) in enumerate(rows):
-        if effect.kind == "aero_term" and effect.term is not None:
-            series = np.broadcast_to(parse_term(effect.term).evaluate(base.known), (N, R))
-            y, f = inject(base.linear, [disturbances.index(f"d{effect.target}")], series[..., None])
-            Y[..., j], F[..., j] = y[..., 0], f[..., 0]
-        elif effect.change is not None:
+        if effect.kind == "aero_term":
+            continue
+        if effect.change is not None:
             if effect.name in symbolic:
                 Y[..., j], F[..., j] = symbolic[effect.name]
         else:
             one = _unit(effect, values, onset, base)
             if effect.series is not None:
                 W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
-                used = [s for s in stations if W[..., s].any()]
-                y, f = inject(base.linear, used, W[..., used])
-                Y[..., j], F[..., j] = y.sum(axis=3), f.sum(axis=3)
+                histories += [(j, s, W[..., s]) for s in stations if W[..., s].any()]
             else:
                 output = base.linear.output
                 read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
                 Y[..., j] = np.where(base.linear.seen, read - output, 0.0)
+    if histories:
+        y, f = inject(base.linear, [s for _, s, _ in histories], np.stack([h for _, _, h in histories], axis=2))
+        for i, (j, _, _) in enumerate(histories):
+            Y[..., j] += y[..., i]
+            F[..., j] += f[..., i]
     return Y, F
 
 
@@ -173,16 +206,14 @@ def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base
     return Attached(effect=effect, values={"value": 1.0} | dict(values), onsets=onsets)
 
 
-def screen(base: Fit, effects: Iterable[Effect]) -> list[Candidate]:
+def screen(evidence: Evidence, effects: Iterable[Effect]) -> list[Candidate]:
     """All effects ranked by predicted drop of the deviance less its price (`Candidate.net`), best first.
 
     The price is ln(samples) per parameter, as in the BIC, and 2 ln(places tried) for shapes, onsets and subsets.
     """
-    effects = list(effects)
-    steps = [e for e in effects if e.kind != "configuration_change"]
-    judge = Screen(base)
+    judge = Screen(evidence)
     by_name: dict[str, list[Fingerprint]] = {}
-    for print_ in fingerprints(base, steps):
+    for print_ in fingerprints(evidence, effects):
         by_name.setdefault(print_.effect.name, []).append(print_)
     found = []
     for prints in by_name.values():
@@ -214,7 +245,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached, statistic=statistic, net=net, dof=dof, value=value, std=std * abs(value / size),
-                    surviving=share, parts=(one,),
+                    surviving=share, tries=tried,
                 )  # fmt: skip
     return best
 
@@ -236,14 +267,17 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             keep = np.stack([_subset([r], R) for r in chosen])
             statistic, size, std, share = judge.score(parts, keep)
             dof = 1 + len(values)
-            net = statistic - dof * judge.price - 2.0 * len(chosen) * np.log(len(mine)) - 2.0 * R * np.log(2.0)
+            tries = float(len(mine)) ** len(chosen) * 2.0**R * len(effect.grid)
+            net = statistic - dof * judge.price - 2.0 * np.log(tries)
             if best is None or net > best.net:
                 first = {r.name: r.t[0] for r in judge.base.flight.records}
-                starts = {names[r]: float(first[names[r]] + (p.onset or 0.0)) for r, p in zip(chosen, parts, strict=True)}
+                starts = {
+                    names[r]: float(first[names[r]] + (p.onset or 0.0)) for r, p in zip(chosen, parts, strict=True)
+                }
                 attached = Attached(effect=effect, values=dict(values) | {"value": size}, onsets=starts)
                 best = Candidate(
                     attached=attached, statistic=statistic, net=net, dof=dof, value=size, std=std, surviving=share,
-                    parts=tuple(parts),
+                    tries=tries,
                 )  # fmt: skip
     return best
 
@@ -271,8 +305,3 @@ def _onset_sets(
                     parts[i] = prints[int(np.argmax(trials))]
             sets.append((parts, chosen))
     return sets
-
-
-def aero_like(base: Fit) -> list[Effect]:
-    """Steps of each coefficient, of which configuration changes are made."""
-    return [aero_term(c, "0") for c in coefficient_names(base.flight.aircraft.force_axes)]

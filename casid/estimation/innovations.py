@@ -82,7 +82,7 @@ class PointFunctions:
         x, u, p, w = model.x, model.u, model.p, model.w
         both = ca.vertcat(model.f, model.h)
         by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
-        values = [both, ca.jacobian(both, x), by_p, ca.jacobian(both, w), ca.jacobian(both, u)]
+        values = [both, ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
         calm = [ca.densify(ca.substitute(e, w, ca.SX.zeros(w.shape[0]))) for e in values]
         self._points = ca.Function("points", [x, u, p], ca.cse(calm))
         u1, dt, d0, d1 = (
@@ -96,26 +96,40 @@ class PointFunctions:
         k4 = f(x + dt * k3, u1, p, d1)
         self._step = ca.Function("step", [x, u, u1, p, d0, d1, dt], [x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
         self._output = ca.Function("output", [x, u, p, w], [model.h])
+        self._mapped: dict[tuple[str, int], ca.Function] = {}
+
+    def _over(self, function: ca.Function, count: int) -> ca.Function:
+        """The function mapped over `count` points; making the map costs as much as running it once."""
+        key = (function.name(), count)
+        if key not in self._mapped:
+            self._mapped[key] = function.map(count)
+        return self._mapped[key]
+
+    def _evaluate(self, function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+        return evaluate_mapped(function, self._over(function, arguments[0][..., 0].size), *arguments)
 
     def points(self, X: np.ndarray, U: np.ndarray, P: np.ndarray) -> list[np.ndarray]:
-        """[value, d/dx, d/dp_free, d/dw, d/du] of (f, h) stacked, each (N, R, rows, columns)."""
-        return evaluate(self._points, X, U, P)
+        """[value, d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
+        return self._evaluate(self._points, X, U, P)
 
     def step(self, X, U0, U1, P, W0, W1, dt) -> np.ndarray:
         """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
-        return evaluate(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
+        return self._evaluate(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
 
     def output(self, X, U, P, W) -> np.ndarray:
         """Outputs (N, R, ny)."""
-        return evaluate(self._output, X, U, P, W)[0][..., 0]
+        return self._evaluate(self._output, X, U, P, W)[0][..., 0]
 
 
 def evaluate(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """A CasADi function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results
     (N, R, rows, columns)."""
+    return evaluate_mapped(function, function.map(arguments[0][..., 0].size), *arguments)
+
+
+def evaluate_mapped(function: ca.Function, mapped: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """`evaluate` with the map of the function over all points made before."""
     N, R = arguments[0].shape[:2]
-    count = N * R
-    mapped = function.map(count)
     buffer, run = mapped.buffer()
     kept = []
     for i, argument in enumerate(arguments):
@@ -169,7 +183,7 @@ def linearise(
     model = functions.model
     nx = len(model.states)
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
-    value, by_x, by_p, by_w, _ = functions.points(X, batch.U, P)
+    _, by_x, by_p, by_w = functions.points(X, batch.U, P)
     U1 = np.where(batch.held[None, :, None], batch.U[:-1], batch.U[1:])
     W1 = np.where(batch.held[None, :, None], W[:-1], W[1:])
     after = functions.step(X[:-1], batch.U[:-1], U1, P, W[:-1], W1, batch.dt)

@@ -1,0 +1,143 @@
+"""The main job: what does the simulation get wrong, which cause is it, and what does the extended model gain?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+from casid.diagnosis import kinematics
+from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.flight import Flight, prepare
+from casid.diagnosis.held_out import judge_on, split
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematics import Turbulence
+from casid.diagnosis.missing_input import missing_inputs
+from casid.diagnosis.naming import name_causes
+from casid.diagnosis.result import Diagnosis, View
+from casid.diagnosis.screening import Candidate, screen
+from casid.diagnosis.statistics import channel_fits, free_simulation
+from casid.diagnosis.verdict import causes_of, extended_aircraft, smallest_detectable, still_missing, verdict_of
+from casid.model.aircraft import Aircraft
+from casid.model.effects import catalogue, effect_of
+from casid.records.record import Record
+
+
+class Stages:
+    """Wall time per stage, and a word to the user at the beginning of each."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._name, self._since = "", time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str) -> None:
+        self.end()
+        self._name, self._since = name, time.perf_counter()
+        self._report(name)
+
+    def end(self) -> None:
+        if self._name:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
+        self._name = ""
+
+
+def diagnose(
+    aircraft: Aircraft,
+    records: Sequence[Record],
+    hold_out: Sequence[Record] = (),
+    report: Callable[[str], None] = lambda stage: None,
+) -> Diagnosis:
+    """Diagnose an aircraft file on flight records.
+
+    hold_out  records that are never fitted; when none is given one record, or the last third of a single one, is held
+    back. report  is called with the name of every stage. Raises InputError for records that cannot feed the model.
+    """
+    stages = Stages(report)
+    stages.begin("reading the records")
+    fitted, held = split(records, hold_out)
+    flight = prepare(aircraft, fitted)
+    known = attached_effects(flight)
+    stages.begin("kinematics")
+    kinematic, instruments, turbulence = _kinematics(flight)
+    coloured = kinematics.gusts(flight, turbulence.sigma) if turbulence.named else {}
+    stages.begin("baseline fit")
+    calm = fit(flight, known, flight.noise())
+    noise = flight.noise(coloured)
+    start = fit(flight, known, noise, calm) if coloured else calm
+    baseline = weigh(start)
+    stages.begin("missing inputs")
+    missing_before = missing_inputs(weigh(calm) if coloured else baseline)
+    stages.begin("naming")
+    naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)
+    final = naming.evidence.fit
+    stages.begin("missing inputs")
+    missing_after = missing_inputs(naming.evidence) if final is not calm else missing_before
+    stages.begin("held-out records")
+    steps = [calm, *([start] if coloured else []), *(r.trials[0].fit for r in naming.rounds if r.named)]
+    on_held = [judge_on(flight, held, step) for step in steps]
+    gains = _held_gains(on_held)
+    stages.begin("verdict")
+    causes, minor = causes_of(naming, turbulence, gains if coloured else [None, *gains])
+    verdict, sentence = verdict_of(causes, minor, still_missing(final, missing_after), final)
+    candidates = naming.rounds[0].candidates
+    views = [_view(one) for one in (calm, final, on_held[0], on_held[-1])]
+    extended = extended_aircraft(flight.aircraft, final, causes)
+    stages.end()
+    return Diagnosis(
+        verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
+        ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
+        held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(missing_before),
+        missing_after=tuple(missing_after), kinematic=tuple(instruments), turbulence=turbulence,
+        detectable=smallest_detectable(candidates), seconds=stages.seconds,
+    )  # fmt: skip
+
+
+def attached_effects(flight: Flight) -> list[Attached]:
+    """The effects that the aircraft file already has, to be fitted further."""
+    found = []
+    for value in flight.aircraft.effects:
+        if value.kind == "turbulence":
+            continue
+        onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in flight.names}
+        found.append(
+            Attached(
+                effect=effect_of(value), values={"value": value.value} | dict(value.parameters), onsets=onsets,
+                records=tuple(r for r in value.records if r in flight.names),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbulence]:
+    """Evidence with forces free, its ranking of instrument and air causes, and turbulence."""
+    none = Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
+    if not kinematics.available(flight):
+        return None, [], none
+    calm = kinematics.reconstruct(flight)
+    evidence = weigh(calm, discrepancy=False)
+    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kind in kinematics.KINDS]
+    ranked = screen(evidence, effects)
+    lasting = next((c for c in ranked if not c.attached.effect.timed), None)
+    turbulent = kinematics.turbulence(flight, calm)
+    if turbulent.named and lasting is not None and lasting.net > 0.5 * turbulent.gain:
+        # an instrument fault looks like moving air until it is in the model
+        repaired = kinematics.reconstruct(flight, [lasting.attached], 0.0, calm)
+        turbulent = kinematics.turbulence(flight, repaired)
+    return evidence, ranked, turbulent
+
+
+def _view(fitted: Fit) -> View:
+    simulated = free_simulation(fitted)
+    return View(fit=fitted, simulated=simulated, channels=channel_fits(fitted, simulated))
+
+
+def _held_gains(on_held: Sequence[Fit]) -> list[float | None]:
+    """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat."""
+    gains: list[float | None] = []
+    for before, after in pairwise(on_held):
+        new = {a.name for a in after.attached} - {a.name for a in before.attached}
+        gain = 0.5 * (before.data_deviance - after.data_deviance) / int(after.linear.seen.sum())
+        gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
+    return gains

@@ -1,0 +1,153 @@
+"""A fit with small structural errors of its aerodynamics marginalised: what screening and naming judge by.
+
+No linear aircraft model is exact. Every low-order term that symmetry allows and the model lacks may be present with a
+prior 1-sigma of `SMALL` of the variation of its coefficient. What such small terms can explain is no evidence for any
+other cause; a term well beyond its prior still shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from casid.diagnosis.fit import Fit
+from casid.estimation.innovations import inject
+from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
+from casid.model.terms import parse_term
+
+SMALL = 0.01
+_LONGITUDINAL = ("alpha", "q", "delta_e")
+_LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evidence:
+    """A fit seen through the nuisance of small terms.
+
+    columns     (N, R, ny, k) whitened sensitivities of the fitted slots and of the small `terms`
+    covariance  (k, k) of their joint posterior; `newton` (k,) posterior mean, zero for converged slots
+    deviance    -2 log marginal likelihood up to a constant of the data: small terms integrated out
+    terms       (coefficient, term) of the small terms, after the slots in `columns`, in units of `factors`
+    """
+
+    fit: Fit
+    columns: np.ndarray
+    covariance: np.ndarray
+    newton: np.ndarray
+    deviance: float
+    terms: tuple[tuple[str, str], ...]
+    factors: np.ndarray
+
+    @property
+    def samples(self) -> int:
+        return int(self.fit.linear.seen.sum())
+
+
+def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
+    """Evidence of a fit; without `discrepancy` the model structure is taken as exact."""
+    terms, series, sigma = _small_terms(fit) if discrepancy else ([], np.zeros((*fit.batch.live.shape, 0)), np.zeros(0))
+    stations = [fit.model.disturbances.index(f"d{coefficient}") for coefficient, _ in terms]
+    columns = fit.columns
+    if terms:
+        columns = np.concatenate([columns, fit.filter.whiten(*inject(fit.linear, stations, series * sigma))], axis=3)
+    k = len(fit.slots)
+    flat = columns.reshape(fit.white.size, columns.shape[3])
+    information = flat.T @ flat
+    information[range(k), range(k)] += fit.prior_weight
+    information[range(k, len(information)), range(k, len(information))] += 1.0
+    gradient = flat.T @ fit.white.reshape(-1)
+    gradient[:k] -= fit.prior_pull
+    scale = 1.0 / np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
+    newton = covariance @ gradient
+    deviance = fit.deviance - float(gradient @ newton)
+    if terms:
+        slots = information[:k, :k]
+        left = (
+            information[k:, k:] - information[k:, :k] @ np.linalg.solve(slots, information[:k, k:])
+            if k
+            else information
+        )
+        deviance += float(np.linalg.slogdet(left)[1])
+    return Evidence(
+        fit=fit,
+        columns=columns,
+        covariance=covariance,
+        newton=newton,
+        deviance=deviance,
+        terms=tuple(terms),
+        factors=sigma,
+    )
+
+
+def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
+    """coefficient -> (N, R) its value along the records, by the fitted derivatives and terms."""
+    values = fit.derivatives
+    series = {c: np.zeros(fit.batch.live.shape) for c in coefficient_names(fit.flight.aircraft.force_axes)}
+    for coefficient, name, term in aerodynamic_parameters(fit.flight.aircraft):
+        if name in values and "dot" not in term:
+            series[coefficient] = series[coefficient] + values[name] * parse_term(term).evaluate(fit.known)
+    return series
+
+
+def variation(fit: Fit) -> dict[str, float]:
+    """Standard deviation of every coefficient along the records."""
+    return {c: float(np.std(s[fit.batch.live])) for c, s in coefficient_series(fit).items()}
+
+
+def unlike_derivatives(fit: Fit, coefficient: str, series: np.ndarray) -> np.ndarray:
+    """(N, R) what is left of a time history of a coefficient after regression on its fitted terms."""
+    live = fit.batch.live
+    present = [
+        np.broadcast_to(parse_term(term).evaluate(fit.known), live.shape)[live]
+        for c, _, term in aerodynamic_parameters(fit.flight.aircraft)
+        if c == coefficient and "dot" not in term
+    ]
+    basis = np.stack([np.ones(int(live.sum())), *present], axis=1)
+    left = np.zeros(live.shape)
+    left[live] = series[live] - basis @ np.linalg.lstsq(basis, series[live], rcond=None)[0]
+    return left
+
+
+def _small_terms(fit: Fit) -> tuple[list[tuple[str, str]], np.ndarray, np.ndarray]:
+    """Terms that symmetry allows, their series (N, R, n) and the factor that makes each `SMALL`."""
+    aircraft = fit.flight.aircraft
+    attached = {(a.effect.target, a.effect.term) for a in fit.attached}
+    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)} | attached
+    size = variation(fit)
+    terms, series, factor = [], [], []
+    for coefficient in coefficient_names(aircraft.force_axes):
+        if f"d{coefficient}" not in _moved(fit):
+            continue
+        for term in _symmetric_terms(coefficient):
+            if (coefficient, term) in present:
+                continue
+            values = np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
+            spread = float(np.std(unlike_derivatives(fit, coefficient, values)[fit.batch.live]))
+            if spread > 1e-12 and size[coefficient] > 0.0:
+                terms.append((coefficient, term))
+                series.append(values)
+                factor.append(SMALL * size[coefficient] / spread)
+    if not terms:
+        return [], np.zeros((*fit.batch.live.shape, 0)), np.zeros(0)
+    return terms, np.stack(series, axis=2), np.array(factor)
+
+
+def _moved(fit: Fit) -> set[str]:
+    letters = {"full": "LDXZYlmn", "longitudinal": "LDXZm", "lateral": "Yln"}[fit.flight.axes]
+    return {f"d{c}" for c in coefficient_names(fit.flight.aircraft.force_axes) if c[1] in letters}
+
+
+def _symmetric_terms(coefficient: str) -> list[str]:
+    """Second order, and third order in one variable, as left-right symmetry of the aircraft allows; the linear terms of
+    the own plane. Longitudinal coefficients are even, lateral ones odd in the lateral variables."""
+    lateral = coefficient == "CY" or (coefficient in MOMENTS and coefficient != "Cm")
+    own = _LATERAL if lateral else _LONGITUDINAL
+    products = [(a, b) for a in _LONGITUDINAL for b in _LATERAL] if lateral else []
+    if not lateral:
+        for group in (_LONGITUDINAL, _LATERAL):
+            products += list(combinations_with_replacement(group, 2))
+    cubes = [(v, v, v) for v in own] + [("alpha", "alpha", v) for v in own if lateral]
+    return [parse_term("*".join(factors)).name for factors in [(v,) for v in own] + products + cubes]

@@ -1,0 +1,88 @@
+"""Judge fitted models on records that no fit has seen: only initial states, and onsets of events, are found anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from casid.diagnosis.evidence import weigh
+from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.flight import Flight
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.screening import Screen, fingerprints
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+
+_RECURRING = ("effectiveness_change", "configuration_change")
+
+
+def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """(records to fit, records held back). Without `hold_out` the last record is held back, or of a single one its last
+    third. Raises InputError when two records share a name."""
+    if not records:
+        raise InputError("no record to diagnose")
+    names = [r.name for r in (*records, *hold_out)]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise InputError(f"two records are named '{twice[0]}'; names must differ")
+    if hold_out:
+        return list(records), list(hold_out)
+    if len(records) > 1:
+        return list(records[:-1]), [records[-1]]
+    only = records[0]
+    cut = only.t[0] + 2.0 / 3.0 * only.duration
+    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, last third")]
+
+
+def with_fitted(aircraft: Aircraft, fitted: Fit) -> Aircraft:
+    """The aircraft with the derivatives and terms of a fit."""
+    values = fitted.derivatives
+    terms = {
+        c: {t: values.get(f"{c}_{t}", v) for t, v in table.items()} for c, table in aircraft.terms.items()
+    }  # fmt: skip
+    derivatives = {name: value for name, value in values.items() if name in aircraft.derivatives}
+    return aircraft.with_derivatives(derivatives).with_terms(terms)
+
+
+def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
+    """The fitted model on other records, derivatives and effects fixed."""
+    held = flight.with_records(with_fitted(flight.aircraft, fitted), records)
+    steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
+    base = fit(held, steady, fitted.noise, fixed=True, iterations=6, tolerance=1.0)
+    for one in fitted.attached:
+        if one.records:
+            without = [a for a in base.attached if a.name != one.name]
+            other = fit(held, without, fitted.noise, base, fixed=True, iterations=4, tolerance=1.0)
+            base = other if other.deviance < base.deviance else base
+    for one in fitted.attached:
+        if one.effect.timed and one.effect.kind in _RECURRING:
+            moved = replace(one, onsets=_onsets(base, one))
+            other = fit(held, [*base.attached, moved], fitted.noise, base, fixed=True, iterations=4, tolerance=1.0)
+            base = other if other.deviance < base.deviance else base
+    return base
+
+
+def _everywhere(one: Attached) -> Attached:
+    return replace(one, records=())
+
+
+def _onsets(base: Fit, one: Attached) -> dict[str, float]:
+    """Where the event, at its known size, helps most in each record; a record that it does not help is left out."""
+    judge, found = Screen(weigh(base, discrepancy=False)), {}
+    size = one.values["value"]
+    further = {k: v for k, v in one.values.items() if k != "value"}
+    effect = replace(one.effect, grid=({**further, "value": size},))
+    prints = fingerprints(judge.evidence, [effect])
+    for r, record in enumerate(base.flight.records):
+        keep = np.zeros((1, len(base.flight.records)))
+        keep[0, r] = 1.0
+        drops = []
+        for one_print in prints:
+            left, match, _ = judge.projected([one_print], keep)
+            drops.append(2.0 * match - left)
+        if max(drops) > 2.0 * np.log(len(prints)):
+            found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
+    return found

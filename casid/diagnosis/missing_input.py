@@ -1,0 +1,106 @@
+"""Something is missing, and it enters here: an anonymous Gaussian-process input at each station of the signal path.
+
+For every coefficient and every axis of moving air, an unknown time history with covariance s^2 exp(-|t|/tau) on a grid
+of nodes is added to the fitted model. Its exact marginal-likelihood gain (fitted slots eliminated, s and tau maximised)
+says where something is missing before a cause is named, and whether something still is afterwards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from casid.diagnosis.evidence import Evidence
+from casid.diagnosis.fit import Fit
+from casid.estimation.innovations import inject
+from casid.model.path import coefficient_names
+
+_SPACING = 0.4  # s between nodes
+_TIMES = (0.4, 1.5, 6.0)  # s
+_RATIOS = np.logspace(-3.0, 6.0, 46)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MissingInput:
+    """What an unknown input at `station` could gain, 2 ln L; `history` record -> (nodes t, estimate, 1-sigma)."""
+
+    station: str
+    gain: float
+    size: float
+    time_constant: float
+    history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def stations(fit: Fit) -> list[str]:
+    """Coefficients and wind axes that the axes of the flight know."""
+    moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
+    winds = [f"wind_{axis}" for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
+    letters = {"full": "LDXZYlmn", "longitudinal": "LDXZm", "lateral": "Yln"}[fit.flight.axes]
+    return [f"d{c}" for c in coefficient_names(fit.flight.aircraft.force_axes) if c[1] in letters] + winds
+
+
+def missing_inputs(evidence: Evidence) -> list[MissingInput]:
+    """All stations, by gain, largest first."""
+    found = [_one_station(evidence, station) for station in stations(evidence.fit)]
+    return sorted(found, key=lambda m: -m.gain)
+
+
+def _hats(t: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    return np.maximum(0.0, 1.0 - np.abs(t[..., None] - nodes) / _SPACING)
+
+
+def _one_station(evidence: Evidence, station: str) -> MissingInput:
+    fit = evidence.fit
+    names, R, k = fit.batch.names, len(fit.batch.names), evidence.columns.shape[3]
+    index = fit.model.disturbances.index(station)
+    longest = max(record.duration for record in fit.flight.records)
+    nodes = np.arange(0.0, longest + _SPACING, _SPACING)
+    n = len(nodes)
+    since = fit.batch.t - fit.batch.t[0]
+    series = np.where(fit.batch.live[..., None], _hats(since, nodes), 0.0)
+    white = fit.filter.whiten(*inject(fit.linear, [index] * n, series))
+    gram, cross, match = np.zeros((R * n, R * n)), np.zeros((k, R * n)), np.zeros(R * n)
+    for r in range(R):
+        own = slice(r * n, (r + 1) * n)
+        w = white[:, r].reshape(-1, n)
+        gram[own, own] = w.T @ w
+        cross[:, own] = evidence.columns[:, r].reshape(len(w), k).T @ w
+        match[own] = w.T @ fit.white[:, r].reshape(-1)
+    match -= cross.T @ evidence.newton
+    gram -= cross.T @ evidence.covariance @ cross
+    best = (0.0, _TIMES[0], 0.0)
+    for tau in _TIMES:
+        root = _prior_root(nodes, tau, R)
+        values, vectors = np.linalg.eigh(root.T @ gram @ root)
+        values = np.maximum(values, 0.0)
+        power = (vectors.T @ (root.T @ match)) ** 2
+        for variance in _RATIOS / max(values[-1], 1e-300):
+            gain = float(np.sum(variance * power / (1 + variance * values)) - np.sum(np.log1p(variance * values)))
+            if gain > best[0]:
+                best = (gain, tau, variance)
+    gain, tau, variance = best
+    history = _history(gram, match, nodes, tau, variance, R)
+    first = fit.batch.t[0]
+    return MissingInput(
+        station=station, gain=gain, size=float(np.sqrt(variance)), time_constant=tau,
+        history={name: (nodes + first[r], *history[r]) for r, name in enumerate(names)},
+    )  # fmt: skip
+
+
+def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:
+    covariance = np.exp(-np.abs(nodes[:, None] - nodes) / tau) + 1e-9 * np.eye(len(nodes))
+    return np.kron(np.eye(records), np.linalg.cholesky(covariance))
+
+
+def _history(
+    gram: np.ndarray, match: np.ndarray, nodes: np.ndarray, tau: float, variance: float, records: int
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Posterior mean and 1-sigma of the unknown input at the nodes, per record."""
+    n = len(nodes)
+    if variance <= 0.0:
+        return [(np.zeros(n), np.zeros(n)) for _ in range(records)]
+    root = np.sqrt(variance) * _prior_root(nodes, tau, records)
+    posterior = root @ np.linalg.inv(np.eye(records * n) + root.T @ gram @ root) @ root.T
+    mean, sigma = posterior @ match, np.sqrt(np.diag(posterior))
+    return [(mean[r * n : (r + 1) * n], sigma[r * n : (r + 1) * n]) for r in range(records)]

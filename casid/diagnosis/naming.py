@@ -1,0 +1,226 @@
+"""Name causes one after the other: screen, fit the best few, keep what gains enough, look again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.events import configuration_changes, refine_onsets, weak_members
+from casid.diagnosis.evidence import Evidence, coefficient_series, unlike_derivatives, variation, weigh
+from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.hypothesis import Attached, disturbance_series
+from casid.diagnosis.kinematics import KINDS as KINEMATIC_KINDS
+from casid.diagnosis.result import Round, Trial
+from casid.diagnosis.screening import Candidate, Screen, fingerprints, screen
+from casid.estimation.innovations import NoiseModel
+from casid.model.effects import Effect, configuration_change
+from casid.model.terms import parse_term
+
+GAIN = 100.0  # net drop of the deviance that a named cause must reach on top of its price
+KINEMATIC_GAIN = 50.0
+SHARE = 0.03  # of the variation of a coefficient: smaller is real but minor
+_REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
+_EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
+_LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
+_TRIALS, _ROUNDS = 5, 4
+_WIDE = 0.1  # a trial this part of the leader's gain behind it is not fitted to the end
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Naming:
+    """Where the naming stands: the current model's evidence, the rounds so far, onset intervals by cause name."""
+
+    evidence: Evidence
+    rounds: tuple[Round, ...]
+    intervals: dict[str, dict[str, tuple[float, float]]]
+
+
+def name_causes(
+    baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel,
+    report: Callable[[str], None],
+) -> Naming:  # fmt: skip
+    """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters."""
+    state = Naming(evidence=baseline, rounds=(), intervals={})
+    for number in range(1, _ROUNDS + 1):
+        report(f"naming, round {number}")
+        done = _one_round(state, catalogue, kinematic, noise)
+        state = done
+        if not state.rounds[-1].named:
+            break
+    return state
+
+
+def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel) -> Naming:
+    attached = state.evidence.fit.attached
+    taken = {a.effect.key for a in attached}
+    candidates = screen(state.evidence, [e for e in catalogue if e.key not in taken])
+    if not any(a.effect.kind == "configuration_change" for a in attached):
+        candidates = sorted([*candidates, *configuration_changes(state.evidence)], key=lambda c: -c.net)
+    intervals = dict(state.intervals)
+    trials = []
+    give_up = np.inf
+    for candidate in _to_try(candidates):
+        trial, interval = _try(state.evidence, candidate, kinematic, noise, give_up)
+        trials.append(trial)
+        if not trial.refuted:
+            give_up = min(give_up, trial.fit.deviance + _WIDE * abs(trial.gain))
+        if interval:
+            intervals[trial.candidate.name] = interval
+    trials.sort(key=lambda t: (t.refuted or not t.meaningful, -t.net))
+    best = trials[0] if trials else None
+    named = best is not None and best.net > GAIN and best.meaningful and not best.refuted
+    equivalents = _equivalents(best, trials) if named and best is not None else ()
+    this = Round(candidates=tuple(candidates), trials=tuple(trials), equivalents=equivalents, named=named)
+    evidence = weigh(best.fit) if named and best is not None else state.evidence
+    return Naming(evidence=evidence, rounds=(*state.rounds, this), intervals=intervals)
+
+
+def _to_try(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The best few, no more than two terms of one coefficient, and only what could reach the gain at all."""
+    chosen: list[Candidate] = []
+    per_coefficient: dict[str, int] = {}
+    for candidate in candidates:
+        effect = candidate.attached.effect
+        if candidate.net < 0.3 * GAIN or len(chosen) == _TRIALS:
+            break
+        if effect.kind == "aero_term":
+            count = per_coefficient.get(effect.target, 0)
+            if count >= 2:
+                continue
+            per_coefficient[effect.target] = count + 1
+        chosen.append(candidate)
+    return chosen
+
+
+def _try(
+    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, noise: NoiseModel, give_up: float
+) -> tuple[Trial, dict[str, tuple[float, float]]]:
+    base, attached = evidence.fit, candidate.attached
+    interval: dict[str, tuple[float, float]] = {}
+    if attached.effect.timed:
+        attached, interval = refine_onsets(evidence, attached)
+    fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+    if attached.effect.kind == "configuration_change":
+        fitted, attached = _without_weak(base, fitted, noise)
+    one = fitted.attached[-1]
+    gain = evidence.deviance - weigh(fitted).deviance
+    share = meaningful_share(fitted, one)
+    plausible = abs(one.values["value"]) <= one.effect.limit and share <= _LARGEST_SHARE / SHARE
+    return Trial(
+        candidate=replace(candidate, attached=one), fit=fitted, gain=gain,
+        net=gain - (candidate.statistic - candidate.net), meaningful=share >= 1.0 and plausible, share=share,
+        refuted=kinematic is not None and _refuted(kinematic, one),
+    ), interval  # fmt: skip
+
+
+def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> tuple[Fit, Attached]:
+    """A configuration change fitted again without the coefficients that do not take part."""
+    one = fitted.attached[-1]
+    weak = weak_members(fitted, one)
+    names = [c for c in one.effect.target.split("+") if c not in weak]
+    if not weak or not names:
+        return fitted, one
+    first = one.effect.target.split("+")[0]
+    sizes = {c: one.values["value" if c == first else c] for c in names}
+    values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
+    slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
+    again = fit(base.flight, [*base.attached, slim], noise, fitted, iterations=6, tolerance=3.0)
+    return again, again.attached[-1]
+
+
+def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    reach = max(_EQUIVALENT[0], _EQUIVALENT[1] * best.gain)
+    return tuple(t for t in trials if t is not best and not t.refuted and t.meaningful and best.net - t.net < reach)
+
+
+def meaningful_share(fitted: Fit, one: Attached) -> float:
+    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
+    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it."""
+    effect, value = one.effect, one.values["value"]
+    if effect.kind in ("mass", "inertia"):
+        inertia = fitted.flight.aircraft.inertia
+        whole = fitted.flight.aircraft.mass if effect.kind == "mass" else getattr(
+            inertia, "Ixx" if effect.target == "Ixz" else effect.target
+        )  # fmt: skip
+        return abs(value) / (SHARE * whole)
+    if effect.kind == "structural_mode":
+        i = fitted.model.outputs.index(effect.target)
+        measured = fitted.batch.Z[..., i]
+        return abs(value) * 0.05 / (SHARE * float(np.nanstd(measured)))
+    if effect.meaningful is not None:
+        return abs(value) / effect.meaningful if effect.meaningful > 0 else 1.0
+    return _coefficient_share(fitted, one) / SHARE
+
+
+def _coefficient_share(fitted: Fit, one: Attached) -> float:
+    """r.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
+    size, live = variation(fitted), fitted.batch.live
+    if one.effect.kind == "configuration_change":
+        names = one.effect.target.split("+")
+        W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
+        shares = []
+        for name in names:
+            series = W[..., fitted.model.disturbances.index(f"d{name}")]
+            shares.append(float(np.std(series[live])) / max(size[name], 1e-12))
+        return max(shares)
+    if one.effect.kind == "unsteady_aero":
+        return _unsteady_share(fitted, one, size)
+    term = one.effect.term or "0"
+    series = one.values["value"] * np.broadcast_to(_term_series(fitted, term), live.shape)
+    left = unlike_derivatives(fitted, one.effect.target, series)
+    return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
+
+
+def _unsteady_share(fitted: Fit, one: Attached, size: dict[str, float]) -> float:
+    lateral = one.effect.target in ("CY", "Cl", "Cn")
+    angle = "beta" if lateral else "alpha"
+    aircraft = fitted.flight.aircraft
+    length = aircraft.rate_length_lateral if lateral else aircraft.rate_length_pitch
+    V = fitted.linear.output[..., fitted.model.outputs.index("V")] if "V" in fitted.model.outputs else 100.0
+    rate = np.gradient(fitted.known[angle], axis=0) / fitted.batch.dt.mean() * length / V
+    left = unlike_derivatives(fitted, one.effect.target, one.values["value"] * rate)
+    return float(np.std(left[fitted.batch.live])) / max(size[one.effect.target], 1e-12)
+
+
+def _term_series(fitted: Fit, term: str) -> np.ndarray:
+    return parse_term(term).evaluate(fitted.known)
+
+
+def _refuted(kinematic: Evidence, one: Attached) -> bool:
+    """Whether kinematics, which know no aerodynamics, contradict an instrument or air cause of this size."""
+    predicted, achieved = kinematic_check(kinematic, one)
+    return predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted
+
+
+def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:
+    """(predicted, achieved) drop of the kinematic deviance by a cause of the size found in the full model."""
+    effect = one.effect
+    if effect.kind not in KINEMATIC_KINDS or effect.kind == "turbulence":
+        return 0.0, 0.0
+    further = dict(one.values) if not effect.linear else {k: v for k, v in one.values.items() if k != "value"}
+    size = one.values["value"] if effect.linear else 1.0
+    judge, names = Screen(kinematic), list(kinematic.fit.batch.names)
+    whole = replace(effect, grid=(further,))
+    if effect.timed:
+        parts, keep = [], []
+        for record, onset in one.onsets.items():
+            r = names.index(record)
+            parts += fingerprints(kinematic, [whole], np.array([onset - kinematic.fit.flight.records[r].t[0]]))
+            keep.append(np.eye(len(names))[r])
+        weights = np.array(keep)
+    else:
+        parts = fingerprints(kinematic, [whole])
+        weights = np.array([[float(one.concerns(name)) for name in names]])
+    left, match, _ = judge.projected(parts, weights)
+    return size**2 * left, 2.0 * size * match - size**2 * left
+
+
+def missing_share(fit_: Fit, station: str, history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
+    """r.m.s. of a missing coefficient over the variation of that coefficient; for wind, over 1 m/s."""
+    values = np.concatenate([mean for _, mean, _ in history.values()])
+    if station.startswith("wind"):
+        return float(np.std(values))
+    series = coefficient_series(fit_)[station[1:]]
+    return float(np.std(values)) / max(float(np.std(series[fit_.batch.live])), 1e-12)

@@ -1,0 +1,218 @@
+"""What a diagnosis found, as data: the contents of diagnosis.json, and the evidence behind it for the report."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.kinematics import Turbulence
+from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.screening import Candidate
+from casid.diagnosis.statistics import ChannelFit, Simulated
+from casid.model.aircraft import Aircraft
+
+SCHEMA = "casid.diagnosis/1"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cause:
+    """A named cause, or one that is real but minor.
+
+    statistic      drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters
+    held_out_gain  log likelihood per sample gained on records never used; None for an event, which does not recur
+    onset_s        record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in
+    share          its part of the variation of the coefficient it adds to, or of its smallest size that matters
+    """
+
+    kind: str
+    target: str
+    term: str | None
+    value: float
+    std: float
+    unit: str
+    records: tuple[str, ...]
+    onset_s: Mapping[str, tuple[float, float]] | None
+    statistic: float
+    dof: int
+    p_value: float
+    held_out_gain: float | None
+    indistinguishable_from: tuple[Mapping[str, Any], ...]
+    sentence: str
+    parameters: Mapping[str, float]
+    meaningful: bool
+    share: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trial:
+    """A cause that was fitted: its gain on the fitted records, less its price, and on the held-out ones."""
+
+    candidate: Candidate
+    fit: Fit
+    gain: float
+    net: float
+    meaningful: bool
+    share: float
+    refuted: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Round:
+    """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, and which
+    trials cannot be told from the winner."""
+
+    candidates: tuple[Candidate, ...]
+    trials: tuple[Trial, ...]
+    equivalents: tuple[Trial, ...]
+    named: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View:
+    """A fitted model and how it explains a set of records."""
+
+    fit: Fit
+    simulated: Simulated
+    channels: Mapping[str, ChannelFit]
+
+    @property
+    def log_likelihood(self) -> float:
+        """ln L of the innovations, with its constant."""
+        samples = int(self.fit.linear.seen.sum())
+        return -0.5 * (self.fit.data_deviance + samples * math.log(2.0 * math.pi))
+
+    @property
+    def samples(self) -> int:
+        return int(self.fit.linear.seen.sum())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Diagnosis:
+    """The verdict and everything it rests on.
+
+    baseline, extended            on the records that were fitted; `held_out_*` on records never used
+    missing_before, missing_after anonymous inputs: where something is missing, before and after naming
+    kinematic                     instrument and air causes scored with forces left free, empty when not available
+    detectable                    cause name -> smallest size that these records would show
+    seconds                       wall time per stage
+    """
+
+    verdict: str
+    sentence: str
+    aircraft: Aircraft
+    extended_aircraft: Aircraft
+    causes: tuple[Cause, ...]
+    minor: tuple[Cause, ...]
+    ranking: tuple[Candidate, ...]
+    rounds: tuple[Round, ...]
+    baseline: View
+    extended: View
+    held_out_baseline: View | None
+    held_out_extended: View | None
+    missing_before: tuple[MissingInput, ...]
+    missing_after: tuple[MissingInput, ...]
+    kinematic: tuple[Candidate, ...]
+    turbulence: Turbulence
+    detectable: Mapping[str, float]
+    seconds: Mapping[str, float]
+
+    @property
+    def bic(self) -> float:
+        """Change of the Bayesian information criterion by the named causes; negative is better."""
+        parameters = sum(cause.dof for cause in self.causes)
+        return self.extended.fit.deviance - self.baseline.fit.deviance + parameters * math.log(self.baseline.samples)
+
+    def __str__(self) -> str:
+        lines = [f"verdict: {self.verdict}", self.sentence]
+        lines += [f"  - {cause.sentence} (gain {cause.statistic:.0f})" for cause in self.causes]
+        lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of diagnosis.json."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "causes": [_cause(cause) for cause in self.causes],
+            "minor": [_cause(cause) for cause in self.minor],
+            "ranking": [_rank(candidate) for candidate in self.ranking],
+            "baseline": _view(self.baseline),
+            "extended": _view(self.extended),
+            "gain": {"held_out": self._held_out(), "bic": self.bic},
+            "missing": {
+                "before": {m.station: m.gain for m in self.missing_before},
+                "after": {m.station: m.gain for m in self.missing_after},
+            },
+            "smallest_detectable": dict(self.detectable),
+            "seconds": dict(self.seconds),
+        }
+
+    def _held_out(self) -> dict[str, Any]:
+        before, after = self.held_out_baseline, self.held_out_extended
+        if before is None or after is None:
+            return {"records": [], "rms_ratio": {}, "log_likelihood_per_sample": None}
+        return {
+            "records": list(before.fit.flight.names),
+            "rms_ratio": {o: after.channels[o].rms / c.rms for o, c in before.channels.items() if c.rms > 0},
+            "log_likelihood_per_sample": (after.log_likelihood - before.log_likelihood) / before.samples,
+        }
+
+    def write(self, path: str | Path) -> None:
+        """Write diagnosis.json whole or not at all."""
+        target = Path(path)
+        temporary = target.with_suffix(".tmp")
+        temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
+        temporary.replace(target)
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    return {
+        "kind": cause.kind, "target": cause.target, "term": cause.term, "value": cause.value, "std": cause.std,
+        "unit": cause.unit, "records": list(cause.records),
+        "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
+        "statistic": cause.statistic, "dof": cause.dof, "p_value": cause.p_value,
+        "held_out_gain": cause.held_out_gain,
+        "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
+        "sentence": cause.sentence, "parameters": dict(cause.parameters), "share": cause.share,
+    }  # fmt: skip
+
+
+def _rank(candidate: Candidate) -> dict[str, Any]:
+    effect = candidate.attached.effect
+    return {
+        "kind": effect.kind, "target": effect.target, "term": effect.term, "statistic": candidate.statistic,
+        "p_value": candidate.p_value, "value": candidate.value, "std": candidate.std,
+        "surviving": candidate.surviving,
+    }  # fmt: skip
+
+
+def _view(view: View) -> dict[str, Any]:
+    return {
+        "channels": {
+            name: {"rms": c.rms, "noise": c.noise, "whiteness_p": c.whiteness_p, "theil": c.theil, "R2": c.R2}
+            for name, c in view.channels.items()
+        },
+        "log_likelihood": view.log_likelihood,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and containers that JSON knows; a number that is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (bool, str)) or value is None:
+        return value
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    number = float(value)
+    return number if math.isfinite(number) else None

@@ -1,0 +1,119 @@
+"""How well a fitted model explains each channel: residual, whiteness, Theil, R2, spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy import signal, stats
+
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.hypothesis import readings
+
+_LAGS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFit:
+    """One channel over all records.
+
+    rms          of measured minus simulated, the simulation running freely from each record's fitted initial state
+    noise        1-sigma of the instrument, from the band above the motion
+    whiteness_p  Ljung-Box p-value of the innovations; small: something systematic is left
+    theil        inequality coefficient of measured and simulated, 0 perfect, 1 useless
+    R2           share of the channel's variance that the simulation explains
+    """
+
+    rms: float
+    noise: float
+    whiteness_p: float
+    theil: float
+    R2: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Simulated:
+    """Free simulation of a fit: `output` (N, R, ny), `residual` measured minus simulated with NaN where not seen."""
+
+    output: np.ndarray
+    residual: np.ndarray
+
+
+def free_simulation(fit: Fit) -> Simulated:
+    """Fly every record from its fitted initial state, open loop on the recorded inputs."""
+    model, batch = fit.model, fit.batch
+    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+    x = model.x
+    u0, u1, w0, w1 = (
+        ca.SX.sym(n, s.shape[0]) for n, s in (("a", model.u), ("b", model.u), ("c", model.w), ("d", model.w))
+    )
+    dt, p = ca.SX.sym("dt"), model.p
+    um, wm = (u0 + u1) / 2, (w0 + w1) / 2
+    k1 = f(x, u0, p, w0)
+    k2 = f(x + dt / 2 * k1, um, p, wm)
+    k3 = f(x + dt / 2 * k2, um, p, wm)
+    k4 = f(x + dt * k3, u1, p, w1)
+    step = ca.Function("step", [x, u0, u1, w0, w1, dt, p], [x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+    N, R = batch.live.shape
+    chain = step.mapaccum("chain", N - 1)
+    X = np.empty((N, R, len(model.states)))
+    for r in range(R):
+        U, W = batch.U[:, r], fit.disturbances[:, r]
+        U1, W1 = (U[:-1], W[:-1]) if batch.held[r] else (U[1:], W[1:])
+        P = np.tile(fit.parameters[r][:, None], (1, N - 1))
+        states = chain(fit.linear.X[0, r], U[:-1].T, U1.T, W[:-1].T, W1.T, batch.dt[:, r][None], P)
+        X[:, r] = np.vstack([fit.linear.X[0, r][None], states.full().T])
+    output = fit.output_along(X)
+    output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
+    seen = np.isfinite(batch.Z) & batch.live[..., None]
+    return Simulated(output=output, residual=np.where(seen, batch.Z - output, np.nan))
+
+
+def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
+    """Statistics of every output over all records."""
+    table = {}
+    for i, name in enumerate(fit.model.outputs):
+        error, measured = simulated.residual[..., i], np.where(fit.linear.seen[..., i], fit.batch.Z[..., i], np.nan)
+        predicted = measured - error
+        rms = _rms(error)
+        table[name] = ChannelFit(
+            rms=rms, noise=fit.noise.measurement[name], whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i]),
+            theil=rms / (_rms(measured) + _rms(predicted)), R2=1.0 - rms**2 / float(np.nanvar(measured)),
+        )  # fmt: skip
+    return table
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def whiteness(white: np.ndarray, seen: np.ndarray) -> float:
+    """Ljung-Box p-value over `_LAGS` lags, pooled over the columns (records) of a channel (N, R)."""
+    statistic, dof = 0.0, 0
+    for r in range(white.shape[1]):
+        e = white[seen[:, r], r]
+        n = len(e)
+        if n <= 2 * _LAGS:
+            continue
+        e = e - e.mean()
+        correlation = np.array([e[k:] @ e[: n - k] for k in range(1, _LAGS + 1)]) / (e @ e)
+        statistic += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
+        dof += _LAGS
+    return float(stats.chi2.sf(statistic, dof)) if dof else 1.0
+
+
+def band_energy(fit: Fit, simulated: Simulated, edges_hz: np.ndarray) -> np.ndarray:
+    """(ny, bands) energy of the free-simulation residual over that of the instrument's noise, per frequency band."""
+    ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
+    for i, name in enumerate(fit.model.outputs):
+        total = np.zeros(len(edges_hz) - 1)
+        for r, record in enumerate(fit.flight.records):
+            error = np.nan_to_num(simulated.residual[: len(record), r, i])
+            frequency, power = signal.periodogram(error, 1.0 / record.dt, detrend=False)
+            floor = 2.0 * fit.noise.measurement[name] ** 2 * record.dt
+            for b, (low, high) in enumerate(zip(edges_hz[:-1], edges_hz[1:], strict=True)):
+                inside = (frequency >= low) & (frequency < high)
+                total[b] += power[inside].mean() / floor if inside.any() else 0.0
+        ratio[i] = total / len(fit.flight.records)
+    return ratio

@@ -1,0 +1,188 @@
+"""From naming to a verdict: causes in words, what is minor, what stays unexplained, and the extended aircraft file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from casid.diagnosis.evidence import Evidence, unlike_derivatives, variation
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.held_out import with_fitted
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematics import Turbulence
+from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.naming import GAIN, SHARE, Naming, missing_share
+from casid.diagnosis.result import Cause, Trial
+from casid.diagnosis.screening import Candidate
+from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.effects import turbulence as turbulence_effect
+from casid.model.terms import parse_term
+from casid.model.vocabulary import effect_sentence, effect_unit
+
+MISSING_GAIN, MISSING_SHARE = 150.0, 0.05
+_DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
+_SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
+_STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
+
+
+def causes_of(
+    naming: Naming, turbulence: Turbulence, held_gains: Sequence[float | None]
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """(causes, minor), strongest first. `held_gains`: log likelihood per held-out sample of turbulence and then of
+    every named round. A cause that lasts but loses on the held-out records is not confirmed, and stands under minor."""
+    named = [r for r in naming.rounds if r.named]
+    causes = [_turbulence(turbulence, held_gains[0])] if turbulence.named else []
+    final = naming.evidence.fit
+    for round_, held in zip(named, held_gains[1:], strict=True):
+        causes.append(_cause(round_.trials[0], final, naming, round_.equivalents, held))
+    unconfirmed = [c for c in causes if c.held_out_gain is not None and c.held_out_gain < 0.0]
+    minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in unconfirmed]
+    seen = {(c.kind, c.target, c.term) for c in causes}
+    for round_ in naming.rounds[-1:]:
+        for trial in round_.trials:
+            effect = trial.candidate.attached.effect
+            if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in seen:
+                minor.append(_cause(trial, trial.fit, naming, (), None))
+    minor += _small_terms(naming.evidence, {(m.target, m.term) for m in minor})
+    kept = [c for c in causes if c not in unconfirmed]
+    return tuple(sorted(kept, key=lambda c: -c.statistic)), tuple(minor)
+
+
+def _cause(trial: Trial, fit: Fit, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
+    one = next(a for a in fit.attached if a.name == trial.candidate.name)
+    effect, value = one.effect, float(one.values["value"])
+    dof = len(one.values)
+    return Cause(
+        kind=effect.kind, target=effect.target, term=effect.term, value=value, std=fit.std(one.name), unit=effect.unit,
+        records=tuple(one.onsets) if effect.timed else one.records or fit.batch.names,
+        onset_s=naming.intervals.get(one.name) if effect.timed else None,
+        statistic=trial.gain, dof=dof, p_value=float(stats.chi2.sf(max(trial.gain, 0.0), dof)), held_out_gain=held,
+        indistinguishable_from=tuple(_named(t) for t in equivalents),
+        sentence=_sentence(one, value, len(fit.batch.names)),
+        parameters={k: float(v) for k, v in one.values.items() if k != "value"},
+        meaningful=trial.meaningful, share=trial.share,
+    )  # fmt: skip
+
+
+def _named(trial: Trial) -> Mapping[str, object]:
+    effect = trial.candidate.attached.effect
+    return {
+        "kind": effect.kind, "target": effect.target, "term": effect.term,
+        "value": float(trial.candidate.attached.values["value"]), "unit": effect.unit, "gain": trial.gain,
+    }  # fmt: skip
+
+
+def _sentence(one: Attached, value: float, records: int) -> str:
+    effect = one.effect
+    text = effect_sentence(effect.kind, effect.target, effect.term, value)
+    if effect.timed:
+        return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
+    if one.records and len(one.records) < records:
+        return text[:-1] + f", in {', '.join(one.records)} only."
+    return text
+
+
+def _turbulence(turbulence: Turbulence, held: float | None) -> Cause:
+    effect = turbulence_effect("")
+    return Cause(
+        kind="turbulence", target="", term=None, value=turbulence.sigma, std=turbulence.std, unit=effect.unit,
+        records=turbulence.records, onset_s=None, statistic=turbulence.gain, dof=1,
+        p_value=float(0.5 * stats.chi2.sf(turbulence.gain, 1)), held_out_gain=held, indistinguishable_from=(),
+        sentence=effect_sentence("turbulence", "", None, turbulence.sigma), parameters={}, meaningful=True,
+        share=turbulence.sigma / (effect.meaningful or 1.0),
+    )  # fmt: skip
+
+
+def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
+    """Terms that the data want clearly but that are too small to matter, from the marginalised posterior."""
+    fit, k, size = evidence.fit, len(evidence.fit.slots), variation(evidence.fit)
+    found = []
+    for i, (coefficient, term) in enumerate(evidence.terms):
+        mean, std = float(evidence.newton[k + i]), float(np.sqrt(evidence.covariance[k + i, k + i]))
+        if abs(mean) < _SIGNIFICANT * std or (coefficient, term) in known:
+            continue
+        factor = evidence.factors[i]
+        series = np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
+        left = unlike_derivatives(fit, coefficient, mean * factor * series)
+        share = float(np.std(left[fit.batch.live])) / size[coefficient]
+        sentence = effect_sentence("aero_term", coefficient, term, mean * factor)
+        found.append(
+            Cause(
+                kind="aero_term", target=coefficient, term=term, value=mean * factor, std=std * factor,
+                unit=effect_unit("aero_term", coefficient, term), records=fit.batch.names, onset_s=None,
+                statistic=(mean / std) ** 2, dof=1, p_value=float(stats.chi2.sf((mean / std) ** 2, 1)),
+                held_out_gain=None, indistinguishable_from=(), parameters={}, meaningful=False, share=share / SHARE,
+                sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
+            )
+        )  # fmt: skip
+    return sorted(found, key=lambda c: -c.statistic)[:5]
+
+
+def still_missing(fit: Fit, missing: Sequence[MissingInput]) -> list[MissingInput]:
+    """Anonymous inputs that gain and matter still: where something enters that no cause of the catalogue explains."""
+    return [m for m in missing if m.gain > MISSING_GAIN and missing_share(fit, m.station, m.history) > MISSING_SHARE]
+
+
+def verdict_of(
+    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], fit: Fit
+) -> tuple[str, str]:
+    """(verdict, the sentence that opens the report)."""
+    where = f"{_place(unexplained[0].station)} ({_gain(unexplained[0].gain)})" if unexplained else ""
+    if causes:
+        told = " ".join(c.sentence for c in causes)
+        others = [c for c in causes if c.indistinguishable_from]
+        if others:
+            names = " or ".join(_plain(o) for o in others[0].indistinguishable_from)
+            told += f" These data cannot tell it apart from {names}."
+        if unexplained:
+            return "partly explained", f"{told} Something more is missing: it enters at {where}."
+        return "explained", told
+    if unexplained:
+        share = missing_share(fit, unexplained[0].station, unexplained[0].history)
+        size = f"{share:.2g} m/s" if unexplained[0].station.startswith("wind") else f"{100 * share:.0f} % of it"
+        return (
+            "unexplained",
+            f"The simulation misses something that no cause in the catalogue explains; it enters at {where}, {size}.",
+        )
+    remark = " What is real but too small to matter is listed as minor." if minor else ""
+    return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+
+
+def _place(station: str) -> str:
+    return _STATIONS.get(station, station[1:])
+
+
+def _gain(gain: float) -> str:
+    return f"gain {gain:.0f} in 2 ln L"
+
+
+def _plain(other: Mapping[str, object]) -> str:
+    inside = ":".join(str(p) for p in (other["target"], other["term"]) if p)
+    return f"{other['kind']}({inside})" if inside else str(other["kind"])
+
+
+def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause]) -> Aircraft:
+    """The aircraft file with fitted derivatives and the named causes as effects."""
+    before = {(e.kind, e.target, e.term) for e in aircraft.effects}
+    effects = [
+        EffectValue(
+            kind=c.kind, target=c.target, term=c.term, value=c.value, std=c.std,
+            records=c.records if set(c.records) != set(fit.batch.names) else (),
+            onset_s=dict(c.onset_s) if c.onset_s else None, parameters=dict(c.parameters), sentence=c.sentence,
+        )
+        for c in causes
+        if (c.kind, c.target, c.term) not in before
+    ]  # fmt: skip
+    return with_fitted(aircraft, fit).with_effects(effects)
+
+
+def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:
+    """Name -> smallest size that these records would show (5.6 sigma after projection), aerodynamic terms apart."""
+    return {
+        c.name: float(_DETECTABLE * c.std)
+        for c in candidates
+        if c.attached.effect.kind != "aero_term" and c.attached.effect.linear and np.isfinite(c.std)
+    }
