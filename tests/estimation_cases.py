@@ -69,3 +69,13 @@ def flight(
         for channel, sigma in noise.items():
             channels[channel] += sigma * rng.standard_normal(len(t))
     return Record(name=name, t=t, channels=channels, hold=hold)
+
+
+def with_derivatives(record: Record, clean: Record, noise: Mapping[str, float], rng: np.random.Generator) -> Record:
+    """`record` with measured alphadot and qdot: those of the noise-free `clean` flight, and noise."""
+    a, b = matrices(TRUTH)
+    slopes = clean.matrix(["alpha", "q"]) @ a.T + clean["delta_e"][:, None] * b[:, 0]
+    names = ("alphadot", "qdot")
+    return record.with_channels(
+        **{n: slopes[:, i] + noise[n] * rng.standard_normal(len(record)) for i, n in enumerate(names)}
+    )

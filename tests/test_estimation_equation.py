@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from estimation_cases import NOISE, START, TRUTH, exact, flight, matrices, short_period
+from estimation_cases import NOISE, START, TRUTH, exact, flight, matrices, short_period, with_derivatives
 
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
@@ -31,12 +31,7 @@ WEIGHTS = {"alphadot": 0.02, "qdot": 0.1}
 def measured_derivatives(seed: int = 0) -> Record:
     """A record that has noisy measured alphadot and qdot, so that nothing is differentiated."""
     rng = np.random.default_rng(seed)
-    record = flight(noise=NOISE, rng=rng)
-    a, b = matrices(TRUTH)
-    clean = flight()
-    slopes = clean.matrix(["alpha", "q"]) @ a.T + clean["delta_e"][:, None] * b[:, 0]
-    noisy = slopes + rng.standard_normal(slopes.shape) * [0.02, 0.1]
-    return record.with_channels(alphadot=noisy[:, 0], qdot=noisy[:, 1])
+    return with_derivatives(flight(noise=NOISE, rng=rng), flight(), WEIGHTS, rng)
 
 
 def closed_form(record: Record) -> tuple[np.ndarray, np.ndarray]:

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimation_cases import NOISE, START, TRUTH, flight, short_period
+from estimation_cases import NOISE, START, TRUTH, flight, short_period, with_derivatives
 
+from casid.errors import EstimationError
 from casid.estimation import (
     Collocation,
     CombinedError,
@@ -176,3 +177,42 @@ def test_a_prior_weighs_as_one_more_measurement():
         assert fit["Mq"].value == pytest.approx(expected, rel=0.05)
         assert fit["Mq"].std <= 0.05 * (1 + 1e-9)
     assert fit["Mq"].prior == -1.0
+
+
+@pytest.mark.parametrize(
+    "cost", [OutputError(), EquationError(), CombinedError()], ids=["output", "equation", "combined"]
+)
+@pytest.mark.parametrize("noise", ["given", "estimated", "range"])
+@pytest.mark.parametrize("solver", [GaussNewton(), Ipopt(hessian="gauss-newton")], ids=["gauss-newton", "ipopt"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        SingleShooting(),
+        MultipleShooting(),
+        MultipleShooting(interval=10, process_noise={"alpha": 1e-3}),
+        Collocation(degree=2),
+    ],
+    ids=["single", "multiple", "soft", "collocation"],
+)
+def test_every_combination_works_or_says_why_not(cost, noise, method, solver):
+    """Truth within five standard deviations from a start that is thirty percent off, or an EstimationError at once."""
+    rates = {"alphadot": 0.02, "qdot": 0.1}
+    equations = {} if isinstance(cost, OutputError) else rates
+    outputs = {} if isinstance(cost, EquationError) else NOISE
+    levels = {"given": outputs | equations, "estimated": None, "range": RangeWeights()}[noise]
+    rng = np.random.default_rng(1)
+    record = with_derivatives(flight("m1", noise=NOISE, rng=rng), flight("m1"), rates, rng)
+    given = Problem(short_period(), [record], free=["*"], start=START, cost=cost, noise=levels)
+    soft = isinstance(method, MultipleShooting) and method.process_noise
+    if soft and (noise != "given" or isinstance(cost, EquationError)):
+        with pytest.raises(EstimationError, match="process noise"):
+            solve(given, method, solver)
+        return
+    fit = solve(given, method, solver)
+    assert fit.converged, fit.status
+    if isinstance(cost, OutputError):
+        for name, truth in TRUTH.items():
+            assert abs(fit[name].value - truth) < 5 * fit[name].std
+    else:  # noise in the regressors biases equation error by its share of their power, half a percent
+        for name, truth in TRUTH.items():
+            assert abs(fit[name].value - truth) < 5 * fit[name].std + 0.01 * abs(truth)

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.compiler import Batch, Compilable
+from casid.estimation.compiler import Compilable
 from casid.estimation.layout import Layout
 from casid.estimation.sensitivity import Blocks, Trajectory
 from casid.estimation.steps import cached, dynamics_function, output_function, quiet
@@ -71,9 +71,9 @@ class LiftedCollocation:
         derivatives = cached(
             model, ("compiled slopes", tuple(free)), lambda: Compilable(_derivative_function(model, free))
         )
-        self._slope = Batch(slope, lambda f: f.map(count * degree))
-        self._outputs = Batch(outputs, lambda f: f.map(count))
-        self._derivatives = Batch(derivatives, lambda f: f.map(count * degree))
+        self._slope = slope.mapped(count * degree)
+        self._outputs = outputs.mapped(count)
+        self._derivatives = derivatives.mapped(count * degree)
 
     def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None) -> Trajectory:
         """nodes (K, n), parameters (K, model parameters), interior states (K, d, n)."""
@@ -104,10 +104,11 @@ class LiftedCollocation:
         jacobian = np.concatenate([r.reshape(count, degree, o, r.shape[1])[:, 0] for r in (hx, hp)], axis=2)
         jacobian *= (weights * data.present[:, 0])[..., None]
         residual = weights * (data.present * (trajectory.y - data.z))[:, 0]
+        by_channel = jacobian * residual[..., None]
         last = lift.gain[:, -n:]
         return Blocks(
             jacobian=jacobian, hessian=jacobian.transpose(0, 2, 1) @ jacobian,
-            gradient=np.einsum("kof,ko->kf", jacobian, residual), a=last[..., :n], b=last[..., n:],
+            channel_gradient=by_channel, gradient=by_channel.sum(axis=1), a=last[..., :n], b=last[..., n:],
             end=trajectory.end + lift.correction[:, -n:], covariance=None, lift=lift,
         )  # fmt: skip
 

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from casid.errors import EstimationError
+from casid.estimation.compiler import Compilable
 from casid.estimation.problem import Problem
-from casid.estimation.steps import quiet
+from casid.estimation.steps import cached, quiet
 from casid.model.system import EquationError as EquationForm
 from casid.model.system import Model
 from casid.records.record import Record
@@ -74,14 +75,21 @@ class EquationPart:
         self.problem, model = problem, problem.model
         form = model.equation or state_equations(model)
         self.names = form.names
-        residual = ca.densify(form.prediction - form.target)
+        residual = form.prediction - form.target
         free = ca.vertcat(*[model.p[int(i)] for i in problem.free_index])
         jacobian = ca.jacobian(residual, free)
         self._check_parameters(jacobian)
-        self.residual = ca.Function("equation", [form.m, model.p], [residual])
-        self._target = ca.Function("target", [form.m, model.p], [ca.densify(form.target)])
-        self.jacobian = ca.Function("equation_jacobian", [form.m, model.p], [ca.densify(jacobian)])
+
+        def compilable(name: str, expression: ca.SX, *key: object) -> Compilable:
+            function = ca.Function(name, [form.m, model.p], [ca.cse(ca.densify(expression))])
+            return cached(model, (name, *key), lambda: Compilable(function))
+
+        self._residual = compilable("equation", residual)
+        self._target = compilable("target", form.target)
+        self._jacobian = compilable("equation_jacobian", jacobian.T, *problem.free_index)
+        self.residual = self._residual.symbolic
         self.data = [np.stack([_channel(r, name) for name in form.channels], axis=1) for r in problem.records]
+        self._cuts = np.cumsum([len(record) for record in problem.records])[:-1]
 
     def _check_parameters(self, jacobian: ca.SX) -> None:
         used = set(jacobian.sparsity().get_col())
@@ -96,29 +104,28 @@ class EquationPart:
     def _prior(self, name: str) -> float:
         return self.problem.model.prior_std.get(name, np.inf) if self.problem.prior else np.inf
 
-    def _evaluate(self, function: ca.Function, theta: np.ndarray) -> list[np.ndarray]:
-        values = self.problem.model_parameters(theta)
-        results = []
-        for data, p in zip(self.data, values, strict=True):
-            mapped = function(data.T, np.repeat(p[:, None], len(data), axis=1))
-            results.append(np.asarray(mapped).T.reshape(len(data), function.size2_out(0), function.size1_out(0)))
-        return results
+    def _evaluate(self, kernel: Compilable, theta: np.ndarray) -> list[np.ndarray]:
+        """Per record (N * rows, columns) of the function's transposed result."""
+        lengths = [len(data) for data in self.data]
+        values = np.repeat(self.problem.model_parameters(theta), lengths, axis=0)
+        result = kernel.mapped(sum(lengths))(np.concatenate(self.data), values)[0].copy()
+        return np.split(result, self._cuts * (len(result) // sum(lengths)))
 
     def targets(self) -> list[np.ndarray]:
         """Per record (N, equations) what the equations are to give; NaN where any of their signals is missing."""
         found = self._evaluate(self._target, self.problem.start_vector)
         usable = self.value(self.problem.start_vector).residuals
-        return [np.where(np.isfinite(e), t[:, 0], np.nan) for t, e in zip(found, usable, strict=True)]
+        return [np.where(np.isfinite(e), t, np.nan) for t, e in zip(found, usable, strict=True)]
 
     def value(self, theta: np.ndarray) -> EquationValue:
         """Residuals at the parameters."""
-        return EquationValue(residuals=[r[:, 0] for r in self._evaluate(self.residual, theta)])
+        return EquationValue(residuals=self._evaluate(self._residual, theta))
 
     def jacobians(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per record (N, equations, free) derivatives in the free parameters, zero where a signal is missing."""
         residuals = self.value(theta).residuals
-        found = self._evaluate(self.jacobian, theta)
+        found = self._evaluate(self._jacobian, theta)
         return [
-            np.where(np.isfinite(e)[..., None], np.nan_to_num(j.transpose(0, 2, 1)), 0.0)
+            np.where(np.isfinite(e)[..., None], np.nan_to_num(j.reshape(*e.shape, -1)), 0.0)
             for j, e in zip(found, residuals, strict=True)
         ]

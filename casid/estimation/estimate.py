@@ -8,7 +8,7 @@ import numpy as np
 
 from casid.errors import EstimationError
 from casid.estimation.collocation import LiftedCollocation
-from casid.estimation.cost import EquationError
+from casid.estimation.cost import EquationError, RangeWeights
 from casid.estimation.fit import Estimate, Fit, StateHistory, channel_fit
 from casid.estimation.gauss_newton import GaussNewton, Outcome, minimise
 from casid.estimation.ipopt import Ipopt, minimise_with_ipopt
@@ -67,7 +67,7 @@ def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
     if isinstance(method, MultipleShooting) and method.process_noise:
         if isinstance(problem.cost, EquationError):
             raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
-        if not isinstance(problem.noise, dict):
+        if problem.noise is None or isinstance(problem.noise, RangeWeights):
             raise EstimationError(
                 "solve: with process noise the measurement noise cannot be read off the residuals; "
                 "give Problem(noise={channel: 1-sigma, ...})"
@@ -94,7 +94,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
     channels = {n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if levels.present[i]}
     residuals = {record: measured[record] - predicted[record] for record in measured}
-    sigma = levels.rms(objective.squares(value)) if levels.proportional else levels.sigma
+    sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     return Fit(
         problem=problem, parameters=estimates, covariance=errors.covariance, covariance_corrected=errors.corrected,
         status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin, cost=value.cost,

@@ -57,7 +57,7 @@ class _Iteration:
         self.filter: list[tuple[float, float]] = []
         self.widest = 100 * max(self.value.violation(), 1.0)
         self.estimate_noise = not objective.levels.fixed
-        self.relaxing = False
+        self.near = self.relaxing = False  # near enough to the solution for residuals to be noise
         self.noise_change = np.inf if self.estimate_noise else 0.0
         self.stationarity = np.inf
         self.multipliers = np.zeros(len(objective.lower))
@@ -77,8 +77,12 @@ class _Iteration:
     def _iterate(self) -> str:
         """One linearisation and accepted step; a status when that ends the iteration."""
         objective = self.objective
+        if self.near and not self.relaxing:
+            self.relaxing = True
+            self.filter.clear()  # its costs were those at the former noise
         if self.relaxing:
-            self._relax()
+            # maximum likelihood for the present parameters
+            self.noise_change = objective.levels.relax(self.value.squares)
         try:
             linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
@@ -86,7 +90,7 @@ class _Iteration:
         self.value = objective.weighed(self.point, self.value.trajectory, self.value.equations)
         while True:
             try:
-                step = objective.step(self.point, self.value, linear, self.damping)
+                step = objective.step(self.point, self.value, linear, self.damping, self.relaxing)
             except np.linalg.LinAlgError as error:
                 if not self._more_damping():
                     return f"failed: {error}"
@@ -107,18 +111,13 @@ class _Iteration:
         self.damping = max(10 * self.damping, 1e-8)
         return self.damping < 1e6
 
-    def _relax(self) -> None:
-        """Put the noise to what the residuals show (maximum likelihood for given parameters)."""
-        self.noise_change = self.objective.levels.relax(self.objective.squares(self.value))
-        self.filter.clear()  # its costs were under the former noise
-
     def _judge(self, step: Step) -> bool:
         """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
         length = np.sqrt(max(step.curvature, 0.0))
         noise = np.sqrt(2 * self.value.cost / self.objective.levels.count)
         self.stationarity = length / max(noise, 1e-300)
         if self.estimate_noise and self.value.worst() < 1e-3:
-            self.relaxing |= bool(
+            self.near |= bool(
                 length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.levels.size
             )
         still = length < max(self.solver.tolerance * noise, 1e-11 * self.objective.levels.size)
@@ -133,27 +132,31 @@ class _Iteration:
 
         Cost and violation are not added up: a merit function that does refuses good steps along curved constraints.
         """
-        cost, violation = self.value.cost, self.value.violation()
-        rounding = 1e-11 * abs(cost)
+        cost, violation = self._cost(self.value), self.value.violation()
+        rounding = 1e-11 * max(abs(self.value.cost), abs(cost))
         length = 1.0
         for _ in range(14):
             point = moved(self.point, step, length)
             value = self.objective.value(point)
             new_violation = value.violation()
-            if np.isfinite(value.cost) and np.isfinite(new_violation):
+            new_cost = self._cost(value)
+            if np.isfinite(new_cost) and np.isfinite(new_violation):
                 # descent of the cost outweighs what the violation is worth: then it is the cost that must fall
                 by_cost = -length * step.slope > step.price * violation
                 if by_cost:
-                    better = value.cost <= cost + 1e-4 * length * step.slope + rounding
+                    better = new_cost <= cost + 1e-4 * length * step.slope + rounding
                 else:
-                    fallen = value.cost <= cost - 1e-4 * step.price * violation + rounding
+                    fallen = new_cost <= cost - 1e-4 * step.price * violation + rounding
                     better = fallen or new_violation <= (1 - 1e-4) * violation + 1e-12
-                if better and new_violation <= self.widest and self._passes(new_violation, value.cost - rounding):
+                if better and new_violation <= self.widest and self._passes(new_violation, new_cost - rounding):
                     if not by_cost:
                         self.filter.append((violation, cost))
                     return point, value
             length *= 0.5
         return None
+
+    def _cost(self, value: Value) -> float:
+        return self.objective.likelihood_cost(value) if self.relaxing else value.cost
 
     def _passes(self, violation: float, cost: float) -> bool:
         return all(violation < v or cost < c for v, c in self.filter)

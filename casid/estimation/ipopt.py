@@ -154,7 +154,7 @@ def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.nda
 
 def _relax(objective: Objective, point: Point, value: Value) -> float:
     """Noise and soft-defect covariance to what the present point says; the largest relative change."""
-    change = objective.levels.relax(objective.squares(value))
+    change = objective.levels.relax(value.squares)
     if objective.factor is not None:
         before = objective.factor
         objective.linearise(point, value)

@@ -19,12 +19,18 @@ class NoiseLevels:
     Estimated: the root mean square of each channel's residuals, which is the likelihood's maximum for given
     parameters. Range weights: their proportions stay (paper eq. 13), and one common factor makes the mean square of
     all weighted residuals one, so that priors weigh against the data as they should.
+    share (channels,) is the weight of each channel's part in the cost.
     Raises InputError for a noise that names other channels than `names` or is not positive.
     """
 
     def __init__(
-        self, noise: Mapping[str, float] | RangeWeights | None, names: tuple[str, ...], measured: np.ndarray
+        self,
+        noise: Mapping[str, float] | RangeWeights | None,
+        names: tuple[str, ...],
+        measured: np.ndarray,
+        share: np.ndarray,
     ) -> None:
+        self.share = share
         self.present = np.isfinite(measured).sum(axis=0)
         self.count = max(int(self.present.sum()), 1)
         filled = np.where(self.present > 0, measured, 0.0)
@@ -39,6 +45,7 @@ class NoiseLevels:
         else:
             sigma = _given(noise, names)
         self.sigma = np.where(self.present > 0, sigma, 1.0)
+        self._start = self.sigma
         self._magnitude = np.nansum(filled**2, axis=0)
 
     @property
@@ -56,14 +63,25 @@ class NoiseLevels:
         if self.fixed:
             return 0.0
         rms = self.rms(squares)
-        if self.proportional:
-            share = self.present / self.count
-            sigma = self.sigma * np.sqrt((share * (rms / self.sigma) ** 2).sum())
-        else:
-            sigma = rms
+        sigma = self._start * self._common_factor(rms) if self.proportional else rms
         change = float(np.abs(np.log(sigma / self.sigma)).max(initial=0.0))
         self.sigma = sigma
         return change
+
+    def cost(self, squares: np.ndarray) -> float:
+        """Half the sum of squared weighted residuals, from sums of squared residuals."""
+        return 0.5 * float((self.share * squares / self.sigma**2).sum())
+
+    def concentrated(self, squares: np.ndarray) -> float:
+        """The cost with sigma at its optimum for these residuals, up to a constant (same slope as `cost` there)."""
+        rms, counts = self.rms(squares), self.share * self.present
+        if self.proportional:
+            return float(counts.sum() * np.log(self._common_factor(rms)))
+        return float((counts * np.log(rms / self._start)).sum())
+
+    def _common_factor(self, rms: np.ndarray) -> float:
+        counts = self.share * self.present
+        return float(np.sqrt((counts * (rms / self._start) ** 2).sum() / counts.sum()))
 
 
 def _given(noise: Mapping[str, float], names: tuple[str, ...]) -> np.ndarray:

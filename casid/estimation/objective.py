@@ -17,8 +17,10 @@ from casid.estimation.kkt import BandedKKT, Reduced
 from casid.estimation.layout import Layout
 from casid.estimation.levels import NoiseLevels
 from casid.estimation.problem import Problem
-from casid.estimation.quadratic import parameter_step
+from casid.estimation.quadratic import jacobi_scale, parameter_step
 from casid.estimation.sensitivity import Blocks, Shooting, Trajectory
+
+_MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,9 +35,13 @@ class Point:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Value:
-    """cost at a point, and the constraint residuals there: defects (T, n), limits (rows,) beyond the linear limits."""
+    """cost at a point: `rest` of priors and process noise, and what `squares` (channels,), the sums of squared
+    residuals, cost at the present noise; constraint residuals: defects (T, n), limits (rows,) beyond the linear limits,
+    gap of collocation."""
 
     cost: float
+    rest: float
+    squares: np.ndarray
     trajectory: Trajectory | None
     equations: EquationValue | None
     defects: np.ndarray
@@ -68,12 +74,14 @@ class Step:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Linearised:
-    """All that one linearisation gives: blocks per segment, reduced systems per record, information matrix."""
+    """All that one linearisation gives: blocks per segment, reduced systems per record, information matrix and
+    gradient in the parameters, and the gradient (channels, parameters) of each channel's part of the cost."""
 
     blocks: Blocks | None
     reduced: list[Reduced]
     hessian: np.ndarray
     gradient: np.ndarray
+    channel_gradients: np.ndarray
     equation_jacobian: list[np.ndarray]
 
 
@@ -117,7 +125,10 @@ class Objective:
         measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
         if self.equations is not None:
             measured = _side_by_side(measured, np.concatenate(self.equations.targets()))
-        return NoiseLevels(self.problem.noise, self.channel_names, measured)
+        outputs = len(self.problem.model.outputs) if self.dynamics is not None else 0
+        share = np.full(measured.shape[1], self.equation_share)
+        share[:outputs] = self.part
+        return NoiseLevels(self.problem.noise, self.channel_names, measured, share)
 
     def _measured_outputs(self) -> np.ndarray:
         return np.concatenate([self.problem.measured(record) for record in self.problem.records])
@@ -139,14 +150,18 @@ class Objective:
         start = len(self.problem.model.outputs) if self.dynamics is not None else 0
         return np.sqrt(self.equation_share) / self.levels.sigma[start:]
 
-    def squares(self, value: Value) -> np.ndarray:
+    def _squares(self, trajectory: Trajectory | None, equations: EquationValue | None) -> np.ndarray:
         """(channels,) sums of squared residuals."""
         found = []
-        if value.trajectory is not None:
-            found.append(((value.trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
-        if value.equations is not None:
-            found.append(sum(np.nansum(e**2, axis=0) for e in value.equations.residuals))
+        if trajectory is not None:
+            found.append(((trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
+        if equations is not None:
+            found.append(np.nansum(np.concatenate(equations.residuals) ** 2, axis=0))
         return np.concatenate(found)
+
+    def likelihood_cost(self, value: Value) -> float:
+        """The cost with the noise at its optimum instead of its present value, up to a constant."""
+        return value.rest + self.levels.concentrated(value.squares)
 
     # ---- value
 
@@ -175,27 +190,25 @@ class Objective:
     def weighed(self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None) -> Value:
         """The cost with the present weights, of what has been simulated already."""
         prior = (point.theta - self.problem.nominal) / self.problem.prior_std
-        cost = float(prior @ prior)
+        rest = float(prior @ prior)
         defects = gap = np.zeros((0, 0))
         if trajectory is not None:
             layout = self.layout
-            residual = (trajectory.y - layout.z) * layout.present * self.output_weights
             x0 = (point.nodes[layout.first] - self.centre) / self.initial_std
-            cost += float((residual**2).sum() + (x0**2).sum() + (point.noise**2).sum())
+            rest += float((x0**2).sum() + (point.noise**2).sum())
             defects = trajectory.end[layout.tied] - point.nodes[layout.tied + 1]
             if self.factor is not None:
                 defects = defects + (self.factor @ point.noise[..., None])[..., 0]
             defects = defects / self.scale
             if trajectory.gap is not None:
                 gap = trajectory.gap / self.scale
-        if equations is not None:
-            for e in equations.residuals:
-                cost += float(np.nansum((e * self.equation_weights) ** 2))
+        squares = self._squares(trajectory, equations)
         at = self.rows @ point.theta
         beyond = np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)
         return Value(
-            cost=0.5 * cost, trajectory=trajectory, equations=equations, defects=defects, limits=beyond, gap=gap
-        )
+            cost=0.5 * rest + self.levels.cost(squares), rest=0.5 * rest, squares=squares, trajectory=trajectory,
+            equations=equations, defects=defects, limits=beyond, gap=gap,
+        )  # fmt: skip
 
     # ---- linearisation
 
@@ -207,6 +220,7 @@ class Objective:
         precision = 1.0 / self.problem.prior_std**2
         hessian = np.diag(precision)
         gradient = precision * (point.theta - self.problem.nominal)
+        channels = np.zeros((len(self.channel_names), len(gradient)))
         reduced: list[Reduced] = []
         blocks = None
         if value.trajectory is not None and self.dynamics is not None:
@@ -222,6 +236,9 @@ class Objective:
                 columns = self.problem.columns(r)
                 hessian[np.ix_(columns, columns)] += reduced[r].hessian
                 gradient[columns] += reduced[r].gradient
+                own = blocks.channel_gradient[layout.segments_of(r)]
+                along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
+                channels[: along.shape[0], columns] += along
         jacobians: list[np.ndarray] = []
         if self.equations is not None and value.equations is not None:
             for r, jacobian in enumerate(self.equations.jacobians(point.theta)):
@@ -229,11 +246,14 @@ class Objective:
                 weighted = jacobian * self.equation_weights[:, None]
                 residual = np.nan_to_num(value.equations.residuals[r]) * self.equation_weights
                 hessian[np.ix_(columns, columns)] += np.einsum("kef,keg->fg", weighted, weighted)
-                gradient[columns] += np.einsum("kef,ke->f", weighted, residual)
+                by_equation = np.einsum("kef,ke->ef", weighted, residual)
+                channels[-len(by_equation) :, columns] += by_equation
+                gradient[columns] += by_equation.sum(axis=0)
                 jacobians.append(weighted)
         return Linearised(
-            blocks=blocks, reduced=reduced, hessian=hessian, gradient=gradient, equation_jacobian=jacobians
-        )
+            blocks=blocks, reduced=reduced, hessian=hessian, gradient=gradient, channel_gradients=channels,
+            equation_jacobian=jacobians,
+        )  # fmt: skip
 
     def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
         own = self.layout.segments_of(record)
@@ -245,13 +265,15 @@ class Objective:
             blocks.end[tied] - point.nodes[following], covariance, self.scale,
         )  # fmt: skip
 
-    def step(self, point: Point, value: Value, linear: Linearised, damping: float) -> Step:
+    def step(self, point: Point, value: Value, linear: Linearised, damping: float, concentrated: bool = False) -> Step:
         """The Gauss-Newton step, with `damping` times the diagonal added to the information of the parameters.
 
+        concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
         Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
         """
         at = self.rows @ point.theta
-        damped = linear.hessian + damping * np.diag(np.diagonal(linear.hessian))
+        curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
+        damped = curved + damping * np.diag(np.diagonal(linear.hessian))
         theta, limit_multipliers = parameter_step(damped, linear.gradient, self.rows, self.lower - at, self.upper - at)
         precision = 1.0 / self.problem.prior_std**2
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
@@ -283,6 +305,19 @@ class Objective:
             theta=theta, nodes=nodes, noise=noise, points=points, slope=slope, curvature=curvature, price=price,
             limit_multipliers=limit_multipliers,
         )  # fmt: skip
+
+    def _noise_curvature(self, linear: Linearised) -> np.ndarray:
+        """What the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares) has the
+        term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each other."""
+        if self.levels.proportional:
+            return np.zeros_like(linear.hessian)
+        counts = np.maximum(self.levels.share * self.levels.present, 1.0)
+        root = linear.channel_gradients.T * np.sqrt(2.0 / counts)
+        scale = jacobi_scale(linear.hessian)
+        scaled = root * scale[:, None]
+        inner = scaled.T @ np.linalg.lstsq(linear.hessian * np.outer(scale, scale), scaled, rcond=1e-12)[0]
+        largest = float(np.linalg.eigvalsh(0.5 * (inner + inner.T))[-1])
+        return root @ root.T * min(1.0, _MOST / max(largest, 1e-300))
 
     def _expand(self, reduced: list[Reduced], local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         nodes = [red.ds0 - red.ds_p @ local[r] for r, red in enumerate(reduced)]

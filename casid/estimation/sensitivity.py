@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from casid.estimation.compiler import Batch, Compilable
+from casid.estimation.compiler import Compilable
 from casid.estimation.layout import Layout
 from casid.estimation.steps import cached, output_function, sample_derivatives, step_function
 from casid.model.system import Model
@@ -33,12 +33,19 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Blocks:
-    """Per segment: jacobian (K, L*o, n+f) of the outputs in (start state, parameters), hessian (K, n+f, n+f) and
-    gradient (K, n+f) of 1/2 sum (weight residual)^2, and of the end state: a (K, n, n), b (K, n, f), end (K, n) and
-    the covariance (K, n, n) that process noise adds, None without; `lift` only of collocation."""
+    """Of each segment:
+
+    jacobian          (K, L*o, n+f) of the weighted outputs in (start state, parameters)
+    hessian           (K, n+f, n+f) of 1/2 sum (weighted residual)^2
+    channel_gradient  (K, o, n+f) of the same for each output; gradient (K, n+f) is its sum
+    a, b, end         the end state (K, n) and its derivatives (K, n, n), (K, n, f)
+    covariance        (K, n, n) that process noise adds to the end state; None without
+    lift              how interior states follow, only of collocation
+    """
 
     jacobian: np.ndarray
     hessian: np.ndarray
+    channel_gradient: np.ndarray
     gradient: np.ndarray
     a: np.ndarray
     b: np.ndarray
@@ -72,9 +79,10 @@ class Shooting:
         outputs = cached(model, ("compiled outputs",), lambda: Compilable(output_function(model)))
         key = ("compiled derivatives", tuple(free), self.noise_names)
         derivatives = cached(model, key, lambda: Compilable(sample_derivatives(model, free, self.noise_names)))
-        self._simulate = Batch(step, lambda f: f.mapaccum("simulate", length).map(count))
-        self._outputs = Batch(outputs, lambda f: f.map(count * length))
-        self._derivatives = Batch(derivatives, lambda f: f.map(count * length))
+        key = ("simulate", length, count)
+        self._simulate = step.batch(key, lambda f: f.mapaccum("simulate", length).map(count))
+        self._outputs = outputs.mapped(count * length)
+        self._derivatives = derivatives.mapped(count * length)
 
     def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
         """nodes (K, n), parameters (K, model parameters)."""
@@ -108,12 +116,13 @@ class Shooting:
         jacobian = c @ s[:-1].transpose(1, 0, 2, 3)
         jacobian[..., n:] += d
         jacobian *= (weights * data.present)[..., None]
+        residual = weights * data.present * (trajectory.y - data.z)
+        channel_gradient = np.einsum("klof,klo->kof", jacobian, residual)
         jacobian = jacobian.reshape(count, length * o, n + f)
-        residual = (weights * data.present * (trajectory.y - data.z)).reshape(count, length * o)
         hessian = jacobian.transpose(0, 2, 1) @ jacobian
-        gradient = (jacobian.transpose(0, 2, 1) @ residual[..., None])[..., 0]
         last = s[length]
         return Blocks(
-            jacobian=jacobian, hessian=hessian, gradient=gradient, a=last[..., :n], b=last[..., n:],
+            jacobian=jacobian, hessian=hessian, channel_gradient=channel_gradient,
+            gradient=channel_gradient.sum(axis=1), a=last[..., :n], b=last[..., n:],
             end=trajectory.end, covariance=covariance,
         )  # fmt: skip
