@@ -1,0 +1,15 @@
+"""Fewer samples for a quick look."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from casid.records.record import Record
+
+
+def thinned(record: Record, rate_hz: float) -> Record:
+    """Every n-th sample, so that the rate comes as near to `rate_hz` as it can without falling below; nothing is
+    filtered, so a motion above half of that rate appears at a wrong frequency."""
+    step = max(1, int(1.0 / (record.dt * rate_hz) + 1e-6))
+    channels = {name: values[::step] for name, values in record.channels.items()}
+    return replace(record, t=record.t[::step], channels=channels)
