@@ -120,7 +120,7 @@ class _Iteration:
             self.near |= bool(
                 length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.levels.size
             )
-        still = length < max(self.solver.tolerance * noise, 1e-11 * self.objective.levels.size)
+        still = self.objective.negligible(step, self.value, self.solver.tolerance)
         settled = self.noise_change < 10 * self.solver.tolerance
         if still and settled and self.value.worst() < _DEFECT and self.damping < 1e-3:
             self.multipliers = step.limit_multipliers

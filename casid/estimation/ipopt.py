@@ -15,7 +15,7 @@ import numpy as np
 from casid.errors import unknown
 from casid.estimation.gauss_newton import Outcome
 from casid.estimation.nlp import Packing, Programme, build, data, point_from, variables
-from casid.estimation.objective import Objective, Point, Value
+from casid.estimation.objective import Objective, Point, Step, Value
 from casid.estimation.steps import cached
 
 
@@ -86,7 +86,7 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
         change = _relax(objective, point, value)
         value = objective.weighed(point, value.trajectory, value.equations)
         # a cost of about one makes the tolerance relative to the residuals, whatever their weights are
-        fitting = 0.5 / max(value.cost, 1e-12 * objective.levels.size**2)
+        fitting = 0.5 / max(value.cost, 1e-6 * objective.levels.count)
         if change < _SETTLED and fitting < 30 * gain:
             break
         multipliers *= fitting / gain
@@ -113,6 +113,7 @@ def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tupl
     programme = build(objective, x, d)
     options: dict = {
         "print_time": False,
+        "show_eval_warnings": False,
         "ipopt": {
             "print_level": 0, "sb": "yes", "tol": solver.tolerance, "constr_viol_tol": 1e-9, "bound_relax_factor": 0.0,
             "max_iter": solver.iterations, "max_wall_time": solver.seconds, "nlp_scaling_method": "none",
@@ -167,15 +168,22 @@ def _is_solution(objective: Objective, point: Point, value: Value) -> bool:
     """Whether a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
     if objective.problem.path_constraints or value.worst() > 1e-8:
         return False
-    return _stationarity(objective, point, value) < _SOLVED
+    step = _gauss_newton_step(objective, point, value)
+    return step is not None and objective.negligible(step, value, _SOLVED)
+
+
+def _gauss_newton_step(objective: Objective, point: Point, value: Value) -> Step | None:
+    if not np.isfinite(value.cost):
+        return None
+    try:
+        return objective.step(point, value, objective.linearise(point, value), 0.0)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _stationarity(objective: Objective, point: Point, value: Value) -> float:
     """Length of a further Gauss-Newton step in standard deviations; not a number where there is none."""
-    if not np.isfinite(value.cost):
-        return np.nan
-    try:
-        step = objective.step(point, value, objective.linearise(point, value), 0.0)
-    except np.linalg.LinAlgError:
+    step = _gauss_newton_step(objective, point, value)
+    if step is None:
         return np.nan
     return float(np.sqrt(max(step.curvature, 0.0) / max(2 * value.cost / objective.levels.count, 1e-300)))

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.collocation import LiftedCollocation
+from casid.estimation.equation_part import EquationPart
 from casid.estimation.objective import Objective, Point
 from casid.estimation.steps import dynamics_function, output_function, step_function
 
@@ -90,7 +91,7 @@ def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.n
     if objective.dynamics is not None:
         layout = objective.layout
         flat = {k: getattr(layout, k) for k in ("u0", "u1", "z", "present")}
-        values |= {k: v.reshape(-1, v.shape[2]).T for k, v in flat.items()}
+        values |= {k: v.reshape(layout.dt.size, v.shape[2]).T for k, v in flat.items()}
         values |= {"dt": layout.dt.reshape(1, -1), "weights": objective.output_weights[:, None]}
         values |= {"centre": objective.centre.T, "initial_std": objective.initial_std[:, None]}
         if objective.factor is not None:
@@ -107,17 +108,17 @@ def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.n
 
 def build(objective: Objective, x: Packing, d: Packing) -> Programme:
     """The programme in the symbols of `x` (variables) and `d` (data)."""
-    v, s = x.symbols, d.symbols
+    problem, v, s = objective.problem, x.symbols, d.symbols
     theta = v["theta"] * s["scale"]
     residuals = [(theta - s["nominal"]) * s["precision"]]
     constraints: list[tuple[ca.MX, float | np.ndarray, float | np.ndarray]] = []
-    parameters = _parameters(objective, theta, s["base"])
+    free = [theta[[int(i) for i in problem.columns(r)]] for r in range(len(problem.records))]
     if objective.dynamics is not None:
         nodes = v["nodes"] * ca.repmat(ca.DM(objective.scale), 1, v["nodes"].shape[1])
         first = [int(i) for i in objective.layout.first]
         start = nodes[:, first] - s["centre"]
         residuals.append(ca.vec(start / ca.repmat(s["initial_std"], 1, len(first))))
-        states, end, y, gap = _simulated(objective, nodes, parameters, v, s)
+        states, end, y, gap = _simulated(objective, nodes, free, v, s)
         weight = s["present"] * ca.repmat(s["weights"], 1, y.shape[1])
         residuals.append(ca.vec(weight * (y - s["z"])))
         defect = _defects(objective, nodes, end, v, s)
@@ -126,7 +127,7 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         constraints += [(defect, 0.0, 0.0), (gap, 0.0, 0.0)]
         constraints += _paths(objective, states, y)
     if objective.equations is not None:
-        residuals.append(_equations(objective, parameters, s))
+        residuals.append(_equations(objective, objective.equations, free, s))
     constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
     residual = ca.vertcat(*residuals)
     lower = np.concatenate([np.broadcast_to(low, (g.numel(),)) for g, low, _ in constraints])
@@ -138,57 +139,67 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
     )  # fmt: skip
 
 
-def _parameters(objective: Objective, theta: ca.MX, base: ca.MX) -> list[ca.MX]:
-    """Per record, all model parameters."""
-    problem = objective.problem
-    found = []
-    for r in range(len(problem.records)):
-        columns = [int(i) for i in problem.columns(r)]
-        place = ca.DM.zeros(len(problem.model.parameters), len(columns))
+class _Symbols:
+    """SX symbols of one sample interval; only `x`, `points` and the free parameters `q` are to be differentiated."""
+
+    def __init__(self, objective: Objective, degree: int = 0) -> None:
+        problem = objective.problem
+        model = problem.model
+        n, m, count = len(model.states), len(model.inputs), len(model.parameters)
+        self.x, self.points = ca.SX.sym("x", n), ca.SX.sym("c", n, degree)
+        self.u0, self.u1, self.dt = ca.SX.sym("u0", m), ca.SX.sym("u1", m), ca.SX.sym("dt")
+        self.base, self.q = ca.SX.sym("base", count), ca.SX.sym("q", len(problem.free_index))
+        self.p = ca.SX(self.base)
         for j, i in enumerate(problem.free_index):
-            place[int(i), j] = 1.0
-        keep = 1.0 - np.asarray(ca.sum2(place))
-        found.append(base[:, r] * ca.DM(keep) + ca.sparsify(place) @ theta[columns])
-    return found
+            self.p[int(i)] = self.q[j]
 
 
-def _simulated(objective: Objective, nodes: ca.MX, parameters: list[ca.MX], v: dict, s: dict):
+def _function(name: str, inputs: list, outputs: list, variable: tuple[int, ...]) -> ca.Function:
+    """A function of which only the inputs numbered `variable` are differentiated: data need no derivative."""
+    return ca.Function(name, inputs, outputs, {"is_diff_in": [i in variable for i in range(len(inputs))]})
+
+
+def _simulated(objective: Objective, nodes: ca.MX, free: list[ca.MX], v: dict, s: dict):
     """states (n, K*L), end (n, K), y (o, K*L), and what collocation leaves unsatisfied (a column)."""
     layout, model = objective.layout, objective.problem.model
     count, length = layout.segments, layout.length
-    by_segment = ca.horzcat(*[parameters[int(r)] for r in layout.record])
+    records = [int(r) for r in layout.record]
+    q, base = ca.horzcat(*[free[r] for r in records]), s["base"][:, records]
+    at = _Symbols(objective)
+    y = _function("outputs", [at.x, at.u0, at.base, at.q], [output_function(model)(at.x, at.u0, at.p)], (0, 3))
     if isinstance(objective.dynamics, LiftedCollocation):
-        end, gap = _collocated(objective, nodes, by_segment, v, s)
-        y = output_function(model).map(count)(nodes, s["u0"], by_segment)
-        return nodes, end, y, gap
-    n, m = len(model.states), len(model.inputs)
-    x, p = ca.MX.sym("x", n), ca.MX.sym("p", len(model.parameters))
-    u0, u1, dt = ca.MX.sym("u0", m, length), ca.MX.sym("u1", m, length), ca.MX.sym("dt", 1, length)
-    repeated = ca.repmat(p, 1, length)
-    after = step_function(model).mapaccum("segment", length)(x, u0, u1, dt, repeated)
+        end, gap = _collocated(objective, objective.dynamics, nodes, base, q, v, s)
+        return nodes, end, y.map(count)(nodes, s["u0"], base, q), gap
+    advanced = step_function(model)(at.x, at.u0, at.u1, at.dt, at.p)
+    step = _function("step", [at.x, at.u0, at.u1, at.dt, at.base, at.q], [advanced], (0, 5))
+    x, b, f = (ca.MX.sym(name, *e.shape) for name, e in (("x", at.x), ("base", at.base), ("q", at.q)))
+    u0, u1, dt = (
+        ca.MX.sym(name, rows, length) for name, rows in (("u0", at.u0.shape[0]), ("u1", at.u1.shape[0]), ("dt", 1))
+    )
+    many_b, many_f = ca.repmat(b, 1, length), ca.repmat(f, 1, length)
+    after = step.mapaccum("segment", length)(x, u0, u1, dt, many_b, many_f)
     states = ca.horzcat(x, after[:, :-1]) if length > 1 else x
-    y = output_function(model).map(length)(states, u0, repeated)
-    segment = ca.Function("segment", [x, u0, u1, dt, p], [states, after[:, -1], y])
-    states, end, y = segment.map(count)(nodes, s["u0"], s["u1"], s["dt"], by_segment)
-    return states, end, y, ca.MX(0, 1)
+    outputs = y.map(length)(states, u0, many_b, many_f)
+    segment = _function("segment", [x, u0, u1, dt, b, f], [states, after[:, -1], outputs], (0, 5))
+    states, end, outputs = segment.map(count)(nodes, s["u0"], s["u1"], s["dt"], base, q)
+    return states, end, outputs, ca.MX(0, 1)
 
 
-def _collocated(objective: Objective, nodes: ca.MX, by_segment: ca.MX, v: dict, s: dict):
-    dynamics, model = objective.dynamics, objective.problem.model
-    assert isinstance(dynamics, LiftedCollocation)
-    n, m, degree = len(model.states), len(model.inputs), dynamics.degree
-    f = dynamics_function(model)
-    x, interior = ca.MX.sym("x", n), ca.MX.sym("c", n, degree)
-    u0, u1, dt, p = ca.MX.sym("u0", m), ca.MX.sym("u1", m), ca.MX.sym("dt"), ca.MX.sym("p", len(model.parameters))
-    together = ca.horzcat(x, interior)
+def _collocated(
+    objective: Objective, dynamics: LiftedCollocation, nodes: ca.MX, base: ca.MX, q: ca.MX, v: dict, s: dict
+):
+    degree = dynamics.degree
+    at, f = _Symbols(objective, degree), dynamics_function(objective.problem.model)
+    together = ca.horzcat(at.x, at.points)
     equations = [
-        together @ ca.DM(dynamics.c[:, i]) - dt * f(interior[:, i], u0 + dynamics.tau[i] * (u1 - u0), p)
+        together @ ca.DM(dynamics.c[:, i]) - at.dt * f(at.points[:, i], at.u0 + dynamics.tau[i] * (at.u1 - at.u0), at.p)
         for i in range(degree)
     ]
     scaled = ca.vertcat(*equations) / ca.repmat(ca.DM(objective.scale), degree, 1)
-    interval = ca.Function("interval", [x, interior, u0, u1, dt, p], [interior[:, -1], scaled])
+    inputs = [at.x, at.points, at.u0, at.u1, at.dt, at.base, at.q]
+    interval = _function("interval", inputs, [at.points[:, -1], scaled], (0, 1, 6))
     points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1])
-    end, gap = interval.map(objective.layout.segments)(nodes, points, s["u0"], s["u1"], s["dt"], by_segment)
+    end, gap = interval.map(objective.layout.segments)(nodes, points, s["u0"], s["u1"], s["dt"], base, q)
     return end, ca.vec(gap)
 
 
@@ -217,10 +228,10 @@ def _paths(objective: Objective, states: ca.MX, y: ca.MX) -> list[tuple[ca.MX, f
     return found
 
 
-def _equations(objective: Objective, parameters: list[ca.MX], s: dict) -> ca.MX:
-    equations = objective.equations
-    assert equations is not None
+def _equations(objective: Objective, equations: EquationPart, free: list[ca.MX], s: dict) -> ca.MX:
     lengths = [len(record) for record in objective.problem.records]
-    repeated = ca.horzcat(*[ca.repmat(p, 1, k) for p, k in zip(parameters, lengths, strict=True)])
-    residual = equations.residual.map(sum(lengths))(s["signals"], repeated)
-    return ca.vec(s["seen"] * residual * ca.repmat(s["equation_weights"], 1, sum(lengths)))
+    records = np.repeat(np.arange(len(lengths)), lengths).tolist()
+    at, signals = _Symbols(objective), ca.SX.sym("m", *equations.residual.size_in(0))
+    residual = _function("equation", [signals, at.base, at.q], [equations.residual(signals, at.p)], (2,))
+    found = residual.map(sum(lengths))(s["signals"], s["base"][:, records], ca.horzcat(*free)[:, records])
+    return ca.vec(s["seen"] * found * ca.repmat(s["equation_weights"], 1, sum(lengths)))

@@ -20,6 +20,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.quadratic import jacobi_scale, parameter_step
 from casid.estimation.sensitivity import Blocks, Shooting, Trajectory
 
+_ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
 
 
@@ -305,6 +306,12 @@ class Objective:
             theta=theta, nodes=nodes, noise=noise, points=points, slope=slope, curvature=curvature, price=price,
             limit_multipliers=limit_multipliers,
         )  # fmt: skip
+
+    def negligible(self, step: Step, value: Value, tolerance: float) -> bool:
+        """Whether a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""
+        noise = np.sqrt(2 * value.cost / self.levels.count)
+        length = np.sqrt(max(step.curvature, 0.0))
+        return bool(length < tolerance * max(noise, _ROUNDING * self.levels.size))
 
     def _noise_curvature(self, linear: Linearised) -> np.ndarray:
         """What the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares) has the
