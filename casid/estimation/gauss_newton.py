@@ -38,6 +38,7 @@ class Outcome:
 
 
 _DEFECT = 1e-8
+_ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
 
 
@@ -88,6 +89,7 @@ class _Iteration:
         except np.linalg.LinAlgError as error:
             return f"failed: {error}"
         self.value = objective.weighed(self.point, self.value.trajectory, self.value.equations)
+        undamped: Step | None = None
         while True:
             try:
                 step = objective.step(self.point, self.value, linear, self.damping, self.relaxing)
@@ -95,12 +97,15 @@ class _Iteration:
                 if not self._more_damping():
                     return f"failed: {error}"
                 continue
+            undamped = undamped or step
             if self._judge(step):
                 return "converged"
             found = self._search(step)
             if found is not None:
                 break
             if not self._more_damping():
+                if objective.negligible(undamped, self.value, _ROUNDED) and self.value.worst() < _DEFECT:
+                    return "converged"  # what is left of the step is rounding
                 return "failed: no descent from a point that is not stationary"
         self.point, self.value = found
         self.multipliers = step.limit_multipliers
