@@ -1,4 +1,4 @@
-"""Small systems with a known truth, for the tests of estimation: solved by matrix exponentials, not by our integrator."""
+"""Small systems with a known truth for the tests of estimation, solved by matrix exponentials and not by our steps."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def exact(a: np.ndarray, b: np.ndarray, t: np.ndarray, u: np.ndarray, x0: np.nda
 
 
 def elevator(t: np.ndarray) -> np.ndarray:
-    """A 3-2-1-1 in samples, smoothed by nothing: 0.05 rad."""
+    """A 3-2-1-1-like sequence of steps of 0.05 rad."""
     edges, signs = (1.0, 2.2, 3.0, 3.4, 3.8), (1.0, -1.0, 1.0, -1.0)
     out = np.zeros(len(t))
     for start, stop, sign in zip(edges[:-1], edges[1:], signs, strict=True):
