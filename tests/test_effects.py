@@ -10,8 +10,10 @@ import pytest
 
 from casid.model import operators
 from casid.model.aircraft import EffectValue
+from casid.model.causes import configuration_change
 from casid.model.dynamics import aircraft_model
-from casid.model.effects import CAUSES, Effect, catalogue, configuration_change, effect_of
+from casid.model.effect import CAUSES, Effect
+from casid.model.effects import catalogue, effect_of
 from casid.model.path import OUTPUTS, disturbance_names
 from casid.model.vocabulary import KINDS, check_effect
 from problems.do328 import do328

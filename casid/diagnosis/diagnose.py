@@ -23,6 +23,8 @@ from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
 
+_REPAIRS = 3
+
 
 class Stages:
     """Wall time per stage, and a word to the user at the beginning of each."""
@@ -67,20 +69,18 @@ def diagnose(
     noise = flight.noise(coloured)
     start = fit(flight, known, noise, calm) if coloured else calm
     baseline = weigh(start)
-    stages.begin("missing inputs")
-    missing_before = missing_inputs(weigh(calm) if coloured else baseline)
     stages.begin("naming")
     naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)
     final = naming.evidence.fit
     stages.begin("missing inputs")
-    missing_after = missing_inputs(naming.evidence) if final is not calm else missing_before
+    missing_before = missing_inputs(weigh(calm))
     stages.begin("held-out records")
     steps = [calm, *([start] if coloured else []), *(r.trials[0].fit for r in naming.rounds if r.named)]
     on_held = [judge_on(flight, held, step) for step in steps]
     gains = _held_gains(on_held)
     stages.begin("verdict")
     causes, minor = causes_of(naming, turbulence, gains if coloured else [None, *gains])
-    verdict, sentence = verdict_of(causes, minor, still_missing(final, missing_after), final)
+    verdict, sentence = verdict_of(causes, minor, still_missing(final, naming.missing), final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, on_held[0], on_held[-1])]
     extended = extended_aircraft(flight.aircraft, final, causes)
@@ -89,7 +89,7 @@ def diagnose(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
         held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(missing_before),
-        missing_after=tuple(missing_after), kinematic=tuple(instruments), turbulence=turbulence,
+        missing_after=naming.missing, kinematic=tuple(instruments), turbulence=turbulence,
         detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
 
@@ -119,11 +119,13 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
     evidence = weigh(calm, discrepancy=False)
     effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kind in kinematics.KINDS]
     ranked = screen(evidence, effects)
-    lasting = next((c for c in ranked if not c.attached.effect.timed), None)
-    turbulent = kinematics.turbulence(flight, calm)
-    if turbulent.named and lasting is not None and lasting.net > 0.5 * turbulent.gain:
-        # an instrument fault looks like moving air until it is in the model
-        repaired = kinematics.reconstruct(flight, [lasting.attached], 0.0, calm)
+    turbulent, repaired = kinematics.turbulence(flight, calm), calm
+    for _ in range(_REPAIRS):
+        # an instrument fault or a discrete gust looks like turbulence until it is in the model
+        remaining = ranked if repaired is calm else screen(weigh(repaired, discrepancy=False), effects)
+        if not (turbulent.named and remaining and remaining[0].net > 0.3 * turbulent.gain):
+            break
+        repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], 0.0, repaired)
         turbulent = kinematics.turbulence(flight, repaired)
     return evidence, ranked, turbulent
 

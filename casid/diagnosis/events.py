@@ -11,7 +11,7 @@ from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import ONSET_STEP, Candidate, Fingerprint, Screen, fingerprints
-from casid.model.effects import configuration_change
+from casid.model.causes import configuration_change
 from casid.model.path import coefficient_names
 
 _FINE = 0.1  # s

@@ -13,11 +13,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from casid.diagnosis.fit import Fit
-from casid.estimation.innovations import inject
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
-SMALL = 0.01
+SMALL = 0.003
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
@@ -26,14 +25,14 @@ _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 class Evidence:
     """A fit seen through the nuisance of small terms.
 
-    columns     (N, R, ny, k) whitened sensitivities of the fitted slots and of the small `terms`
+    by_record   for each record (samples, k) whitened sensitivities of the fitted slots and of the small `terms`
     covariance  (k, k) of their joint posterior; `newton` (k,) posterior mean, zero for converged slots
     deviance    -2 log marginal likelihood up to a constant of the data: small terms integrated out
     terms       (coefficient, term) of the small terms, after the slots in `columns`, in units of `factors`
     """
 
     fit: Fit
-    columns: np.ndarray
+    by_record: tuple[np.ndarray, ...]
     covariance: np.ndarray
     newton: np.ndarray
     deviance: float
@@ -49,15 +48,15 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     """Evidence of a fit; without `discrepancy` the model structure is taken as exact."""
     terms, series, sigma = _small_terms(fit) if discrepancy else ([], np.zeros((*fit.batch.live.shape, 0)), np.zeros(0))
     stations = [fit.model.disturbances.index(f"d{coefficient}") for coefficient, _ in terms]
-    columns = fit.columns
-    if terms:
-        columns = np.concatenate([columns, fit.filter.whiten(*inject(fit.linear, stations, series * sigma))], axis=3)
-    k = len(fit.slots)
-    flat = columns.reshape(fit.white.size, columns.shape[3])
-    information = flat.T @ flat
+    small = fit.filter.whiten_histories(stations, series * sigma) if terms else None
+    k, by_record = len(fit.slots), []
+    for r in range(len(fit.batch.names)):
+        slots = fit.columns[:, r].reshape(fit.white[:, r].size, k)
+        by_record.append(np.hstack([slots, small[:, r].reshape(len(slots), -1)]) if small is not None else slots)
+    information = sum(flat.T @ flat for flat in by_record) + np.zeros((k + len(terms),) * 2)
     information[range(k), range(k)] += fit.prior_weight
     information[range(k, len(information)), range(k, len(information))] += 1.0
-    gradient = flat.T @ fit.white.reshape(-1)
+    gradient = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(k + len(terms))
     gradient[:k] -= fit.prior_pull
     scale = 1.0 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
@@ -73,7 +72,7 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
         deviance += float(np.linalg.slogdet(left)[1])
     return Evidence(
         fit=fit,
-        columns=columns,
+        by_record=tuple(by_record),
         covariance=covariance,
         newton=newton,
         deviance=deviance,

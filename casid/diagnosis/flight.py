@@ -13,8 +13,15 @@ from casid.estimation.innovations import Batch, NoiseModel, evaluate, make_batch
 from casid.estimation.noise import denoise, pooled_sigma
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model, flight_inputs
-from casid.model.path import OUTPUTS, STATES, SignalPath, air_data_station, disturbance_names, surface_station
-from casid.model.path import wind_station
+from casid.model.path import (
+    OUTPUTS,
+    STATES,
+    SignalPath,
+    air_data_station,
+    disturbance_names,
+    surface_station,
+    wind_station,
+)
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.signals import SURFACES

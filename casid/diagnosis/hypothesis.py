@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from casid.model.effects import Effect
+from casid.model.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True)

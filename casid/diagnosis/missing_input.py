@@ -13,7 +13,6 @@ import numpy as np
 
 from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
-from casid.estimation.innovations import inject
 from casid.model.path import coefficient_names
 
 _SPACING = 0.4  # s between nodes
@@ -52,20 +51,20 @@ def _hats(t: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 
 def _one_station(evidence: Evidence, station: str) -> MissingInput:
     fit = evidence.fit
-    names, R, k = fit.batch.names, len(fit.batch.names), evidence.columns.shape[3]
+    names, R, k = fit.batch.names, len(fit.batch.names), evidence.by_record[0].shape[1]
     index = fit.model.disturbances.index(station)
     longest = max(record.duration for record in fit.flight.records)
     nodes = np.arange(0.0, longest + _SPACING, _SPACING)
     n = len(nodes)
     since = fit.batch.t - fit.batch.t[0]
     series = np.where(fit.batch.live[..., None], _hats(since, nodes), 0.0)
-    white = fit.filter.whiten(*inject(fit.linear, [index] * n, series))
+    white = fit.filter.whiten_histories([index] * n, series)
     gram, cross, match = np.zeros((R * n, R * n)), np.zeros((k, R * n)), np.zeros(R * n)
     for r in range(R):
         own = slice(r * n, (r + 1) * n)
         w = white[:, r].reshape(-1, n)
         gram[own, own] = w.T @ w
-        cross[:, own] = evidence.columns[:, r].reshape(len(w), k).T @ w
+        cross[:, own] = evidence.by_record[r].T @ w
         match[own] = w.T @ fit.white[:, r].reshape(-1)
     match -= cross.T @ evidence.newton
     gram -= cross.T @ evidence.covariance @ cross

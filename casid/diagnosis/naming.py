@@ -12,27 +12,32 @@ from casid.diagnosis.evidence import Evidence, coefficient_series, unlike_deriva
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import KINDS as KINEMATIC_KINDS
+from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, screen
 from casid.estimation.innovations import NoiseModel
-from casid.model.effects import Effect, configuration_change
+from casid.model.causes import configuration_change
+from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
-GAIN = 100.0  # net drop of the deviance that a named cause must reach on top of its price
+GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
 SHARE = 0.03  # of the variation of a coefficient: smaller is real but minor
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 _TRIALS, _ROUNDS = 5, 4
+_NOTHING_LEFT = 30.0
 _WIDE = 0.1  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Naming:
-    """Where the naming stands: the current model's evidence, the rounds so far, onset intervals by cause name."""
+    """Where the naming stands: the current model's evidence, what it still misses, the rounds so far, onset intervals
+    by cause name."""
 
     evidence: Evidence
+    missing: tuple[MissingInput, ...]
     rounds: tuple[Round, ...]
     intervals: dict[str, dict[str, tuple[float, float]]]
 
@@ -41,13 +46,13 @@ def name_causes(
     baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel,
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
-    """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters."""
-    state = Naming(evidence=baseline, rounds=(), intervals={})
+    """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters, or when after
+    a naming no anonymous input gains `_NOTHING_LEFT` any more."""
+    state = Naming(evidence=baseline, missing=tuple(missing_inputs(baseline)), rounds=(), intervals={})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
-        done = _one_round(state, catalogue, kinematic, noise)
-        state = done
-        if not state.rounds[-1].named:
+        state = _one_round(state, catalogue, kinematic, noise)
+        if not state.rounds[-1].named or state.missing[0].gain < _NOTHING_LEFT:
             break
     return state
 
@@ -73,8 +78,12 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     named = best is not None and best.net > GAIN and best.meaningful and not best.refuted
     equivalents = _equivalents(best, trials) if named and best is not None else ()
     this = Round(candidates=tuple(candidates), trials=tuple(trials), equivalents=equivalents, named=named)
-    evidence = weigh(best.fit) if named and best is not None else state.evidence
-    return Naming(evidence=evidence, rounds=(*state.rounds, this), intervals=intervals)
+    if not named or best is None:
+        return replace(state, rounds=(*state.rounds, this))
+    evidence = weigh(best.fit)
+    return Naming(
+        evidence=evidence, missing=tuple(missing_inputs(evidence)), rounds=(*state.rounds, this), intervals=intervals
+    )
 
 
 def _to_try(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -18,8 +18,8 @@ from scipy import stats
 from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
-from casid.estimation.innovations import PointFunctions, inject, linearise
-from casid.model.effects import Effect
+from casid.estimation.innovations import PointFunctions, linearise
+from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
 _CHUNK = 96
@@ -126,17 +126,13 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
             rows += [(effect, values, float(onset)) for onset in onsets]
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.change is not None and e.kind != "aero_term"])
     found: list[Fingerprint] = []
-    records = range(len(base.flight.records))
-    flat = [evidence.columns[:, r].reshape(base.white[:, r].size, -1) for r in records]
-    residual = [base.white[:, r].reshape(-1) for r in records]
     for at in range(0, len(rows), _CHUNK):
         chunk = rows[at : at + _CHUNK]
-        Y, F = _response(base, chunk, symbolic)
-        white = base.filter.whiten(Y, F)
-        square = np.einsum("krcj,krcj->rj", white, white)
+        white = _white(base, chunk, symbolic)
         parts = [white[:, r].reshape(-1, len(chunk)) for r in range(white.shape[1])]
-        cross = np.stack([c.T @ w for c, w in zip(flat, parts, strict=True)])
-        match = np.stack([e @ w for e, w in zip(residual, parts, strict=True)])
+        square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
+        cross = np.stack([c.T @ w for c, w in zip(evidence.by_record, parts, strict=True)])
+        match = np.stack([base.white[:, r].reshape(-1) @ w for r, w in enumerate(parts)])
         found += [
             Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
             for j, (e, v, o) in enumerate(chunk)
@@ -160,44 +156,44 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 
-def _response(
+def _white(
     base: Fit, rows: Sequence[tuple[Effect, Mapping[str, float], float | None]], symbolic: Mapping
-) -> tuple[np.ndarray, np.ndarray]:
-    """(Y, F) columns of the rows: a unit of a linear effect, the whole of one that is not."""
+) -> np.ndarray:
+    """(N, R, ny, rows) whitened response to a unit of a linear effect, to the whole of one that is not."""
     N, R, ny = base.white.shape
-    nx = base.linear.A.shape[3]
-    Y, F = np.zeros((N, R, ny, len(rows))), np.zeros((N - 1, R, nx, len(rows)))
     disturbances = base.model.disturbances
-    stations = range(len(disturbances))
-    aero = [j for j, (effect, _, _) in enumerate(rows) if effect.kind == "aero_term"]
-    if aero:
-        terms = [parse_term(rows[j][0].term or "0").evaluate(base.known) for j in aero]
-        series = np.stack([np.broadcast_to(values, (N, R)) for values in terms], axis=2)
-        Y[..., aero], F[..., aero] = inject(
-            base.linear, [disturbances.index(f"d{rows[j][0].target}") for j in aero], series
-        )
     histories: list[tuple[int, int, np.ndarray]] = []
+    direct: list[tuple[int, np.ndarray, np.ndarray]] = []
+    still = np.zeros(base.linear.defect.shape)
     for j, (effect, values, onset) in enumerate(rows):
         if effect.kind == "aero_term":
-            continue
-        if effect.change is not None:
+            series = parse_term(effect.term or "0").evaluate(base.known)
+            histories.append((j, disturbances.index(f"d{effect.target}"), np.broadcast_to(series, (N, R))))
+        elif effect.change is not None:
             if effect.name in symbolic:
-                Y[..., j], F[..., j] = symbolic[effect.name]
-        else:
+                direct.append((j, *symbolic[effect.name]))
+        elif effect.series is not None:
             one = _unit(effect, values, onset, base)
-            if effect.series is not None:
-                W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
-                histories += [(j, s, W[..., s]) for s in stations if W[..., s].any()]
-            else:
-                output = base.linear.output
-                read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
-                Y[..., j] = np.where(base.linear.seen, read - output, 0.0)
+            W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
+            histories += [(j, s, W[..., s]) for s in np.flatnonzero(W.any(axis=(0, 1)))]
+        else:
+            one, output = _unit(effect, values, onset, base), base.linear.output
+            read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
+            direct.append((j, np.where(base.linear.seen, read - output, 0.0), still))
+    if not direct and [j for j, _, _ in histories] == list(range(len(rows))):
+        return base.filter.whiten_histories(
+            [s for _, s, _ in histories], np.stack([h for _, _, h in histories], axis=2)
+        )
+    white = np.zeros((R, N, ny, len(rows))).swapaxes(0, 1)
     if histories:
-        y, f = inject(base.linear, [s for _, s, _ in histories], np.stack([h for _, _, h in histories], axis=2))
+        stations, series = [s for _, s, _ in histories], np.stack([h for _, _, h in histories], axis=2)
+        parts = base.filter.whiten_histories(stations, series)
         for i, (j, _, _) in enumerate(histories):
-            Y[..., j] += y[..., i]
-            F[..., j] += f[..., i]
-    return Y, F
+            white[..., j] += parts[..., i]
+    if direct:
+        Y, F = np.stack([y for _, y, _ in direct], axis=3), np.stack([f for _, _, f in direct], axis=3)
+        white[..., [j for j, _, _ in direct]] = base.filter.whiten(Y, F)
+    return white
 
 
 def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: Fit) -> Attached:

@@ -18,7 +18,7 @@ from casid.diagnosis.naming import GAIN, SHARE, Naming, missing_share
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.effects import turbulence as turbulence_effect
+from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence, effect_unit
 

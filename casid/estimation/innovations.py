@@ -11,7 +11,7 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -20,6 +20,7 @@ import numpy as np
 from casid.model.system import Model
 from casid.records.record import Record
 
+_BLOCK = 256  # points per call of a mapped CasADi function
 _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
 
 
@@ -96,17 +97,14 @@ class PointFunctions:
         k4 = f(x + dt * k3, u1, p, d1)
         self._step = ca.Function("step", [x, u, u1, p, d0, d1, dt], [x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
         self._output = ca.Function("output", [x, u, p, w], [model.h])
-        self._mapped: dict[tuple[str, int], ca.Function] = {}
-
-    def _over(self, function: ca.Function, count: int) -> ca.Function:
-        """The function mapped over `count` points; making the map costs as much as running it once."""
-        key = (function.name(), count)
-        if key not in self._mapped:
-            self._mapped[key] = function.map(count)
-        return self._mapped[key]
+        self._blocks: dict[str, ca.Function] = {}
 
     def _evaluate(self, function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-        return evaluate_mapped(function, self._over(function, arguments[0][..., 0].size), *arguments)
+        """`evaluate` with the map over a block of points kept: making it costs as much as running it many times."""
+        name = function.name()
+        if name not in self._blocks:
+            self._blocks[name] = function.map(_BLOCK)
+        return _evaluate_blocks(function, self._blocks[name], *arguments)
 
     def points(self, X: np.ndarray, U: np.ndarray, P: np.ndarray) -> list[np.ndarray]:
         """[value, d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
@@ -124,27 +122,31 @@ class PointFunctions:
 def evaluate(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """A CasADi function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results
     (N, R, rows, columns)."""
-    return evaluate_mapped(function, function.map(arguments[0][..., 0].size), *arguments)
+    return _evaluate_blocks(function, function.map(_BLOCK), *arguments)
 
 
-def evaluate_mapped(function: ca.Function, mapped: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """`evaluate` with the map of the function over all points made before."""
+def _evaluate_blocks(function: ca.Function, block: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     N, R = arguments[0].shape[:2]
-    buffer, run = mapped.buffer()
-    kept = []
+    count = -(-N * R // _BLOCK)
+    padded = count * _BLOCK
+    inputs, results = [], []
     for i, argument in enumerate(arguments):
-        full = np.ascontiguousarray(np.broadcast_to(argument, (N, R, function.size1_in(i))), dtype=float)
-        kept.append(full)
-        buffer.set_arg(i, memoryview(full.reshape(-1)) if full.size else None)
-    results = []
-    for i in range(function.n_out()):
-        rows, columns = function.size_out(i)
-        out = np.zeros((N, R, columns, rows))
-        results.append(out)
-        if out.size:
-            buffer.set_res(i, memoryview(out.reshape(-1)))
-    run()
-    return [out.swapaxes(2, 3) for out in results]
+        n = function.size1_in(i)
+        full = np.zeros((padded, n))
+        full[: N * R] = np.broadcast_to(argument, (N, R, n)).reshape(N * R, n)
+        full[N * R :] = full[N * R - 1]
+        inputs.append(full)
+    results = [np.zeros((padded, *reversed(function.size_out(i)))) for i in range(function.n_out())]
+    buffer, run = block.buffer()
+    for b in range(count):
+        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
+        for i, full in enumerate(inputs):
+            buffer.set_arg(i, memoryview(full[rows].reshape(-1)) if full.size else None)
+        for i, out in enumerate(results):
+            if out.size:
+                buffer.set_res(i, memoryview(out[rows].reshape(-1)))
+        run()
+    return [out[: N * R].reshape(N, R, *out.shape[1:]).swapaxes(2, 3) for out in results]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -234,32 +236,44 @@ class Filter:
         """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
 
         Y (N, R, ny, nc), F (N-1, R, nx, nc): response of the model to a unit of the column's cause, output and state
-        equation. The residual is the column (residual, -defect)."""
-        return self._run(Y, F)[0]
+        equation. The residual is the column (residual, -defect). In memory the records are apart."""
+        return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k])[0]
 
-    def _run(self, Y: np.ndarray, F: np.ndarray, keep: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        N, R, ny, nc = Y.shape
-        nx, n = F.shape[2], self.A.shape[2]
-        out = np.empty((N, R, ny, nc))
-        states = np.empty((N if keep else 0, R, n, nc))
-        E = np.zeros((R, n, nc))
+    def whiten_histories(self, stations: Sequence[int], series: np.ndarray) -> np.ndarray:
+        """`whiten` of time histories (N, R, nc) that enter at disturbance `stations` (nc indices)."""
+        index, linear = np.asarray(stations, dtype=int), self.linear
+
+        def forced(k: int) -> np.ndarray:
+            now, after = linear.Bw0[k][..., index], linear.Bw1[k][..., index]
+            return now * series[k][:, None, :] + after * series[k + 1][:, None, :]
+
+        return self._run(len(index), lambda k: linear.Dw[k][..., index] * series[k][:, None, :], forced)[0]
+
+    def _run(
+        self, columns: int, output: Callable[[int], np.ndarray], forced: Callable[[int], np.ndarray], keep: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        N, R, ny, n = self.C.shape
+        nx = self.linear.A.shape[2]
+        white = np.empty((R, N, ny, columns))
+        states = np.empty((N if keep else 0, R, n, columns))
+        E = np.zeros((R, n, columns))
         AK = self.A @ self.K[:-1]
         for k in range(N):
             if keep:
                 states[k] = E
             e = self.C[k] @ E
-            e += Y[k]
-            np.matmul(self.inverse_root[k], e, out=out[k])
+            e += output(k)
+            np.matmul(self.inverse_root[k], e, out=white[:, k])
             if k < N - 1:
                 E = self.A[k] @ E
                 E -= AK[k] @ e
-                E[:, :nx] += F[k]
-        return out, states
+                E[:, :nx] += forced(k)
+        return white.swapaxes(0, 1), states
 
     def smooth(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Most likely deviation of the augmented state (N, R, n) given one column (Y, F) with nc = 1, by the
         Bryson-Frazier backward recursion."""
-        white, states = self._run(Y, F, keep=True)
+        white, states = self._run(1, lambda k: Y[k], lambda k: F[k], keep=True)
         N, n = states.shape[0], states.shape[2]
         deviation = np.empty(states.shape[:3])
         costate = np.zeros((*states.shape[1:3], 1))

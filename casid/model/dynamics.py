@@ -10,7 +10,8 @@ import numpy as np
 
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
-from casid.model.effects import Effect, effect_of
+from casid.model.effect import Effect
+from casid.model.effects import effect_of
 from casid.model.path import (
     INPUTS,
     OUTPUTS,
