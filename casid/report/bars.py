@@ -1,0 +1,187 @@
+"""Rankings: causes that were fitted, places where something is missing, instruments by kinematics alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from casid.diagnosis.naming import GAIN, KINEMATIC_GAIN
+from casid.diagnosis.result import Cause, Diagnosis, Trial
+from casid.diagnosis.verdict import still_missing
+from casid.report.reconstruction import Reconstruction
+from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
+from casid.report.words import effect_name, place, quantity
+
+_MOST_INSTRUMENTS = 16
+
+
+def ladder(diagnosis: Diagnosis) -> Picture | None:
+    """Gain of every cause that was fitted, round by round, and of the named ones on held-out records."""
+    rows = [(number, trial, i == 0 and r.named) for number, r in enumerate(diagnosis.rounds, 1)
+            for i, trial in enumerate(r.trials)]  # fmt: skip
+    if not rows:
+        return None
+    several = sum(bool(r.trials) for r in diagnosis.rounds) > 1
+    figure = blank(0.34 * len(rows) + 1.7)
+    ax = figure.subplots()
+    held_out = []
+    for y, (_, trial, named) in enumerate(rows):
+        ax.barh(y, max(trial.gain, 1.0), 0.7, **_face(trial, named))
+        held = _held_out(diagnosis, trial) if named else None
+        if held is not None and held > 0:
+            held_out.append(held)
+            ax.plot(held, y, "D", color=BASELINE, mec="white", ms=8, zorder=3)
+    ax.axvline(GAIN, color=MEASURED, ls=":", lw=1.2)
+    ax.set_xscale("log")
+    ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain for _, t, _ in rows), *held_out))
+    ax.set_yticks(range(len(rows)), [_row_name(n, t, several) for n, t, _ in rows])
+    ax.invert_yaxis()
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("gain 2 Δ ln L (log scale)")
+    handles = [
+        Patch(**_legend_face(EXTENDED, "")), Patch(**_legend_face(FAINT, "")), Patch(**_legend_face(NOISE, "...")),
+        Patch(**_legend_face("white", "////")), Line2D([], [], ls="", marker="D", color=BASELINE),
+        Line2D([], [], color=MEASURED, ls=":"),
+    ]  # fmt: skip
+    words = [
+        "named", "fitted, gained less", "too small to matter", "refuted by kinematics", "named, on held-out records",
+        "least gain to be named",
+    ]  # fmt: skip
+    figure.legend(handles, words, loc="outside upper center", ncols=2)
+    best, name = rows[0], effect_name(rows[0][1].candidate.attached.effect)
+    return Picture(
+        name="ladder",
+        figure=figure,
+        title="Which cause: what each one gains when it is fitted",
+        caption=(
+            "Each bar is a full fit of the extended model. 2 Δ ln L is the drop of the deviance; on clean data it "
+            f"stays below {GAIN:.0f}. On fitted records only that counts which small further terms cannot explain. "
+            + ("Round 2 starts from the model with the first cause, and so on." if several else "")
+        ),
+        alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain:.0f}.",
+    )
+
+
+def _face(trial: Trial, named: bool) -> dict:
+    if trial.refuted:
+        return _legend_face("white", "////")
+    if not trial.meaningful:
+        return _legend_face(NOISE, "...")
+    return _legend_face(EXTENDED if named else FAINT, "")
+
+
+def _legend_face(colour: str, hatch: str) -> dict:
+    return {"facecolor": colour, "hatch": hatch, "edgecolor": MEASURED if hatch else colour, "linewidth": 0.8}
+
+
+def _row_name(number: int, trial: Trial, several: bool) -> str:
+    one = trial.candidate.attached
+    size = quantity(one.values["value"], one.effect.unit)
+    return f"{f'{number}. ' if several else ''}{effect_name(one.effect)} ({size})"
+
+
+def _held_out(diagnosis: Diagnosis, trial: Trial) -> float | None:
+    """2 Δ ln L on the held-out records of the cause that this trial became."""
+    effect = trial.candidate.attached.effect
+    cause = next((c for c in named_or_minor(diagnosis) if (c.kind, c.target, c.term) == effect.key), None)
+    view = diagnosis.held_out_extended
+    if cause is None or cause.held_out_gain is None or view is None:
+        return None
+    return 2.0 * cause.held_out_gain * view.samples
+
+
+def named_or_minor(diagnosis: Diagnosis) -> tuple[Cause, ...]:
+    """All causes of the verdict, minor ones behind."""
+    return (*diagnosis.causes, *diagnosis.minor)
+
+
+def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
+    """What an anonymous input at each station gains, before naming and after."""
+    before = {station: m.gain for station, m in seen.before.items()}
+    after = {station: m.gain for station, m in seen.after.items()}
+    unexplained = [m.station for m in still_missing(diagnosis.extended.fit, diagnosis.missing_after)]
+    order = sorted(before, key=lambda s: -before[s])
+    figure = blank(0.36 * len(order) + 1.4)
+    ax = figure.subplots()
+    extended = bool(diagnosis.causes)
+    y, height = np.arange(len(order)), 0.38 if extended else 0.7
+    ax.barh(y - (height / 2 if extended else 0), [max(before[s], 1.0) for s in order], height, color=BASELINE,
+            label="today's simulation")  # fmt: skip
+    if extended:
+        ax.barh(y + height / 2, [max(after[s], 1.0) for s in order], height, color=EXTENDED, label="extended model")
+    for station in unexplained:
+        at = (max(before[station], after[station]), order.index(station))
+        ax.annotate("unexplained", at, xytext=(5, 0), textcoords="offset points", va="center", weight="bold")
+    ax.set_xscale("log")
+    ax.set_xlim(1.0, 10.0 * max(100.0, *before.values(), *after.values()))
+    ax.set_yticks(y, [place(s) for s in order])
+    ax.invert_yaxis()
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("gain of an unknown input there, 2 Δ ln L (log scale)")
+    figure.legend(loc="outside upper center", ncols=2)
+    return Picture(
+        name="missing",
+        figure=figure,
+        title="Where something is missing",
+        caption=(
+            "An unknown time history is allowed at one place of the signal path at a time. A large gain says that "
+            "something enters there, whatever it is; neighbouring places share the gain of one cause. What is left "
+            "counts as unexplained only when it is large and small further terms cannot explain it either."
+        ),
+        alt=f"Bar chart of the gain of an unknown input per place; largest before naming: {place(order[0])}, "
+        f"{before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),
+    )
+
+
+def kinematic(diagnosis: Diagnosis) -> Picture | None:
+    """|z| of the strongest fault of every instrument, forces left free; None where kinematics cannot be checked."""
+    best: dict[str, tuple[float, str]] = {}
+    for candidate in diagnosis.kinematic:
+        effect = candidate.attached.effect
+        key = effect_name(effect).split(":")[0] if ":" in effect_name(effect) else effect_name(effect)
+        fault = effect.kind.replace("sensor_", "").replace("_", " ") if ":" in effect_name(effect) else ""
+        z = math.sqrt(max(candidate.statistic, 0.0))
+        if z > best.get(key, (-1.0, ""))[0]:
+            best[key] = (z, f"{fault} {quantity(candidate.value, effect.unit)}".strip())
+    if not best:
+        return None
+    limit = math.sqrt(KINEMATIC_GAIN)
+    everyone = sorted(best, key=lambda k: -best[k][0])
+    order = everyone[:_MOST_INSTRUMENTS]
+    figure = blank(0.29 * len(order) + 1.2)
+    ax = figure.subplots()
+    over = [best[k][0] > limit for k in order]
+    ax.barh(range(len(order)), [best[k][0] for k in order], 0.7, color=[BASELINE if o else EXPLAINED for o in over],
+            hatch=["//" if o else "" for o in over], edgecolor="white", linewidth=0)  # fmt: skip
+    for y, key in enumerate(order):
+        if over[y]:
+            ax.annotate(
+                best[key][1], (best[key][0], y), xytext=(5, 0), textcoords="offset points", va="center", fontsize=9
+            )
+    ax.axvline(limit, color=MEASURED, ls=":", lw=1.2)
+    ax.set_xlim(0.0, max(1.6 * best[order[0]][0], 1.3 * limit))
+    ax.set_yticks(range(len(order)), order)
+    ax.set_ylim(len(order) - 0.4, -0.6)
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("|z| of its strongest fault (dotted: limit)")
+    cleared = f"{sum(best[k][0] <= limit for k in everyone)} of {len(everyone)} instruments and winds are cleared"
+    note = (
+        " They were scored in calm air, before turbulence was named: moving air shows in all of them."
+        if diagnosis.turbulence.named
+        else " One fault shows in its neighbours as well; the strongest is the likeliest."
+        if any(over)
+        else ""
+    )
+    return Picture(
+        name="kinematic",
+        figure=figure,
+        title=f"Kinematic check: {cleared}",
+        caption=(
+            "Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
+            f"What fails here (hatched) is an instrument or moving air, and nothing else.{note}"
+        ),
+        alt=f"Bar chart of |z| per instrument; {cleared}; the largest is {order[0]} with {best[order[0]][0]:.0f}.",
+    )

@@ -1,0 +1,187 @@
+"""What the simulation gets wrong in time: histories on held-out records, residuals over their noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
+
+from casid.diagnosis.result import Diagnosis, View
+from casid.report.style import (
+    BASELINE,
+    EXPLAINED,
+    EXTENDED,
+    MEASURED,
+    NOISE,
+    Picture,
+    blank,
+    channel_axis,
+    channel_scale,
+    smooth,
+)
+from casid.signals import label_of
+
+_WINDOW = 14.0  # s
+
+
+def misfit(view: View) -> dict[str, float]:
+    """Channel -> r.m.s. of the free simulation's residual over the instrument's noise."""
+    return {name: c.rms / c.noise for name, c in view.channels.items()}
+
+
+def telling_channels(before: View, after: View, count: int) -> list[str]:
+    """The channels whose innovations lose most by the extension; without one, the worst of the baseline."""
+    outputs = before.fit.model.outputs
+    if before.fit is after.fit or before.fit.deviance == after.fit.deviance:
+        table = misfit(before)
+        return sorted(outputs, key=lambda o: -table[o])[:count]
+    drop = np.sum(before.fit.white**2 - after.fit.white**2, axis=(0, 1))
+    return [outputs[i] for i in np.argsort(-drop)[:count]]
+
+
+def histories(diagnosis: Diagnosis) -> Picture | None:
+    """Measured, baseline and extended in one held-out record; None without a held-out record."""
+    before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
+    if before is None or after is None:
+        return None
+    extended = bool(diagnosis.causes)
+    old, new = misfit(before), misfit(after)
+    channels = sorted(old, key=lambda o: new[o] - old[o] if extended else -old[o])[:3]
+    r = _worst_record(before, channels)
+    record = before.fit.flight.records[r]
+    window = _telling_window(before, after, channels, r)
+    figure = blank(1.75 * len(channels) + 0.6)
+    axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, channel in zip(axes, channels, strict=True):
+        i, (factor, _) = before.fit.model.outputs.index(channel), channel_scale(channel)
+        t = record.t[window]
+        ax.plot(t, factor * record[channel][window], color="#C4C4C4", lw=4.5, label="measured")
+        label = "today's simulation" if extended else "simulated"
+        ax.plot(t, factor * before.simulated.output[window, r, i], "--", color=BASELINE, label=label)
+        if extended:
+            ax.plot(t, factor * after.simulated.output[window, r, i], color=EXTENDED, label="extended model")
+        ax.set_ylabel(channel_axis(channel))
+        ax.set_title(label_of(channel), loc="left")
+        ax.margins(x=0.01)
+    axes[-1].set_xlabel("time t [s]")
+    figure.align_ylabels(axes)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    names = ", ".join(label_of(c) for c in channels)
+    part = "" if window.stop - window.start == len(record) else f"The {_WINDOW:.0f} s that tell most. "
+    return Picture(
+        name="histories",
+        figure=figure,
+        title=f"Flown again: record {record.name}, which no fit has seen",
+        caption=(
+            "Open-loop simulation from the estimated initial state with the recorded control inputs, against the "
+            "measurement. "
+            + part
+            + ("The channels that the extension improves most." if extended else "The worst channels.")
+        ),
+        alt=f"Time histories of {names} in held-out record {record.name}: measured, and simulated by today's "
+        + ("and by the extended model." if extended else "model."),
+    )
+
+
+def _telling_window(before: View, after: View, channels: list[str], r: int) -> slice:
+    """The `_WINDOW` seconds of record r in which the simulations differ most, or without an extension, miss most."""
+    record = before.fit.flight.records[r]
+    index = [before.fit.model.outputs.index(c) for c in channels]
+    noise = np.array([before.channels[c].noise for c in channels])
+    wrong = before.simulated.residual[: len(record), r, :][:, index] / noise
+    moved = (after.simulated.output - before.simulated.output)[: len(record), r, :][:, index] / noise
+    size = np.nan_to_num(np.sum((moved if moved.any() else wrong) ** 2, axis=1))
+    count = int(_WINDOW / record.dt)
+    if count >= len(record):
+        return slice(0, len(record))
+    total = np.convolve(size, np.ones(count), mode="valid")
+    start = int(np.argmax(total))
+    return slice(start, start + count)
+
+
+def _worst_record(view: View, channels: list[str]) -> int:
+    index = [view.fit.model.outputs.index(c) for c in channels]
+    noise = np.array([view.channels[c].noise for c in channels])
+    return int(np.argmax(np.nanmean((view.simulated.residual[..., index] / noise) ** 2, axis=(0, 2))))
+
+
+def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
+    """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left."""
+    before, after = diagnosis.baseline, diagnosis.extended
+    extended = bool(diagnosis.causes)
+    channels = channels or telling_channels(before, after, 3)
+    r = _worst_record(before, channels)
+    record = before.fit.flight.records[r]
+    n = len(record)
+    figure = blank(1.85 * len(channels) + 0.7)
+    axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, channel in zip(axes, channels, strict=True):
+        i, noise = before.fit.model.outputs.index(channel), before.channels[channel].noise
+        wrong = smooth(before.simulated.residual[:n, r, i] / noise, record.dt)
+        ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
+        ax.plot(record.t, wrong, color=BASELINE, label="what the simulation gets wrong")
+        if extended:
+            explained = (after.simulated.output[:n, r, i] - before.simulated.output[:n, r, i]) / noise
+            left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
+            ax.plot(record.t, explained, "--", color=EXPLAINED, label="explained by the extension")
+            ax.plot(record.t, left, color=EXTENDED, lw=1.1, label="left after it")
+        ax.set_title(f"{label_of(channel)} {channel}", loc="left")
+        ax.set_ylabel("residual / σ")
+        ax.margins(x=0.01)
+    axes[-1].set_xlabel("time t [s]")
+    figure.align_ylabels(axes)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return Picture(
+        name=name,
+        figure=figure,
+        title=f"What the simulation gets wrong, in units of the noise (record {record.name})",
+        caption=(
+            "Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey band "
+            "is noise."
+        ),
+        alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band"
+        + (", what the extension explains of them, and what is left." if extended else "."),
+    )
+
+
+def gain(diagnosis: Diagnosis) -> Picture | None:
+    """Residual over noise per channel on held-out records, before and after; None when nothing was added."""
+    before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
+    if before is None or after is None or not diagnosis.causes:
+        return None
+    old, new = misfit(before), misfit(after)
+    order = sorted(old, key=lambda o: new[o] / old[o], reverse=True)
+    figure = blank(0.31 * len(order) + 1.3)
+    ax = figure.subplots()
+    ax.axvline(1.0, color=MEASURED, lw=1.0, ls=":")
+    for y, channel in enumerate(order):
+        ax.plot([old[channel], new[channel]], [y, y], color=NOISE, lw=4, zorder=1, solid_capstyle="butt")
+        change = 100.0 * (new[channel] / old[channel] - 1.0)
+        ax.annotate(
+            f"{change:+.0f} %".replace("-", "−"), (1.01, y), xycoords=("axes fraction", "data"), va="center", fontsize=9
+        )
+    ax.plot([old[o] for o in order], range(len(order)), "o", color=BASELINE, label="today's simulation")
+    ax.plot([new[o] for o in order], range(len(order)), "D", color=EXTENDED, ms=5, label="extended model")
+    ax.set_xscale("log")
+    ax.set_yticks(range(len(order)), [f"{label_of(o)} {o}" for o in order])
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if _few(ax) else ""))
+    ax.set_xlabel("r.m.s. residual / noise (dotted: only noise)")
+    ax.grid(axis="y", visible=False)
+    figure.legend(loc="outside upper center", ncols=2)
+    names = ", ".join(before.fit.flight.names)
+    best = order[-1]
+    return Picture(
+        name="gain",
+        figure=figure,
+        title=f"Gain per channel on {names}, which no fit has seen",
+        caption="R.m.s. of measured minus simulated over the noise; the number is the change of the r.m.s. residual.",
+        alt=f"Residual over noise per channel on held-out {names}, before and after; the largest change is that of "
+        f"{label_of(best)}, by {100.0 * (new[best] / old[best] - 1.0):+.0f} per cent.",
+    )
+
+
+def _few(ax: Axes) -> bool:
+    """Whether the logarithmic axis spans less than a decade, so that its minor ticks have room for numbers."""
+    low, high = ax.get_xlim()
+    return high / low < 10.0

@@ -1,0 +1,251 @@
+"""The shape of what is missing: the reconstructed coefficient or wind against its regressor and in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from casid.diagnosis.evidence import coefficient_series
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.result import Cause, Diagnosis
+from casid.model.terms import parse_term
+from casid.report.style import (
+    BASELINE,
+    FAINT,
+    MEASURED,
+    RECORD_COLOURS,
+    RECORD_MARKERS,
+    Picture,
+    blank,
+    shown_unit,
+)
+from casid.report.words import place, pretty_term
+from casid.signals import unit_of
+
+_BINS = 9
+_MAX_RECORDS = 3
+
+
+def station_of(cause: Cause) -> str | None:
+    """The station of the signal path at which a cause enters directly, when an anonymous input stands there."""
+    if cause.kind in ("aero_term", "unsteady_aero", "configuration_change"):
+        return f"d{cause.target.split('+')[0]}"
+    return f"wind_{cause.target}" if cause.kind in ("gust", "wind_shear") else None
+
+
+def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]) -> Picture | None:
+    """The reconstructed missing coefficient against the regressor of the named term, with the named curve over it.
+
+    `before`: anonymous inputs by station, before naming. The changes of the other derivatives that came with
+    the term are taken off it, so that the term alone is left. None for a cause that is no aerodynamic term.
+    """
+    if cause.kind not in ("aero_term", "unsteady_aero"):
+        return None
+    missing = before.get(station_of(cause) or "")
+    if missing is None:
+        return None
+    fit = diagnosis.extended.fit
+    own = cause.value * _regressor(fit, cause)
+    others = named_series(diagnosis, missing.station) - own
+    variable, label, scale = _abscissa(fit, cause)
+    figure = blank(4.4)
+    ax = figure.subplots()
+    points = []
+    for r, (t, mean, sigma) in _nodes(missing, fit):
+        x, rest = _at(fit, variable, r, t) * scale, _at(fit, others, r, t)
+        points.append(np.stack([x, mean - rest, sigma], axis=1))
+        ax.plot(
+            x, mean - rest, RECORD_MARKERS[r % 6], color=RECORD_COLOURS[r % 6], ms=4, alpha=0.4, mew=0,
+            label=f"reconstructed, {fit.batch.names[r]}",
+        )  # fmt: skip
+    cloud = np.concatenate(points)
+    x, y, error = _binned(cloud)
+    ax.errorbar(x, y, error, fmt="o", color=MEASURED, ms=6, capsize=3, zorder=4, label="mean of equal groups, ±2σ")
+    line = np.linspace(cloud[:, 0].min(), cloud[:, 0].max(), 200)
+    ax.plot(line, cause.value * _power(cause, line / scale), color=BASELINE, lw=2.5, zorder=3, label="the named term")
+    ax.set_xlabel(label)
+    ax.set_ylabel(f"missing {place(missing.station)}")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=1.3)
+    term = pretty_term(cause.term) if cause.term else "its rate"
+    return Picture(
+        name="shape",
+        figure=figure,
+        title=f"The missing {place(missing.station)} follows {term}",
+        caption=(
+            f"Dots: an unknown {cause.target}(t), reconstructed from the records before any cause was named and "
+            "without knowing its form, less the changes of the other derivatives. Line: the term that was named, with "
+            "its fitted factor."
+        ),
+        alt=f"Scatter of the reconstructed missing {place(missing.station)} over {term}; the curve of the named term "
+        "runs through the dots.",
+    )
+
+
+def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, name: str = "missing_history") -> Picture:
+    """A reconstructed input in time with its ±2σ band; with `curve`, what the named causes put there."""
+    fit = diagnosis.extended.fit if curve else diagnosis.baseline.fit
+    wind = missing.station.startswith("wind")
+    named = named_series(diagnosis, missing.station) if curve else np.zeros(fit.batch.live.shape)
+    chosen = _liveliest(missing, fit)
+    figure = blank(1.75 * len(chosen) + 0.7)
+    axes = figure.subplots(len(chosen), 1, squeeze=False, sharey=True)[:, 0]
+    for ax, r in zip(axes, chosen, strict=True):
+        t, mean, sigma = dict(_nodes(missing, fit))[r]
+        ax.fill_between(t, mean - 2 * sigma, mean + 2 * sigma, color="#BBD7EA", lw=0, label="±2σ")
+        ax.plot(t, mean, color="#0072B2", label="reconstructed, form unknown")
+        if curve:
+            moment = _centred(_at(fit, named, r, t), mean, wind)
+            ax.plot(t, moment, "--", color=BASELINE, lw=2, label="what the named causes put there")
+        ax.axhline(0.0, color=FAINT, lw=0.8)
+        ax.set_title(fit.batch.names[r], loc="left")
+        ax.set_xlabel("time t [s]" if r == chosen[-1] else "")
+    figure.supylabel(f"{place(missing.station)} {'[m/s]' if wind else '(missing part)'}", fontsize=10.5)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    where = place(missing.station)
+    return Picture(
+        name=name,
+        figure=figure,
+        title=f"What is missing enters as {where}",
+        caption=(
+            f"An unknown time history of the {where} that would make simulation and measurement agree, reconstructed "
+            "without knowing its form."
+        ),
+        alt=f"Reconstructed missing {where} over time in {len(chosen)} records, with its uncertainty"
+        + (" and the history that the named causes put there." if curve else "."),
+    )
+
+
+def wind(diagnosis: Diagnosis, before: Mapping[str, MissingInput]) -> Picture:
+    """The moving air of a turbulent record: three components, and the r.m.s. velocity that was named."""
+    sigma = diagnosis.turbulence.sigma
+    components = [before[station] for station in sorted(before) if station.startswith("wind")]
+    fit = diagnosis.baseline.fit
+    r = _liveliest(components[-1], fit)[0]
+    figure = blank(1.6 * len(components) + 0.7)
+    axes = figure.subplots(len(components), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, component in zip(axes, components, strict=True):
+        t, mean, error = dict(_nodes(component, fit))[r]
+        ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the named turbulence, {sigma:.2g} m/s")
+        ax.fill_between(t, mean - 2 * error, mean + 2 * error, color="#BBD7EA", lw=0, alpha=0.7, label="±2σ")
+        ax.plot(t, mean, color="#0072B2", label="reconstructed gust velocity")
+        ax.set_ylabel(f"{place(component.station)}\n[m/s]")
+    axes[-1].set_xlabel("time t [s]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return Picture(
+        name="wind",
+        figure=figure,
+        title=f"The air moves (record {fit.batch.names[r]})",
+        caption=(
+            "Gust velocities along the body axes that would make simulation and measurement agree, each axis by "
+            "itself. The r.m.s. velocity was named from kinematics, which hold whatever the aerodynamics are."
+        ),
+        alt=f"Reconstructed gust velocity along three axes over time in record {fit.batch.names[r]}.",
+    )
+
+
+def named_series(diagnosis: Diagnosis, station: str) -> np.ndarray:
+    """(N, R) what the extension adds at a station: effects, and the changes of the fitted derivatives."""
+    before, after = diagnosis.baseline.fit, diagnosis.extended.fit
+    total = after.disturbances[..., after.model.disturbances.index(station)].copy()
+    if station.startswith("wind"):
+        return total
+    coefficient = station[1:]
+    total += coefficient_series(after)[coefficient] - _with_derivatives_of(before, after, coefficient)
+    for one in after.attached:
+        if one.effect.kind in ("aero_term", "unsteady_aero") and one.effect.target == coefficient:
+            total += one.values["value"] * _series(after, one.effect.kind, coefficient, one.effect.term)
+    return total
+
+
+def _with_derivatives_of(before: Fit, after: Fit, coefficient: str) -> np.ndarray:
+    """(N, R) the coefficient by the old derivatives along the new trajectories."""
+    change = {name: before.derivatives[name] for name in after.derivatives if name in before.derivatives}
+    total = np.zeros(after.batch.live.shape)
+    for name, value in change.items():
+        owner, _, term = name.partition("_")
+        if owner == coefficient and "dot" not in term:
+            total += value * parse_term(term).evaluate(after.known)
+    return total
+
+
+def _series(fit: Fit, kind: str, coefficient: str, term: str | None) -> np.ndarray:
+    if kind == "aero_term":
+        return np.broadcast_to(parse_term(term or "0").evaluate(fit.known), fit.batch.live.shape)
+    lateral = coefficient in ("CY", "Cl", "Cn")
+    aircraft, angle = fit.flight.aircraft, fit.known["beta" if lateral else "alpha"]
+    length = aircraft.rate_length_lateral if lateral else aircraft.rate_length_pitch
+    outputs = fit.model.outputs
+    speed = fit.linear.output[..., outputs.index("V")] if "V" in outputs else aircraft.trim.get("V", 100.0)
+    rate = np.stack(
+        [np.gradient(angle[:, r], fit.batch.t[:, r] + _ties(fit, r)) for r in range(angle.shape[1])], axis=1
+    )
+    return rate * length / speed
+
+
+def _ties(fit: Fit, r: int) -> np.ndarray:
+    """Padding behind a record's end repeats its last time stamp; make it grow, so that it can be divided by."""
+    return np.where(fit.batch.live[:, r], 0.0, np.arange(len(fit.batch.t)) * fit.flight.records[r].dt)
+
+
+def _regressor(fit: Fit, cause: Cause) -> np.ndarray:
+    return _series(fit, cause.kind, cause.target, cause.term)
+
+
+def _abscissa(fit: Fit, cause: Cause) -> tuple[np.ndarray, str, float]:
+    """(series, axis label, factor to what is shown): the one variable of the term, or the term itself."""
+    if cause.kind == "unsteady_aero":
+        angle = "beta" if cause.target in ("CY", "Cl", "Cn") else "alpha"
+        return _regressor(fit, cause), f"dimensionless rate of {angle} [1]", 1.0
+    term = parse_term(cause.term or "0")
+    if len(term.factors) == 1:
+        variable = term.factors[0][0]
+        unit = unit_of(variable) if variable not in ("p", "q", "r") else "1"
+        factor, shown = shown_unit(unit)
+        return np.broadcast_to(fit.known[variable], fit.batch.live.shape), f"{variable} [{shown}]", factor
+    return _regressor(fit, cause), f"{pretty_term(term.name)} [rad{'²³'[term.degree - 2]}]", 1.0
+
+
+def _power(cause: Cause, x: np.ndarray) -> np.ndarray:
+    factors = parse_term(cause.term).factors if cause.term else ()
+    return x ** factors[0][1] if len(factors) == 1 else x
+
+
+def _nodes(missing: MissingInput, fit: Fit) -> list[tuple[int, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+    """(record, (t, mean, sigma)) at the nodes that lie inside the record."""
+    found = []
+    for r, record in enumerate(fit.flight.records):
+        t, mean, sigma = missing.history[record.name]
+        inside = t <= record.t[-1]
+        found.append((r, (t[inside], mean[inside], sigma[inside])))
+    return found
+
+
+def _at(fit: Fit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
+    record = fit.flight.records[r]
+    return np.interp(t, record.t, series[: len(record), r])
+
+
+def _binned(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(x, y, 2-sigma of y) of groups of equal size along x, weighted by 1/sigma²."""
+    groups = np.array_split(cloud[np.argsort(cloud[:, 0])], _BINS)
+    rows = []
+    for group in groups:
+        weight = 1.0 / np.maximum(group[:, 2], 1e-12) ** 2
+        mean = np.average(group[:, :2], axis=0, weights=weight)
+        scatter = np.sqrt(np.average((group[:, 1] - mean[1]) ** 2, weights=weight) / len(group))
+        rows.append((*mean, 2.0 * max(scatter, weight.sum() ** -0.5)))
+    x, y, error = np.array(rows).T
+    return x, y, error
+
+
+def _liveliest(missing: MissingInput, fit: Fit) -> list[int]:
+    """Up to three records in which the input is largest, in their own order."""
+    size = {r: float(np.mean(mean**2)) for r, (_, mean, _) in _nodes(missing, fit)}
+    return sorted(sorted(size, key=lambda r: -size[r])[:_MAX_RECORDS])
+
+
+def _centred(curve: np.ndarray, mean: np.ndarray, wind: bool) -> np.ndarray:
+    """A steady wind is not seen; the curve is shown with the mean of the reconstruction."""
+    return curve - np.mean(curve) + np.mean(mean) if wind else curve

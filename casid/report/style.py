@@ -1,0 +1,90 @@
+"""How every figure looks: size, type, colours that colour-blind readers tell apart, and units that people read."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from casid.signals import unit_of
+
+# Okabe and Ito, Color Universal Design (2008)
+MEASURED, BASELINE, EXTENDED, EXPLAINED = "#222222", "#D55E00", "#0072B2", "#009E73"
+NOISE, FAINT, ALERT = "#DDDDDD", "#9A9A9A", "#CC79A7"
+RECORD_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+RECORD_MARKERS = ("o", "s", "^", "D", "v", "P")
+WIDTH = 6.4  # inches; the page shows it up to 45 rem wide
+_RC: Mapping[str, Any] = MappingProxyType(
+    {
+        "font.size": 10.5, "axes.titlesize": 10.5, "axes.labelsize": 10.5, "legend.fontsize": 9.5,
+        "xtick.labelsize": 9.5, "ytick.labelsize": 9.5, "axes.spines.top": False, "axes.spines.right": False,
+        "axes.grid": True, "grid.color": "#E4E4E4", "grid.linewidth": 0.6, "axes.axisbelow": True,
+        "legend.frameon": False, "lines.linewidth": 1.5, "svg.hashsalt": "casid", "path.simplify": True,
+        "path.simplify_threshold": 0.3, "figure.facecolor": "white", "figure.constrained_layout.h_pad": 0.06,
+    }
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Picture:
+    """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it."""
+
+    name: str
+    figure: Figure
+    title: str
+    caption: str
+    alt: str
+
+    def svg(self) -> bytes:
+        """The figure as SVG; the same figure gives the same bytes."""
+        buffer = io.BytesIO()
+        with settings():
+            self.figure.savefig(buffer, format="svg", metadata={"Date": None})
+        return buffer.getvalue()
+
+
+def settings() -> AbstractContextManager[None]:
+    """The context in which figures are made and written."""
+    return mpl.rc_context(rc={key: value for key, value in _RC.items()})  # pyright: ignore[reportArgumentType]
+
+
+def blank(height: float) -> Figure:
+    """An empty figure, `height` in inches; call it under `settings`."""
+    return Figure(figsize=(WIDTH, height), layout="constrained")
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """(factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
+    if unit.startswith("rad"):
+        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")
+    return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
+        "rad3", "rad³"
+    )  # fmt: skip
+
+
+def channel_scale(channel: str) -> tuple[float, str]:
+    """(factor, unit) for showing a channel."""
+    return shown_unit(unit_of(channel))
+
+
+def channel_axis(channel: str) -> str:
+    """Axis label of a channel with its unit, e.g. "q [deg/s]"."""
+    return f"{channel} [{channel_scale(channel)[1]}]"
+
+
+def smooth(values: np.ndarray, dt: float, width_s: float = 0.1) -> np.ndarray:
+    """Gaussian mean of 1-sigma width `width_s`, over what is not NaN."""
+    half = int(np.ceil(3.0 * width_s / dt))
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * dt / width_s) ** 2)
+    seen = np.isfinite(values)
+    weight = np.convolve(seen, kernel)[half : half + len(values)]
+    total = np.convolve(np.where(seen, values, 0.0), kernel)[half : half + len(values)]
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)

@@ -1,0 +1,202 @@
+"""The tables of the report, as HTML."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from casid.diagnosis.result import Cause, Diagnosis, Trial, View
+from casid.model.vocabulary import KINDS
+from casid.report.style import channel_scale
+from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> str:
+    """An HTML table of cells that are HTML already; the first column heads its row. "" without rows."""
+    body = [f"<tr><th scope='row'>{row[0]}</th>{''.join(f'<td>{cell}</td>' for cell in row[1:])}</tr>" for row in rows]
+    if not body:
+        return ""
+    top = "".join(f"<th scope='col'>{cell}</th>" for cell in head)
+    return (
+        f"<div class='wide'><table><caption>{caption}</caption><thead><tr>{top}</tr></thead>"
+        f"<tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def causes(diagnosis: Diagnosis) -> str:
+    """The named causes, strongest first."""
+    rows = [
+        (
+            escape(cause_name(c.kind, c.target, c.term)),
+            escape(with_std(c.value, c.std, c.unit)) + _further(c),
+            escape(_where(c)),
+            digits(c.statistic),
+            _held(c),
+            escape(", ".join(cause_name(o["kind"], o["target"], o["term"]) for o in c.indistinguishable_from) or "–"),
+        )
+        for c in diagnosis.causes
+    ]  # fmt: skip
+    head = ("cause", "size ± 1σ", "records", "gain 2 Δ ln L", "gain on held-out, ln L per sample",
+            "cannot be told apart from")  # fmt: skip
+    return table(head, rows, "Named causes, strongest first")
+
+
+def _further(cause: Cause) -> str:
+    return "".join(f"<br>{escape(k)}: {digits(v)}" for k, v in cause.parameters.items())
+
+
+def _where(cause: Cause) -> str:
+    if cause.onset_s:
+        return ", ".join(f"{r} from {low:.1f}–{high:.1f} s" for r, (low, high) in cause.onset_s.items())
+    return ", ".join(cause.records)
+
+
+def _held(cause: Cause) -> str:
+    return "an event: judged in its record" if cause.held_out_gain is None else f"{cause.held_out_gain:+.3f}"
+
+
+def channels(before: View, after: View, extended: bool) -> str:
+    """Quality of fit per channel; r.m.s. in the unit that a person reads."""
+    quantities = ("r.m.s. residual", "Theil", "R²", "whiteness p")
+    rows = []
+    for name, old in before.channels.items():
+        new = after.channels[name]
+        factor, unit = channel_scale(name)
+        pairs = [(factor * old.rms, factor * new.rms, digits), (old.theil, new.theil, _three), (old.R2, new.R2, _three),
+                 (old.whiteness_p, new.whiteness_p, _p)]  # fmt: skip
+        cells = [cell for a, b, show in pairs for cell in ((show(a), show(b)) if extended else (show(a),))]
+        rows.append((f"{name} [{unit}]", digits(factor * old.noise, 2), *cells))
+    if extended:
+        head = ("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} today", "ext.")))
+    else:
+        head = ("channel", "noise 1σ", *quantities)
+    names = escape(", ".join(before.fit.flight.names))
+    return table(
+        head,
+        rows,
+        f"Open-loop simulation of {names}. Theil: 0 perfect, 1 useless. R²: share of the variance explained. "
+        "Whiteness: Ljung–Box on the innovations; small p means that something systematic is left.",
+    )
+
+
+def _three(value: float) -> str:
+    return digits(value, 3) if abs(value) < 0.1 else f"{value:.3f}".replace("-", "−")
+
+
+def _p(value: float) -> str:
+    return "&lt; 0.001" if value < 1e-3 else f"{value:.2g}"
+
+
+def parameters(diagnosis: Diagnosis) -> str:
+    """Every derivative: aircraft file, fitted to today's structure, fitted with the causes."""
+    a_priori = _a_priori(diagnosis)
+    before, after, extended = diagnosis.baseline.fit, diagnosis.extended.fit, bool(diagnosis.causes)
+    rows = []
+    for name, old in before.derivatives.items():
+        std = before.std(name)
+        row = [escape(name), digits(a_priori.get(name, 0.0)), with_std(old, std, "1")]
+        if extended:
+            new = after.derivatives.get(name, math.nan)
+            shift = (new - old) / math.hypot(std, after.std(name))
+            shown = f"{shift:+.1f}".replace("-", "−")
+            row += [with_std(new, after.std(name), "1"), f"<b>{shown}</b>" if abs(shift) > 3.0 else shown]
+        rows.append(row)
+    head = ["derivative", "aircraft file", "fitted, today's structure"]
+    head += ["fitted, extended model", "change / σ"] if extended else []
+    return table(head, rows, "Derivatives per rad, ± 1σ (Cramér–Rao). Bold: the causes moved it by more than 3σ.")
+
+
+def _a_priori(diagnosis: Diagnosis) -> dict[str, float]:
+    aircraft = diagnosis.aircraft
+    terms = {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
+    return dict(aircraft.derivatives) | terms
+
+
+def alternatives(diagnosis: Diagnosis) -> str:
+    """Every cause that was fitted and not named, and why it lost."""
+    named = {(c.kind, c.target, c.term) for c in diagnosis.causes}
+    rows = []
+    for number, round_ in enumerate(diagnosis.rounds, 1):
+        winner = round_.trials[0] if round_.named else None
+        for trial in round_.trials:
+            one = trial.candidate.attached
+            if trial is winner:
+                continue
+            later = " (named in another round)" if one.effect.key in named else ""
+            rows.append(
+                (
+                    escape(effect_name(one.effect)),
+                    str(number),
+                    escape(quantity(one.values["value"], one.effect.unit)),
+                    digits(trial.gain),
+                    escape(_why(trial, winner, trial in round_.equivalents) + later),
+                )
+            )
+    head = ("cause", "round", "fitted size", "gain 2 Δ ln L", "why it was not named")
+    return table(head, rows, "Alternatives that were fitted, and why they lost")
+
+
+def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
+    if trial.refuted:
+        return "refuted: the kinematics contradict an error of this size"
+    if not trial.meaningful:
+        return "of no size that matters" if trial.share < 1.0 else "of no plausible size"
+    if equivalent:
+        return "cannot be told apart from the one that was named"
+    if winner is not None:
+        return f"gains {100.0 * (1.0 - trial.gain / winner.gain):.0f} % less than {_name(winner)}"
+    return "gains too little to be named"
+
+
+def _name(trial: Trial) -> str:
+    return effect_name(trial.candidate.attached.effect)
+
+
+def minor(diagnosis: Diagnosis) -> str:
+    """List of what is real but minor, or not confirmed."""
+    items = "".join(f"<li>{escape(pretty(c.sentence))}</li>" for c in diagnosis.minor)
+    return f"<ul>{items}</ul>" if items else "<p>Nothing.</p>"
+
+
+def unseen(diagnosis: Diagnosis) -> str:
+    """Smallest effect of every kind that these records would have shown."""
+    effects = {c.name: c.attached.effect for r in diagnosis.rounds for c in r.candidates}
+    by_kind: dict[str, list[str]] = {}
+    for name, size in diagnosis.detectable.items():
+        effect = effects.get(name)
+        if effect is None:
+            continue
+        label = f"{effect.target} " if effect.target else ""
+        by_kind.setdefault(effect.kind, []).append(f"{label}{quantity(size, effect.unit)}")
+    rows = [
+        (escape(kind.replace("_", " ")), escape("; ".join(sorted(by_kind[kind])))) for kind in KINDS if kind in by_kind
+    ]
+    caption = "Smallest size that would have been found, at 5.6σ after the derivatives took their share"
+    return table(("kind", "smallest detectable"), rows, caption)
+
+
+def seconds(diagnosis: Diagnosis) -> str:
+    """Wall time per stage."""
+    total = sum(diagnosis.seconds.values())
+    rows = [(escape(stage), f"{s:.1f}") for stage, s in diagnosis.seconds.items()]
+    return table(("stage", "s"), [*rows, ("together", f"{total:.1f}")], "Wall time")
+
+
+def made_with(facts: Mapping[str, Any]) -> str:
+    """Versions, seed, commit and command."""
+    versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items() if number)
+    command = " ".join(facts["command"])
+    rows = [("versions", escape(f"{versions}, Python {facts['python']}")), ("platform", escape(facts["platform"])),
+            ("commit", escape(str(facts["commit"] or "–"))), ("seed", str(facts["seed"])),
+            ("command", f"<code>{escape(command)}</code>")]  # fmt: skip
+    return table(("", ""), rows, "Made with")
+
+
+def remarks(diagnosis: Diagnosis) -> str:
+    """What the reader of the records remarked, record by record."""
+    held = diagnosis.held_out_baseline
+    records = [*diagnosis.baseline.fit.flight.records, *(held.fit.flight.records if held else ())]
+    items = "".join(f"<li>{escape(r.name)}: {escape(note)}</li>" for r in records for note in r.notes)
+    return f"<ul>{items}</ul>" if items else ""

@@ -1,0 +1,86 @@
+"""Numbers and causes as a person writes them."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from casid.model.effect import Effect
+from casid.report.style import shown_unit
+from casid.signals import label_of
+
+_POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
+_PLACES = {"wind_x": "wind along x", "wind_y": "wind along y", "wind_z": "wind along z"}
+_COEFFICIENTS = {
+    "CL": "lift", "CD": "drag", "CY": "side force", "CX": "longitudinal force", "CZ": "normal force",
+    "Cl": "rolling moment", "Cm": "pitching moment", "Cn": "yawing moment",
+}  # fmt: skip
+
+
+def cause_name(kind: str, target: str | None, term: str | None) -> str:
+    """Short name of a cause: "Cm: alpha²", "elevator: actuator lag", "wind shear along x"."""
+    if kind == "aero_term":
+        return f"{target}: {pretty_term(term or '')}"
+    words = kind.replace("_", " ").replace("cg ", "c.g. ")
+    if not target:
+        return words
+    if kind in ("gust", "wind_shear", "cg_offset", "accelerometer_position"):
+        return f"{words} along {target}"
+    if kind == "inertia":
+        return f"inertia {target}"
+    if kind in ("configuration_change", "unsteady_aero"):
+        return f"{target.replace('+', ', ')}: {words}"
+    return f"{'inertial unit' if target == 'inertial' else label_of(target)}: {words}"
+
+
+def effect_name(effect: Effect) -> str:
+    """Short name of an effect."""
+    return cause_name(effect.kind, effect.target, effect.term)
+
+
+def pretty(sentence: str) -> str:
+    """Powers and units raised: "alpha^2", "1/rad2", "m/s2"."""
+    raised = re.sub(r"\^([2-9])", lambda m: m[1].translate(_POWERS), sentence)
+    return re.sub(r"\b(rad|deg|s|m)([23])\b", lambda m: m[1] + m[2].translate(_POWERS), raised)
+
+
+def pretty_term(term: str) -> str:
+    """ "alpha^2*beta" -> "alpha²·beta"."""
+    parts = [factor.partition("^") for factor in term.split("*")]
+    return "·".join(name + power.translate(_POWERS) for name, _, power in parts)
+
+
+def place(station: str) -> str:
+    """Where an anonymous input enters, in words: "pitching moment Cm"."""
+    if station in _PLACES:
+        return _PLACES[station]
+    coefficient = station.removeprefix("d")
+    return f"{_COEFFICIENTS.get(coefficient, '')} {coefficient}".strip()
+
+
+def digits(value: float, significant: int = 3) -> str:
+    """A number to some significant digits, without an exponent where it can be helped."""
+    if value == 0.0 or not math.isfinite(value):
+        return "0" if value == 0.0 else "–"
+    size = math.floor(math.log10(abs(value)))
+    if -4 <= size <= 6:
+        return f"{value:.{max(0, significant - 1 - size)}f}".replace("-", "−")
+    return f"{value:.{significant - 1}e}".replace("-", "−")
+
+
+def quantity(value: float, unit: str, significant: int = 2) -> str:
+    """A value with its unit as a person reads it; angles in degrees, pure ratios as they are."""
+    factor, shown = shown_unit(unit)
+    return f"{digits(factor * value, significant)} {shown}" if shown != "1" else digits(value, significant)
+
+
+def with_std(value: float, std: float, unit: str) -> str:
+    """Value ± 1-sigma with its unit, to two digits of the sigma."""
+    factor, shown = shown_unit(unit)
+    shown = "" if shown == "1" else f" {shown}"
+    if not (std > 0.0 and math.isfinite(std)):
+        return f"{digits(factor * value)}{shown}"
+    places = max(0, 1 - math.floor(math.log10(factor * std)))
+    if places > 6:
+        return f"{digits(factor * value)} ± {digits(factor * std, 2)}{shown}"
+    return f"{factor * value:.{places}f} ± {factor * std:.{places}f}{shown}".replace("-", "−")
