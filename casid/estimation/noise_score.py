@@ -64,4 +64,6 @@ def variance_score(kalman: Filter, white: np.ndarray, units: list[UnitVariance])
             r = C[k].swapaxes(1, 2) @ u
             information = C[k].swapaxes(1, 2) @ precision @ C[k]
     first = r @ r.swapaxes(1, 2) - information
-    return np.array([-(np.sum(state[:-1] * unit.Q) + np.sum(output * unit.S) + np.sum(first * unit.P)) for unit in units])
+    return np.array(
+        [-(np.sum(state[:-1] * unit.Q) + np.sum(output * unit.S) + np.sum(first * unit.P)) for unit in units]
+    )

@@ -130,7 +130,7 @@ def aircraft_model(
         f=ca.vertcat(*[path.derivative[s] for s in moving]), h=ca.vertcat(*[path.output[o] for o in chosen]),
         nominal=nominal, state_scale={s: _SCALE[s] for s in moving}, guess=state_guess(aircraft, moving),
         prior_std={n: relative * abs(v) for n, v in derivatives.items() if relative * abs(v) > 0.0},
-        equation=equation_error(aircraft, p, tuple(nominal), axes, symbolic),
+        equation=equation_error(aircraft, p, tuple(nominal), axes, symbolic, given),
         units=parameter_units(nominal, symbolic),
     )  # fmt: skip
 
@@ -163,10 +163,14 @@ def _by_station(effects: Iterable[Effect]) -> dict[str, list]:
 
 
 def equation_error(
-    aircraft: Aircraft, p: ca.SX, parameters: Sequence[str], axes: str, effects: Sequence[Effect]
-) -> EquationError:
+    aircraft: Aircraft, p: ca.SX, parameters: Sequence[str], axes: str, effects: Sequence[Effect],
+    known: Sequence[str] = (),
+) -> EquationError:  # fmt: skip
     """Equation-error form: coefficients computed from measured accelerations (paper eq. 6, 7) against the aerodynamic
-    model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g."""
+    model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g.
+
+    `known` disturbances act, but for the wind: what is measured of the air has it already.
+    """
     channels = (
         "V",
         "alpha",
@@ -183,6 +187,7 @@ def equation_error(
         *SURFACES,
         "thrust",
         "rho",
+        *(name for name in known if not name.startswith(("wind_", "gust_"))),
     )
     m = ca.SX.sym("m", len(channels))
     c = dict(zip(channels, ca.vertsplit(m), strict=True))
@@ -191,13 +196,13 @@ def equation_error(
         c["V"] * ca.sin(c["beta"]),
         c["V"] * ca.sin(c["alpha"]) * ca.cos(c["beta"]),
     ]
-    zero = {d: ca.SX(0) for d in disturbance_names(aircraft.force_axes)}
+    disturbance = {d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft.force_axes)}
     path = fly(
         SignalPath(
             aircraft=aircraft, inputs=c, parameter=dict(zip(parameters, ca.vertsplit(p), strict=True)),
             state={"u": velocity[0], "v": velocity[1], "w": velocity[2], **{s: c[s] for s in "pqr"},
                    "phi": ca.SX(0), "theta": ca.SX(0)},
-            disturbance=zero,
+            disturbance=disturbance,
         ),
         _by_station(e for e in effects if e.station in ("coefficients", "mass")),
     )  # fmt: skip

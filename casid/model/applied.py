@@ -1,0 +1,278 @@
+"""The effects of an aircraft file in force: the model that has them, and the records made ready for it.
+
+How an effect acts depends on where it enters: a symbolic one is a parameter of the model, fixed at the value of the
+file unless it is freed; one before the aerodynamics (a lagged surface, a gust) is a known time history; a lag of an
+instrument is a further state of the model; a delay or a ringing of an instrument is taken out of the record, exactly
+but for the interpolation between samples. Turbulence is no deterministic effect: it is process noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.causes import group_channels
+from casid.model.dynamics import aircraft_model, flight_inputs
+from casid.model.effect import Effect
+from casid.model.effects import effect_of
+from casid.model.system import Model
+from casid.records.record import Record
+from casid.signals import SURFACES, scale_of
+
+_IN_EQUATIONS = ("coefficients", "mass")  # stations of which the equation-error form knows
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Applied:
+    """An aircraft model with the effects of its file, and records that feed it.
+
+    model      inputs include the known time histories; parameters the symbolic effects and lags, under `Effect.name`
+    records    with inputs completed, known histories added, delays and ringing of instruments taken out
+    turbulence r.m.s. velocity [m/s] of an effect `turbulence` in the file, 0: none
+    """
+
+    aircraft: Aircraft
+    axes: str
+    model: Model
+    records: tuple[Record, ...]
+    turbulence: float
+    _undone: tuple[EffectValue, ...]
+
+    @property
+    def unseen_by_equations(self) -> tuple[str, ...]:
+        """Effects of the file that the equation-error form of the model does not have."""
+        effects = [effect_of(e) for e in self.aircraft.effects if e.value != 0.0]
+        lags = [n for n in self.model.parameters if n.startswith("sensor_lag")]
+        return (*(e.name for e in effects if e.change is not None and e.station not in _IN_EQUATIONS), *lags)
+
+    def readings(self, record: Record, outputs: np.ndarray) -> np.ndarray:
+        """(N, outputs) what the instruments of this aircraft read when the model's outputs are `outputs`."""
+        names = self.model.outputs
+        read = dict(record.channels) | {name: outputs[:, i] for i, name in enumerate(names)}
+        for value in self._undone:
+            if _concerns(value, record.name):
+                effect = effect_of(value)
+                assert effect.output is not None
+                read |= effect.output(record.t, read, _values(value, effect))
+        return np.stack([read[name] for name in names], axis=1)
+
+
+def axes_of(records: Sequence[Record]) -> str:
+    """The largest model that the surfaces of all records can feed: "full", "longitudinal" or "lateral".
+
+    Raises InputError when they feed none.
+    """
+    has = {s for s in SURFACES if all(s in record for record in records)}
+    if has == set(SURFACES):
+        return "full"
+    if "delta_e" in has:
+        return "longitudinal"
+    if {"delta_a", "delta_r"} <= has:
+        return "lateral"
+    missing = ", ".join(s for s in SURFACES if s not in has)
+    raise InputError(
+        f"record '{records[0].name}': surfaces {missing} are missing; expected delta_e (longitudinal motion), "
+        "delta_a and delta_r (lateral), or all three"
+    )
+
+
+def apply_effects(
+    aircraft: Aircraft, records: Sequence[Record], axes: str | None = None, outputs: Iterable[str] | None = None
+) -> Applied:
+    """Model and records of an aircraft file, its effects in force.
+
+    axes     see `axes_of`, the default; outputs  default: every modelled channel that some record has
+    Raises InputError when a record cannot feed the model, when nothing that it models is measured, and for two
+    symbolic effects of one kind and target.
+    """
+    axes = axes or axes_of(records)
+    bare = aircraft_model(aircraft, axes=axes, effects=())
+    chosen = tuple(outputs) if outputs is not None else _measured(bare, records)
+    dt = min(record.dt for record in records)
+    symbolic, timed, lags, undone = _sorted(aircraft, dt)
+    masks: dict[str, EffectValue] = {}
+    effects = []
+    for value in symbolic:
+        effect = effect_of(value)
+        if value.records:
+            masks[_mask(effect)] = value
+            effect = _only_where_present(effect)
+        effects.append(effect)
+    bare_records = [flight_inputs(aircraft, _without_instrument_effects(r, undone), axes) for r in records]
+    histories = [_histories(timed, record) for record in bare_records]
+    stations = sorted({station for history in histories for station in history})
+    model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks))
+    model = with_sensor_lags(model, [(effect_of(v), v.value) for v in lags])
+    ready = []
+    for record, history in zip(bare_records, histories, strict=True):
+        added = {station: history.get(station, np.zeros(len(record))) for station in stations}
+        added |= {name: np.full(len(record), float(_concerns(value, record.name))) for name, value in masks.items()}
+        ready.append(record.with_channels(**added))
+    turbulence = [v.value for v in aircraft.effects if v.kind == "turbulence"]
+    return Applied(
+        aircraft=aircraft, axes=axes, model=model, records=tuple(ready), turbulence=max(turbulence, default=0.0),
+        _undone=tuple(undone),
+    )  # fmt: skip
+
+
+def with_sensor_lags(model: Model, lags: Sequence[tuple[Effect, float]]) -> Model:
+    """The model with first-order lags on channels: one state per channel, what its instrument reads; the time constant
+    is a parameter under the effect's name, `sensor_lag(alpha)`."""
+    slow = {c: effect for effect, _ in lags for c in group_channels(effect.target) if c in model.outputs}
+    if not slow:
+        return model
+    names = [e.name for e, _ in lags]
+    T, reading = ca.SX.sym("T", len(lags)), ca.SX.sym("reading", len(slow))
+    rates, h = [], ca.SX(model.h)
+    for i, (channel, effect) in enumerate(slow.items()):
+        row = model.outputs.index(channel)
+        rates.append((h[row] - reading[i]) / T[names.index(effect.name)])
+        h[row] = reading[i]
+
+    def guess(record: Record) -> np.ndarray:
+        columns = []
+        for channel in slow:
+            values = record[channel] if channel in record else np.zeros(len(record))
+            good = np.isfinite(values)
+            columns.append(np.interp(record.t, record.t[good], values[good]) if good.any() else np.zeros(len(record)))
+        return np.column_stack([model.guess(record), *columns])
+
+    return replace(
+        model, states=(*model.states, *(f"{c}_read" for c in slow)), parameters=(*model.parameters, *names),
+        x=ca.vertcat(model.x, reading), p=ca.vertcat(model.p, T), f=ca.vertcat(model.f, *rates), h=h, guess=guess,
+        nominal={**model.nominal, **{e.name: value for e, value in lags}},
+        state_scale={**model.state_scale, **{f"{c}_read": scale_of(c) for c in slow}},
+        units={**model.units, **dict.fromkeys(names, "s")},
+    )  # fmt: skip
+
+
+def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping[str, float]) -> Aircraft:
+    """The aircraft file with derivatives, terms and effects put to estimates by name; other names are left alone."""
+    derivatives = {name: values[name] for name in aircraft.derivatives if name in values}
+    terms = {
+        c: {t: values.get(f"{c}_{t}", value) for t, value in table.items()} for c, table in aircraft.terms.items()
+    }  # fmt: skip
+    effects = []
+    for effect in aircraft.effects:
+        name = effect_of(effect).name
+        if name in values:
+            effect = replace(effect, value=values[name], std=std[name])
+        effects.append(effect)
+    return replace(aircraft.with_derivatives(derivatives).with_terms(terms), effects=tuple(effects))
+
+
+def _measured(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
+    found = tuple(o for o in model.outputs if any(o in r and np.isfinite(r[o]).any() for r in records))
+    if not found:
+        raise InputError(
+            f"record '{records[0].name}': nothing to compare with; expected some of {', '.join(model.outputs)}"
+        )
+    return found
+
+
+def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
+    """Effects of the file that are: symbolic; time histories; lags with a state; undone in the record."""
+    symbolic, timed, lags, undone = [], [], [], []
+    names = set()
+    for value in aircraft.effects:
+        effect = effect_of(value)
+        if effect.change is not None:
+            if effect.name in names:
+                raise InputError(f"aircraft '{aircraft.name}': effect {effect.name} stands twice; keep one of the two")
+            names.add(effect.name)
+            symbolic.append(value)
+        elif effect.series is not None:
+            timed.append(value)
+        elif effect.kind == "sensor_lag" and value.value > 0.0 and not value.records:
+            # a time constant below the sampling interval cannot be told from a delay, and would need a finer step
+            if value.value >= dt:
+                lags.append(value)
+            else:
+                undone.append(replace(value, kind="sensor_delay"))
+        elif effect.output is not None:
+            if effect.kind == "sensor_lag" and value.value != 0.0:
+                raise InputError(
+                    f"aircraft '{aircraft.name}': effect {effect.name} cannot act; a lag needs a positive time "
+                    f"constant and holds for all records, got {value.value} in {list(value.records) or 'all records'}"
+                )
+            undone.append(value)
+    return symbolic, timed, lags, undone
+
+
+def _concerns(value: EffectValue, record: str) -> bool:
+    return not value.records or record in value.records
+
+
+def _histories(timed: Sequence[EffectValue], record: Record) -> dict[str, np.ndarray]:
+    """Station -> (N,) what all time-history effects together put there."""
+    total: dict[str, np.ndarray] = {}
+    for value in timed:
+        for station, series in _series(value, record).items():
+            total[station] = total.get(station, 0.0) + series
+    return total
+
+
+def _series(value: EffectValue, record: Record) -> dict[str, np.ndarray]:
+    """Station -> (N,) what a time-history effect puts there in a record; empty where it is absent."""
+    effect = effect_of(value)
+    onsets = value.onset_s or {}
+    if effect.series is None or not _concerns(value, record.name) or (effect.timed and record.name not in onsets):
+        return {}
+    values = _values(value, effect)
+    if effect.timed:
+        values["onset"] = 0.5 * sum(onsets[record.name])
+    return effect.series(record.t, record.channels, values)
+
+
+def _values(value: EffectValue, effect: Effect) -> dict[str, float]:
+    """The numbers that an effect's functions take; a configuration change without a duration is a switch."""
+    values = {"value": value.value, **value.parameters}
+    if effect.kind == "configuration_change":
+        values = {"duration": 0.0, **dict.fromkeys(effect.target.split("+")[1:], 0.0), **values}
+    for name in effect.grid[0] if effect.grid else ():
+        if name not in values:
+            raise InputError(
+                f"effect {effect.name}: its parameter '{name}' is missing; add parameters = {{ {name} = ... }}"
+            )
+    return values
+
+
+def _mask(effect: Effect) -> str:
+    return f"present {effect.name}"
+
+
+def _only_where_present(effect: Effect) -> Effect:
+    """The effect scaled by an input that is 1 in records that have it and 0 in the others."""
+    change, mask = effect.change, _mask(effect)
+    assert change is not None
+    return replace(effect, change=lambda path, value: change(path, value * path.inputs[mask]))
+
+
+def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -> Record:
+    """The record as instruments without these delays and oscillations would have given it, latest effect first."""
+    for value in reversed(undone):
+        if not _concerns(value, record.name):
+            continue
+        effect = effect_of(value)
+        if effect.kind == "sensor_delay":
+            channels = [c for c in group_channels(effect.target) if c in record]
+            record = record.with_channels(**{c: _earlier(record.t, record[c], value.value) for c in channels})
+        elif effect.target in record:
+            assert effect.output is not None
+            rung = effect.output(record.t, record.channels, _values(value, effect))[effect.target]
+            record = record.with_channels(**{effect.target: 2.0 * record[effect.target] - rung})
+    return record
+
+
+def _earlier(t: np.ndarray, series: np.ndarray, delay: float) -> np.ndarray:
+    """(N,) series(t + delay), linear between samples; missing where a neighbour is, and beyond the record."""
+    wanted = t + delay
+    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
+    share = (wanted - t[after - 1]) / (t[after] - t[after - 1])
+    moved = (1.0 - share) * series[after - 1] + share * series[after]
+    return np.where((wanted >= t[0]) & (wanted <= t[-1]), moved, np.nan)

@@ -1,0 +1,163 @@
+"""Truth: what the effects of an aircraft file do to a simulated flight, undone or modelled, gives the plain flight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casid.errors import InputError
+from casid.estimation import EquationError, MultipleShooting, Problem, solve
+from casid.model import operators
+from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.applied import Applied, apply_effects, axes_of, with_estimates
+from casid.model.dynamics import aircraft_model
+from casid.model.simulate import simulate
+from casid.model.trim import trim
+from casid.records.record import Record
+from problems.do328 import do328
+
+T = np.arange(0.0, 12.0, 0.02)
+START = trim(do328(), V=144.0, thrust=10e3)
+
+
+def inputs(name: str = "m1") -> Record:
+    """Three-axis excitation about the trim of the Do 328."""
+    channels = {n: np.full(len(T), v) for n, v in START.inputs.items()}
+    for i, surface in enumerate(("delta_e", "delta_a", "delta_r")):
+        channels[surface] = channels[surface] + 0.02 * np.sin(1.5 * T + i) * np.exp(-0.1 * T)
+    return Record(name=name, t=T, channels=channels)
+
+
+def fly(aircraft: Aircraft, record: Record | None = None) -> Record:
+    """A measured record of this aircraft with its effects, as its instruments read it, without noise."""
+    applied = apply_effects(aircraft, [record or plain_flight()])
+    model, ready = applied.model, applied.records[0]
+    start = np.concatenate([START.state, model.guess(ready)[0, len(START.state) :]])
+    flown = simulate(model, ready, start)
+    readings = applied.readings(ready, flown.outputs)
+    return ready.with_channels(**{name: readings[:, i] for i, name in enumerate(model.outputs)})
+
+
+def plain_flight(name: str = "m1") -> Record:
+    return simulate(aircraft_model(do328()), inputs(name), START.state).as_record()
+
+
+def refly(applied: Applied) -> np.ndarray:
+    """(N, outputs) of the applied model on its first record from its own first guess."""
+    return simulate(applied.model, applied.records[0], applied.model.guess(applied.records[0])[0]).outputs
+
+
+def test_without_effects_nothing_changes():
+    plain = plain_flight()
+    applied = apply_effects(do328(), [plain])
+    np.testing.assert_array_equal(refly(applied), plain.matrix(applied.model.outputs))
+
+
+def test_a_lagged_surface_is_a_known_history():
+    """The same flight as with the lagged surface in the record."""
+    lagged = do328().with_effects([EffectValue(kind="actuator_lag", target="delta_e", value=0.2)])
+    record = inputs()
+    moved = record.with_channels(delta_e=operators.lag(T, record["delta_e"], 0.2))
+    expected = simulate(aircraft_model(do328()), moved, START.state)
+    np.testing.assert_allclose(fly(lagged)["q"], expected.output("q"), atol=1e-12)
+    plain = plain_flight()
+    assert np.abs(expected.output("q") - plain["q"]).max() > 1e-3
+
+
+def test_an_event_acts_in_its_record_from_its_onset_on():
+    change = EffectValue(kind="configuration_change", target="CL+CD", value=0.05, parameters={"CD": 0.01},
+                         onset_s={"m1": (4.9, 5.1)})  # fmt: skip
+    applied = apply_effects(do328().with_effects([change]), [plain_flight(), plain_flight("m2")])
+    one, other = applied.records
+    assert set(applied.model.inputs) >= {"dCL", "dCD"}
+    np.testing.assert_allclose(one["dCD"], 0.01 * (T > 5.01), atol=1e-12)
+    assert one["dCL"].max() == pytest.approx(0.05) and not other["dCL"].any()
+
+
+def test_a_symbolic_effect_of_some_records_acts_in_those_alone():
+    heavy = do328().with_effects([EffectValue(kind="mass", value=800.0, records=("m2",))])
+    applied = apply_effects(heavy, [plain_flight("m1"), plain_flight("m2")])
+    model = applied.model
+    h = ca.Function("h", [model.x, model.u, model.p, model.w], [model.h])
+    calm, row = np.zeros(len(model.disturbances)), model.outputs.index("az")
+    u = [[record[name][0] for name in model.inputs] for record in applied.records]
+    az = [float(h(START.state, one, model.nominal_vector(), calm)[row]) for one in u]
+    assert az[1] / az[0] == pytest.approx(10500.0 / 11300.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind, value", [("sensor_delay", 0.1), ("sensor_lag", 0.15)])
+def test_slow_instruments_are_undone_or_modelled(kind, value):
+    """What the delayed or lagged instrument read explains the flight as well as the perfect one did."""
+    slow = do328().with_effects([EffectValue(kind=kind, target="alpha", value=value)])
+    plain, read = plain_flight(), fly(slow)
+    operate = operators.delay if kind == "sensor_delay" else operators.lag
+    np.testing.assert_allclose(read["alpha"], operate(T, plain["alpha"], value), atol=2e-6)
+    applied = apply_effects(slow, [read])
+    ready, i = applied.records[0], applied.model.outputs.index("alpha")
+    seen = np.isfinite(ready["alpha"])
+    assert seen[:-10].all()
+    simulated = simulate(applied.model, ready, np.r_[START.state, ready["alpha"][:1]][: len(applied.model.states)])
+    assert np.abs(simulated.outputs[seen, i] - ready["alpha"][seen]).max() < 2e-5
+    assert np.abs(read["alpha"] - plain["alpha"]).max() > 1e-3
+
+
+def test_a_ringing_instrument_is_undone_exactly():
+    ringing = EffectValue(kind="structural_mode", target="q", value=0.05, parameters={"frequency_hz": 3.0})
+    plain, read = plain_flight(), fly(do328().with_effects([ringing]))
+    assert np.abs(read["q"] - plain["q"]).max() > 1e-4
+    applied = apply_effects(do328().with_effects([ringing]), [read])
+    np.testing.assert_allclose(applied.records[0]["q"], plain["q"], atol=1e-12)
+
+
+def test_a_lag_of_an_instrument_can_be_estimated():
+    """From 0.1 s to the true 0.2 s, derivatives known."""
+    read = fly(do328().with_effects([EffectValue(kind="sensor_lag", target="alpha", value=0.2)]))
+    guessed = do328().with_effects([EffectValue(kind="sensor_lag", target="alpha", value=0.1)])
+    applied = apply_effects(guessed, [read], outputs=("alpha", "q", "az"))
+    problem = Problem(applied.model, applied.records, free=["sensor_lag*"])
+    fit = solve(problem, MultipleShooting())
+    assert fit.converged, fit.status
+    assert fit["sensor_lag(alpha)"].value == pytest.approx(0.2, rel=1e-3)
+    written = with_estimates(guessed, fit.values, {n: e.std for n, e in fit.parameters.items()})
+    assert written.effects[0].value == fit["sensor_lag(alpha)"].value
+
+
+def test_known_histories_act_in_the_equation_error_form_too():
+    """Equation error on a flight with a lagged elevator finds the true effectiveness only with the lag in the file."""
+    lag = EffectValue(kind="actuator_lag", target="delta_e", value=0.2)
+    record = fly(do328().with_effects([lag]))
+    errors = []
+    for aircraft in (do328(), do328().with_effects([lag])):
+        applied = apply_effects(aircraft, [record])
+        fit = solve(Problem(applied.model, applied.records, free=["Cm_*"], cost=EquationError()))
+        errors.append(abs(fit["Cm_delta_e"].value / -1.93 - 1.0))
+    assert errors[1] < 1e-6 and errors[0] > 0.01
+
+
+def test_what_cannot_act_is_said():
+    plain = plain_flight()
+    twice = do328().with_effects([EffectValue(kind="mass", value=v) for v in (100.0, 200.0)])
+    with pytest.raises(InputError, match="stands twice"):
+        apply_effects(twice, [plain])
+    backwards = do328().with_effects([EffectValue(kind="sensor_lag", target="q", value=-0.1)])
+    with pytest.raises(InputError, match="positive time constant"):
+        apply_effects(backwards, [plain])
+    vane = do328().with_effects([EffectValue(kind="vane_position", target="alpha", value=1.0)])
+    assert apply_effects(vane, [plain]).unseen_by_equations == ("vane_position(alpha)",)
+    with pytest.raises(InputError, match="delta_e, delta_a are missing; expected delta_e"):
+        axes_of([plain.without("delta_e", "delta_a")])
+    mute = do328().with_effects([EffectValue(kind="gust", target="z", value=2.0, onset_s={"m1": (3.0, 3.0)})])
+    with pytest.raises(InputError, match="'length' is missing"):
+        apply_effects(mute, [plain])
+    with pytest.raises(InputError, match="nothing to compare"):
+        apply_effects(replace(do328(), trim={**do328().trim, "alpha": 0.006}), [inputs()])
+
+
+def test_axes_follow_from_the_surfaces():
+    plain = plain_flight()
+    assert axes_of([plain]) == "full"
+    assert axes_of([plain, plain.without("delta_a")]) == "longitudinal"
+    assert axes_of([plain.without("delta_e")]) == "lateral"
