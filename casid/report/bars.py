@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -16,6 +20,14 @@ from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, N
 from casid.report.words import effect_name, place, quantity
 
 _MOST_INSTRUMENTS = 16
+_FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
+    {
+        "named": {"facecolor": EXTENDED, "edgecolor": EXTENDED},
+        "fitted, gained less": {"facecolor": FAINT, "edgecolor": FAINT},
+        "too small to matter, or implausible": {"facecolor": NOISE, "edgecolor": MEASURED, "hatch": "..."},
+        "refuted by kinematics": {"facecolor": "white", "edgecolor": MEASURED, "hatch": "////"},
+    }
+)
 
 
 def ladder(diagnosis: Diagnosis) -> Picture | None:
@@ -27,9 +39,10 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     several = sum(bool(r.trials) for r in diagnosis.rounds) > 1
     figure = blank(0.34 * len(rows) + 1.7)
     ax = figure.subplots()
-    held_out = []
+    held_out, faces = [], []
     for y, (_, trial, named) in enumerate(rows):
-        ax.barh(y, max(trial.gain, 1.0), 0.7, **_face(trial, named))
+        faces.append(_face(trial, named))
+        ax.barh(y, max(trial.gain, 1.0), 0.7, **faces[-1])
         held = _held_out(diagnosis, trial) if named else None
         if held is not None and held > 0:
             held_out.append(held)
@@ -38,19 +51,16 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     ax.set_xscale("log")
     ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain for _, t, _ in rows), *held_out))
     ax.set_yticks(range(len(rows)), [_row_name(n, t, several) for n, t, _ in rows])
-    ax.invert_yaxis()
+    ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("gain 2 Δ ln L (log scale)")
-    handles = [
-        Patch(**_legend_face(EXTENDED, "")), Patch(**_legend_face(FAINT, "")), Patch(**_legend_face(NOISE, "...")),
-        Patch(**_legend_face("white", "////")), Line2D([], [], ls="", marker="D", color=BASELINE),
-        Line2D([], [], color=MEASURED, ls=":"),
-    ]  # fmt: skip
-    words = [
-        "named", "fitted, gained less", "too small to matter", "refuted by kinematics", "named, on held-out records",
-        "least gain to be named",
-    ]  # fmt: skip
-    figure.legend(handles, words, loc="outside upper center", ncols=2)
+    handles: list[Artist] = [Patch(**face) for face in _FACES.values() if face in faces]
+    words = [word for word, face in _FACES.items() if face in faces]
+    if held_out:
+        handles.append(Line2D([], [], ls="", marker="D", color=BASELINE))
+        words.append("named, on held-out records")
+    handles.append(Line2D([], [], color=MEASURED, ls=":"))
+    figure.legend(handles, [*words, "least gain to be named"], loc="outside upper center", ncols=2)
     best, name = rows[0], effect_name(rows[0][1].candidate.attached.effect)
     return Picture(
         name="ladder",
@@ -65,16 +75,12 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     )
 
 
-def _face(trial: Trial, named: bool) -> dict:
+def _face(trial: Trial, named: bool) -> dict[str, Any]:
     if trial.refuted:
-        return _legend_face("white", "////")
+        return _FACES["refuted by kinematics"]
     if not trial.meaningful:
-        return _legend_face(NOISE, "...")
-    return _legend_face(EXTENDED if named else FAINT, "")
-
-
-def _legend_face(colour: str, hatch: str) -> dict:
-    return {"facecolor": colour, "hatch": hatch, "edgecolor": MEASURED if hatch else colour, "linewidth": 0.8}
+        return _FACES["too small to matter, or implausible"]
+    return _FACES["named" if named else "fitted, gained less"]
 
 
 def _row_name(number: int, trial: Trial, several: bool) -> str:
@@ -102,7 +108,7 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     """What an anonymous input at each station gains, before naming and after."""
     before = {station: m.gain for station, m in seen.before.items()}
     after = {station: m.gain for station, m in seen.after.items()}
-    unexplained = [m.station for m in still_missing(diagnosis.extended.fit, diagnosis.missing_after)]
+    unexplained = [m.station for m in still_missing(diagnosis.extended.fit, diagnosis.missing_after)][:1]
     order = sorted(before, key=lambda s: -before[s])
     figure = blank(0.36 * len(order) + 1.4)
     ax = figure.subplots()
@@ -114,11 +120,11 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
         ax.barh(y + height / 2, [max(after[s], 1.0) for s in order], height, color=EXTENDED, label="extended model")
     for station in unexplained:
         at = (max(before[station], after[station]), order.index(station))
-        ax.annotate("unexplained", at, xytext=(5, 0), textcoords="offset points", va="center", weight="bold")
+        ax.annotate("unexplained here", at, xytext=(5, 0), textcoords="offset points", va="center", weight="bold")
     ax.set_xscale("log")
     ax.set_xlim(1.0, 10.0 * max(100.0, *before.values(), *after.values()))
     ax.set_yticks(y, [place(s) for s in order])
-    ax.invert_yaxis()
+    ax.set_ylim(len(order) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("gain of an unknown input there, 2 Δ ln L (log scale)")
     figure.legend(loc="outside upper center", ncols=2)

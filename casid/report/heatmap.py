@@ -62,7 +62,7 @@ def ambiguity(diagnosis: Diagnosis) -> Picture | None:
     names = [effect_name(t.candidate.attached.effect) for t in trials]
     figure = blank(0.42 * len(names) + 1.7)
     ax = figure.subplots()
-    image = ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues")
+    image = ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")
     for i, row in enumerate(cosine):
         for j, value in enumerate(row):
             ax.text(j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 0.6 else "black")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from casid.diagnosis.missing_input import MissingInput
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.verdict import still_missing
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.heatmap import ambiguity, heatmap
@@ -35,11 +35,11 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
 def _lead(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     for cause in diagnosis.causes[:1]:
         if cause.kind == "turbulence":
-            return wind(diagnosis, seen.before)
-        for picture in (shape(diagnosis, cause, seen.before), onset(diagnosis, cause)):
-            if picture is not None:
-                return picture
-        return residuals(diagnosis)
+            return wind(diagnosis)
+        choice = [shape(diagnosis, cause, seen.before), onset(diagnosis, cause)]
+        if cause.kind in ("gust", "wind_shear"):
+            choice.insert(0, _history_of(diagnosis, cause, seen))
+        return next((picture for picture in choice if picture is not None), residuals(diagnosis))
     unexplained = _unexplained(diagnosis)
     if unexplained is not None:
         return missing_history(diagnosis, unexplained, curve=False)
@@ -49,12 +49,16 @@ def _lead(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
 def _further(diagnosis: Diagnosis, seen: Reconstruction) -> Iterable[Picture | None]:
     """Pictures of the strongest cause that are not the first one, and of what stays unexplained."""
     for cause in diagnosis.causes[:1]:
-        found = seen.before.get(station_of(cause) or "")
-        yield missing_history(diagnosis, found, curve=True) if found is not None else None
+        yield _history_of(diagnosis, cause, seen)
         yield onset(diagnosis, cause)
     unexplained = _unexplained(diagnosis)
     if diagnosis.causes and unexplained is not None:
         yield missing_history(diagnosis, unexplained, curve=False, name="still_missing")
+
+
+def _history_of(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Picture | None:
+    found = seen.before.get(station_of(cause) or "")
+    return missing_history(diagnosis, found, curve=True) if found is not None else None
 
 
 def _unexplained(diagnosis: Diagnosis) -> MissingInput | None:

@@ -47,7 +47,8 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
         name="onset",
         figure=figure,
         title=f"When it set in: {name}",
-        caption="How well the cause explains each record when it is made to begin at the time on the axis.",
+        caption="How well the cause explains each record when it is made to begin at the time on the axis. Where the "
+        "curve is flat, nothing happened that could tell the times apart.",
         alt=f"Likelihood over the time of onset of {name}; its peaks lie at {times}.",
     )
 
@@ -71,10 +72,10 @@ def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] |
 
 def _profiles(base: Fit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Record -> (times of onset [s], statistic)."""
-    further = {k: v for k, v in attached.values.items() if k != "value"}
-    effect = replace(attached.effect, grid=(further,))
+    effect = attached.effect
     if effect.kind == "configuration_change":
-        effect = replace(configuration_change(effect.target.split("+")[0]), grid=({},))
+        effect = configuration_change(effect.target.split("+")[0])
+    effect = replace(effect, grid=({key: attached.values[key] for key in effect.grid[0]},))
     evidence = weigh(base)
     judge, names = Screen(evidence), base.batch.names
     longest = max(record.duration for record in base.flight.records)

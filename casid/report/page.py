@@ -64,7 +64,7 @@ def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, An
     template = Template(files("casid.report").joinpath("page.html").read_text(encoding="utf-8"))
     return template.substitute(
         aircraft=escape(diagnosis.aircraft.name), verdict=escape(diagnosis.verdict.capitalize()),
-        colour=_COLOURS[diagnosis.verdict], sentence=escape(pretty(diagnosis.sentence)),
+        colour=_COLOURS[diagnosis.verdict], sentence=_verdict(diagnosis),
         gain=escape(gain_sentence(diagnosis)),
         facts=escape(_facts(diagnosis)), lead=html[lead],
         gain_section=(those(_GAIN) if extended else "<p>Nothing was added to the model.</p>") + held,
@@ -97,14 +97,32 @@ def gain_sentence(diagnosis: Diagnosis) -> str:
             f"On {names}, which no fit has seen, the open-loop simulation stays within {table[worst]:.1f} times the "
             f"instrument's noise in every channel (worst: {label_of(worst)})."
         )
+    per_sample = f"{(after.log_likelihood - before.log_likelihood) / before.samples:+.2f}".replace("-", "−")
+    if diagnosis.turbulence.named:
+        return (
+            f"On {names}, which no fit has seen, log likelihood per sample changes by {per_sample}; "
+            "gusts are new in every record, so that open-loop residuals need not shrink."
+        )
     ratio = {o: after.channels[o].rms / c.rms for o, c in before.channels.items()}
     best = sorted(ratio, key=lambda o: ratio[o])[:3]
     told = ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f} %".replace("-", "−") for o in best)
-    per_sample = (after.log_likelihood - before.log_likelihood) / before.samples
     return (
         f"On {names}, which no fit has seen, the extended model changes the r.m.s. residual by: {told}; "
-        f"log likelihood per sample {per_sample:+.2f}.".replace("+-", "−")
+        f"log likelihood per sample {per_sample}."
     )
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    """The verdict's sentence; several causes become a list, and what follows them its last line."""
+    rest, items = diagnosis.sentence, []
+    for cause in diagnosis.causes:
+        if cause.sentence in rest:
+            rest = rest.replace(cause.sentence, "", 1)
+            items.append(cause.sentence)
+    if len(items) < 2:
+        return f"<p class='sentence'>{escape(pretty(diagnosis.sentence))}</p>"
+    lines = "".join(f"<li>{escape(pretty(item))}</li>" for item in items)
+    return f"<ol class='sentence'>{lines}</ol><p class='sentence'>{escape(pretty(rest.strip()))}</p>"
 
 
 def _facts(diagnosis: Diagnosis) -> str:

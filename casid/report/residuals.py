@@ -121,7 +121,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
         ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
         ax.plot(record.t, wrong, color=BASELINE, label="what the simulation gets wrong")
         if extended:
-            explained = (after.simulated.output[:n, r, i] - before.simulated.output[:n, r, i]) / noise
+            explained = smooth((after.simulated.output - before.simulated.output)[:n, r, i] / noise, record.dt)
             left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
             ax.plot(record.t, explained, "--", color=EXPLAINED, label="explained by the extension")
             ax.plot(record.t, left, color=EXTENDED, lw=1.1, label="left after it")
@@ -165,17 +165,21 @@ def gain(diagnosis: Diagnosis) -> Picture | None:
     ax.set_xscale("log")
     ax.set_yticks(range(len(order)), [f"{label_of(o)} {o}" for o in order])
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.tick_params(axis="x", which="both", labelsize=9.5, length=4)
     ax.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if _few(ax) else ""))
     ax.set_xlabel("r.m.s. residual / noise (dotted: only noise)")
     ax.grid(axis="y", visible=False)
     figure.legend(loc="outside upper center", ncols=2)
-    names = ", ".join(before.fit.flight.names)
+    names, turbulent = ", ".join(before.fit.flight.names), diagnosis.turbulence.named
     best = order[-1]
     return Picture(
         name="gain",
         figure=figure,
         title=f"Gain per channel on {names}, which no fit has seen",
-        caption="R.m.s. of measured minus simulated over the noise; the number is the change of the r.m.s. residual.",
+        caption=(
+            "R.m.s. of measured minus open-loop simulation over the noise; the number is its change by the extension."
+            + (" Gusts are new in every record: no open-loop simulation can repeat them." if turbulent else "")
+        ),
         alt=f"Residual over noise per channel on held-out {names}, before and after; the largest change is that of "
         f"{label_of(best)}, by {100.0 * (new[best] / old[best] - 1.0):+.0f} per cent.",
     )

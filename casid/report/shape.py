@@ -10,9 +10,11 @@ from casid.diagnosis.evidence import coefficient_series
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
+from casid.estimation.innovations import residual_column
 from casid.model.terms import parse_term
 from casid.report.style import (
     BASELINE,
+    EXTENDED,
     FAINT,
     MEASURED,
     RECORD_COLOURS,
@@ -24,7 +26,7 @@ from casid.report.style import (
 from casid.report.words import place, pretty_term
 from casid.signals import unit_of
 
-_BINS = 9
+_STEPS = 11
 _MAX_RECORDS = 3
 
 
@@ -62,7 +64,7 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
         )  # fmt: skip
     cloud = np.concatenate(points)
     x, y, error = _binned(cloud)
-    ax.errorbar(x, y, error, fmt="o", color=MEASURED, ms=6, capsize=3, zorder=4, label="mean of equal groups, ±2σ")
+    ax.errorbar(x, y, error, fmt="o", color=MEASURED, ms=6, capsize=3, zorder=4, label="their mean in steps, ±2σ")
     line = np.linspace(cloud[:, 0].min(), cloud[:, 0].max(), 200)
     ax.plot(line, cause.value * _power(cause, line / scale), color=BASELINE, lw=2.5, zorder=3, label="the named term")
     ax.set_xlabel(label)
@@ -94,15 +96,15 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
     for ax, r in zip(axes, chosen, strict=True):
         t, mean, sigma = dict(_nodes(missing, fit))[r]
         ax.fill_between(t, mean - 2 * sigma, mean + 2 * sigma, color="#BBD7EA", lw=0, label="±2σ")
-        ax.plot(t, mean, color="#0072B2", label="reconstructed, form unknown")
+        ax.plot(t, mean, color=EXTENDED, label="reconstructed, form unknown")
         if curve:
-            moment = _centred(_at(fit, named, r, t), mean, wind)
-            ax.plot(t, moment, "--", color=BASELINE, lw=2, label="what the named causes put there")
+            curve_here = _centred(_at(fit, named, r, t), mean, wind)
+            ax.plot(t, curve_here, "--", color=BASELINE, lw=2, label="what the named causes put there")
         ax.axhline(0.0, color=FAINT, lw=0.8)
         ax.set_title(fit.batch.names[r], loc="left")
         ax.set_xlabel("time t [s]" if r == chosen[-1] else "")
     figure.supylabel(f"{place(missing.station)} {'[m/s]' if wind else '(missing part)'}", fontsize=10.5)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     where = place(missing.station)
     return Picture(
         name=name,
@@ -117,31 +119,33 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
     )
 
 
-def wind(diagnosis: Diagnosis, before: Mapping[str, MissingInput]) -> Picture:
-    """The moving air of a turbulent record: three components, and the r.m.s. velocity that was named."""
-    sigma = diagnosis.turbulence.sigma
-    components = [before[station] for station in sorted(before) if station.startswith("wind")]
-    fit = diagnosis.baseline.fit
-    r = _liveliest(components[-1], fit)[0]
-    figure = blank(1.6 * len(components) + 0.7)
-    axes = figure.subplots(len(components), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, component in zip(axes, components, strict=True):
-        t, mean, error = dict(_nodes(component, fit))[r]
+def wind(diagnosis: Diagnosis) -> Picture:
+    """The moving air of a turbulent record: its components by the filter's smoother, and the r.m.s. that was named."""
+    sigma, fit = diagnosis.turbulence.sigma, diagnosis.extended.fit
+    gusts = fit.filter.smooth(*residual_column(fit.linear))[..., len(fit.model.states) :]
+    stations = list(fit.noise.coloured)
+    r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(fit.flight.records)]))
+    record = fit.flight.records[r]
+    figure = blank(1.6 * len(stations) + 0.7)
+    axes = figure.subplots(len(stations), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for i, (ax, station) in enumerate(zip(axes, stations, strict=True)):
         ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the named turbulence, {sigma:.2g} m/s")
-        ax.fill_between(t, mean - 2 * error, mean + 2 * error, color="#BBD7EA", lw=0, alpha=0.7, label="±2σ")
-        ax.plot(t, mean, color="#0072B2", label="reconstructed gust velocity")
-        ax.set_ylabel(f"{place(component.station)}\n[m/s]")
+        ax.plot(record.t, gusts[: len(record), r, i], color=EXTENDED, label="reconstructed gust velocity")
+        ax.set_title(place(station), loc="left")
+        ax.set_ylabel("[m/s]")
+        ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return Picture(
         name="wind",
         figure=figure,
-        title=f"The air moves (record {fit.batch.names[r]})",
+        title=f"The air moves (record {record.name})",
         caption=(
-            "Gust velocities along the body axes that would make simulation and measurement agree, each axis by "
-            "itself. The r.m.s. velocity was named from kinematics, which hold whatever the aerodynamics are."
+            "Most likely gust velocities, given the extended model and everything that was measured. Their r.m.s. was "
+            "named from kinematics, which hold whatever the aerodynamics are."
         ),
-        alt=f"Reconstructed gust velocity along three axes over time in record {fit.batch.names[r]}.",
+        alt=f"Reconstructed gust velocity along three axes over time in record {record.name}, with a band of the named "
+        f"r.m.s. velocity, {sigma:.2g} m/s.",
     )
 
 
@@ -228,15 +232,18 @@ def _at(fit: Fit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
 
 
 def _binned(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(x, y, 2-sigma of y) of groups of equal size along x, weighted by 1/sigma²."""
-    groups = np.array_split(cloud[np.argsort(cloud[:, 0])], _BINS)
+    """(x, y, 2-sigma of y) of what lies in equal steps of x, weighted by 1/sigma²; steps with two dots at least."""
+    edges = np.linspace(cloud[:, 0].min(), cloud[:, 0].max(), _STEPS + 1)
+    step = np.clip(np.searchsorted(edges, cloud[:, 0], side="right") - 1, 0, _STEPS - 1)
     rows = []
-    for group in groups:
+    for group in (cloud[step == k] for k in range(_STEPS)):
+        if len(group) < 2:
+            continue
         weight = 1.0 / np.maximum(group[:, 2], 1e-12) ** 2
         mean = np.average(group[:, :2], axis=0, weights=weight)
-        scatter = np.sqrt(np.average((group[:, 1] - mean[1]) ** 2, weights=weight) / len(group))
+        scatter = np.sqrt(np.average((group[:, 1] - mean[1]) ** 2, weights=weight) / (len(group) - 1))
         rows.append((*mean, 2.0 * max(scatter, weight.sum() ** -0.5)))
-    x, y, error = np.array(rows).T
+    x, y, error = np.array(rows).T if rows else np.zeros((3, 0))
     return x, y, error
 
 

@@ -21,7 +21,7 @@ MEASURED, BASELINE, EXTENDED, EXPLAINED = "#222222", "#D55E00", "#0072B2", "#009
 NOISE, FAINT, ALERT = "#DDDDDD", "#9A9A9A", "#CC79A7"
 RECORD_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 RECORD_MARKERS = ("o", "s", "^", "D", "v", "P")
-WIDTH = 6.4  # inches; the page shows it up to 45 rem wide
+WIDTH = 5.6  # inches; the page shows it up to 40 rem wide
 _RC: Mapping[str, Any] = MappingProxyType(
     {
         "font.size": 10.5, "axes.titlesize": 10.5, "axes.labelsize": 10.5, "legend.fontsize": 9.5,

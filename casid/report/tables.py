@@ -13,14 +13,18 @@ from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> str:
-    """An HTML table of cells that are HTML already; the first column heads its row. "" without rows."""
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, numeric: bool = False) -> str:
+    """An HTML table of cells that are HTML already; the first column heads its row. "" without rows.
+
+    `numeric`: short cells, none of which may break.
+    """
     body = [f"<tr><th scope='row'>{row[0]}</th>{''.join(f'<td>{cell}</td>' for cell in row[1:])}</tr>" for row in rows]
     if not body:
         return ""
     top = "".join(f"<th scope='col'>{cell}</th>" for cell in head)
     return (
-        f"<div class='wide'><table><caption>{caption}</caption><thead><tr>{top}</tr></thead>"
+        f"<p class='caption'>{caption}</p><div class='wide'><table{' class=numeric' if numeric else ''}>"
+        f"<thead><tr>{top}</tr></thead>"
         f"<tbody>{''.join(body)}</tbody></table></div>"
     )
 
@@ -78,6 +82,7 @@ def channels(before: View, after: View, extended: bool) -> str:
         rows,
         f"Open-loop simulation of {names}. Theil: 0 perfect, 1 useless. R²: share of the variance explained. "
         "Whiteness: Ljung–Box on the innovations; small p means that something systematic is left.",
+        numeric=True,
     )
 
 
@@ -105,7 +110,9 @@ def parameters(diagnosis: Diagnosis) -> str:
         rows.append(row)
     head = ["derivative", "aircraft file", "fitted, today's structure"]
     head += ["fitted, extended model", "change / σ"] if extended else []
-    return table(head, rows, "Derivatives per rad, ± 1σ (Cramér–Rao). Bold: the causes moved it by more than 3σ.")
+    return table(
+        head, rows, "Derivatives per rad, ± 1σ (Cramér–Rao). Bold: the causes moved it by more than 3σ.", numeric=True
+    )
 
 
 def _a_priori(diagnosis: Diagnosis) -> dict[str, float]:
@@ -166,8 +173,8 @@ def unseen(diagnosis: Diagnosis) -> str:
     by_kind: dict[str, list[str]] = {}
     for name, size in diagnosis.detectable.items():
         effect = effects.get(name)
-        if effect is None:
-            continue
+        if effect is None or effect.kind == "configuration_change":
+            continue  # a set of coefficients has no one size
         label = f"{effect.target} " if effect.target else ""
         by_kind.setdefault(effect.kind, []).append(f"{label}{quantity(size, effect.unit)}")
     rows = [
