@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -90,6 +91,18 @@ class FilterFit:
         """White process noise as `MultipleShooting(process_noise=...)` takes it: sigma times sqrt(dt)."""
         root = math.sqrt(float(np.median([record.dt for record in self.problem.records])))
         return {name: sigma * root for name, sigma in self.noise.white.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts for a JSON file."""
+        noise = {name: sigma for name, sigma in self.noise.measurement.items()}
+        process = {name: {"sigma": sigma, "correlation_time_s": 0.0} for name, sigma in self.noise.white.items()}
+        process |= {n: {"sigma": s, "correlation_time_s": tau} for n, (s, tau) in self.noise.coloured.items()}
+        return {
+            "status": self.status, "iterations": self.iterations, "seconds": self.seconds,
+            "log_likelihood": self.innovations.log_likelihood, "samples": self.innovations.samples,
+            "parameters": {n: {"value": v, "std": self.std[n]} for n, v in self.values.items()},
+            "measurement_noise": noise, "process_noise": process,
+        }  # fmt: skip
 
 
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:

@@ -20,6 +20,7 @@ from casid.model.causes import group_channels
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
+from casid.model.path import aerodynamic_parameters
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.signals import SURFACES, scale_of
@@ -79,6 +80,15 @@ def axes_of(records: Sequence[Record]) -> str:
         f"record '{records[0].name}': surfaces {missing} are missing; expected delta_e (longitudinal motion), "
         "delta_a and delta_r (lateral), or all three"
     )
+
+
+def default_free(applied: Applied) -> list[str]:
+    """The derivatives and terms of the file that stand in an equation of the states that move."""
+    model = applied.model
+    rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.vertcat(model.f, model.h)])
+    used = set(rates.sparsity_jac(2, 0).get_col())
+    names = {name for _, name, _ in aerodynamic_parameters(applied.aircraft)}
+    return [name for i, name in enumerate(model.parameters) if name in names and i in used]
 
 
 def apply_effects(

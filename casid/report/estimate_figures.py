@@ -1,0 +1,144 @@
+"""Figures of an estimation: measured against simulated, colour of residuals, estimates with errors, correlations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from casid.report.style import (
+    BASELINE,
+    EXPLAINED,
+    EXTENDED,
+    MEASURED,
+    NOISE,
+    RECORD_COLOURS,
+    Picture,
+    blank,
+    channel_axis,
+    channel_scale,
+    settings,
+)
+
+_CURVES = ((BASELINE, "-"), (EXTENDED, "--"), (EXPLAINED, "-."), ("#CC79A7", ":"))
+_LAGS = 30
+
+
+def write_pictures(pictures: Iterable[Picture], folder: Path) -> list[Path]:
+    """Write every picture as NAME.svg into `folder`, which is made; the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for picture in pictures:
+        path = folder / f"{picture.name}.svg"
+        path.write_bytes(picture.svg())
+        paths.append(path)
+    return paths
+
+
+def histories(
+    record: str, t: np.ndarray, channels: Sequence[str], measured: np.ndarray, curves: Mapping[str, np.ndarray]
+) -> Picture:
+    """Measured (N, channels) and, by label, what models give (N, channels), one panel per channel."""
+    with settings():
+        rows = -(-len(channels) // 2)
+        figure = blank(1.35 * rows + 0.7)
+        axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
+        for i, channel in enumerate(channels):
+            ax, (factor, _) = axes.flat[i], channel_scale(channel)
+            ax.plot(t, factor * measured[:, i], color=MEASURED, lw=2.6, alpha=0.35, label="measured")
+            for (label, values), (colour, dash) in zip(curves.items(), _CURVES, strict=False):
+                ax.plot(t, factor * values[:, i], dash, color=colour, lw=1.1, label=label)
+            ax.set_ylabel(channel_axis(channel))
+        for ax in axes.flat[len(channels) :]:
+            ax.set_visible(False)
+        for ax in axes[-1]:
+            ax.set_xlabel("t [s]")
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    names = " and ".join(curves)
+    return Picture(
+        name=f"histories_{_file_name(record)}", figure=figure, title=f"{record}: measured and {names}",
+        caption=f"Measured outputs of {record} with those of {names}.",
+        alt=f"Time histories of {', '.join(channels)}, measured and {names}.",
+    )  # fmt: skip
+
+
+def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray]) -> Picture:
+    """Autocorrelation of residuals (N, channels), by label, with the band in which that of white noise stays."""
+    with settings():
+        rows = -(-len(channels) // 4)
+        figure = blank(1.6 * rows + 0.7)
+        axes = figure.subplots(rows, 4, sharex=True, sharey=True, squeeze=False)
+        for i, channel in enumerate(channels):
+            ax = axes.flat[i]
+            for (label, values), (colour, dash) in zip(residuals.items(), _CURVES, strict=False):
+                series = values[np.isfinite(values[:, i]), i]
+                ax.plot(np.arange(_LAGS + 1), autocorrelation(series, _LAGS), dash, color=colour, label=label)
+                band = 1.96 / np.sqrt(len(series))
+                ax.axhspan(-band, band, color=NOISE, zorder=0)
+            ax.set_title(channel)
+        for ax in axes.flat[len(channels) :]:
+            ax.set_visible(False)
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+        figure.supxlabel("lag [samples]")
+    return Picture(
+        name="autocorrelation", figure=figure, title="Are the residuals white?",
+        caption="Autocorrelation of the residuals over the lag; white noise stays in the grey band 95 % of the time.",
+        alt="Autocorrelation of the residuals of every channel.",
+    )  # fmt: skip
+
+
+def autocorrelation(series: np.ndarray, lags: int) -> np.ndarray:
+    """(lags + 1,) autocorrelation of a series (N,) about its mean; zeros for a constant."""
+    e = series - series.mean()
+    power = float(e @ e)
+    if power == 0.0:
+        return np.zeros(lags + 1)
+    return np.array([e[k:] @ e[: len(e) - k] for k in range(lags + 1)]) / power
+
+
+def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, float]]], reference: str) -> Picture:
+    """By label (value, 1-sigma) of every parameter, shown relative to the values of the method `reference`."""
+    with settings():
+        figure = blank(0.32 * len(names) + 1.0)
+        ax = figure.subplots()
+        base = np.array([value for value, _ in methods[reference]])
+        size = np.where(base != 0.0, np.abs(base), 1.0)
+        rows = np.arange(len(names))[::-1]
+        for k, (label, pairs) in enumerate(methods.items()):
+            value, std = np.array(pairs).T
+            shift = 0.16 * (0.5 * (len(methods) - 1) - k)
+            ax.errorbar(
+                1.0 + (value - base) / size, rows + shift, xerr=2.0 * np.nan_to_num(std) / size, fmt="o", ms=4,
+                color=RECORD_COLOURS[k % len(RECORD_COLOURS)], label=label, capsize=2,
+            )  # fmt: skip
+        ax.set_yticks(rows, names)
+        ax.set_xlabel(f"value relative to: {reference} (bars: 2 standard errors)")
+        ax.legend(loc="best")
+    return Picture(
+        name="estimates", figure=figure, title="Estimates", caption=f"Estimates relative to {reference}, with 2 sigma.",
+        alt=f"Estimates of {', '.join(names)} by {', '.join(methods)}.",
+    )  # fmt: skip
+
+
+def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
+    """Correlation matrix (parameters, parameters) of the errors of the estimates."""
+    with settings():
+        figure = blank(min(0.22 * len(names), 5.5) + 1.2)
+        ax = figure.subplots()
+        image = ax.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
+        ax.grid(visible=False)
+        ax.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
+        ax.set_yticks(range(len(names)), names, fontsize=6)
+        figure.colorbar(image, ax=ax, label="correlation of errors")
+    return Picture(
+        name="correlations", figure=figure, title="Which parameters are confused?",
+        caption="Correlation of the errors of the estimates; near 1 or -1 the data hardly tell two parameters apart.",
+        alt="Matrix of correlations between parameters.",
+    )  # fmt: skip
+
+
+def _file_name(text: str) -> str:
+    return "".join(c if c.isalnum() or c in "-." else "_" for c in text)
