@@ -58,7 +58,7 @@ def histories(
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     names = " and ".join(curves)
     return Picture(
-        name=f"histories_{_file_name(record)}", figure=figure, title=f"{record}: measured and {names}",
+        name=f"histories_{file_name(record)}", figure=figure, title=f"{record}: measured and {names}",
         caption=f"Measured outputs of {record} with those of {names}.",
         alt=f"Time histories of {', '.join(channels)}, measured and {names}.",
     )  # fmt: skip
@@ -140,5 +140,6 @@ def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
     )  # fmt: skip
 
 
-def _file_name(text: str) -> str:
+def file_name(text: str) -> str:
+    """A text as part of a file name: what is not a letter, digit, point or hyphen becomes an underscore."""
     return "".join(c if c.isalnum() or c in "-." else "_" for c in text)
