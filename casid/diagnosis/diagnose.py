@@ -63,11 +63,11 @@ def diagnose(
     known = attached_effects(flight)
     stages.begin("kinematics")
     kinematic, instruments, turbulence = _kinematics(flight)
-    coloured = kinematics.gusts(flight, turbulence.sigma) if turbulence.named else {}
     stages.begin("baseline fit")
     calm = fit(flight, known, flight.noise())
-    noise = flight.noise(coloured)
-    start = fit(flight, known, noise, calm) if coloured else calm
+    coloured = turbulence.named
+    start = kinematics.rotation_of_air(flight, known, turbulence.sigma, calm)[1] if coloured else calm
+    noise = start.noise
     baseline = weigh(start)
     stages.begin("naming")
     naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)

@@ -10,85 +10,142 @@ import numpy as np
 from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import ONSET_STEP, Candidate, Fingerprint, Screen, fingerprints
+from casid.diagnosis.screening import ONSET_STEP, Candidate, Screen, fingerprints
+from casid.model import operators
 from casid.model.causes import configuration_change
+from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE = 0.1  # s
 _DROP_95 = 3.841  # chi-square, one degree of freedom
-_MEMBER = 0.04  # a coefficient belongs to the set when its own statistic exceeds this share of the largest
+_MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
+SHARED = ("effectiveness_change", "configuration_change")  # events of one size in every record they hit
+
+Intervals = dict[str, tuple[float, float]]
 
 
-def refine_onsets(evidence: Evidence, attached: Attached) -> tuple[Attached, dict[str, tuple[float, float]]]:
-    """The attached effect with each onset moved to the peak of its profile likelihood, and 95 % intervals [s].
+def moved_onsets(evidence: Evidence, one: Attached, anywhere: bool = False) -> tuple[Attached, Intervals]:
+    """The attached effect of a fit with each onset moved to the peak of its profile likelihood, and 95 % intervals [s].
 
-    The profile is that of the score at `base`, which does not have the effect; the other records' onsets stay.
+    Looks within `ONSET_STEP` of the present onset in steps of 0.1 s, or `anywhere` in the record in coarser ones.
+
+    The profile is the predicted drop of the deviance when the event of fitted size is shifted in time, everything that
+    is fitted (its size too) adapting; the other records' onsets stay.
     """
-    effect = attached.effect
-    further = {k: v for k, v in attached.values.items() if k != "value"}
-    base = evidence.fit
-    judge, names = Screen(evidence), list(base.batch.names)
-    onsets, intervals = dict(attached.onsets), {}
-    for record, onset in attached.onsets.items():
+    base, judge = evidence.fit, Screen(evidence)
+    names = list(base.batch.names)
+    onsets, intervals = dict(one.onsets), {}
+    for record, onset in one.onsets.items():
         r = names.index(record)
         first, last = base.flight.records[r].t[0], base.flight.records[r].t[-1]
-        times = np.arange(max(onset - ONSET_STEP, first + _FINE), min(onset + ONSET_STEP, last - _FINE), _FINE)
-        prints = _at(evidence, attached, further, times - first)
+        reach, step = (last - first, 0.5 * ONSET_STEP) if anywhere else (ONSET_STEP, _FINE)
+        around = onset + np.arange(-np.floor(reach / step), np.floor(reach / step) + 1) * step
+        times = around[(around > first + _FINE) & (around < last - _FINE)]
         keep = np.zeros((1, len(names)))
         keep[0, r] = 1.0
-        profile = np.array([judge.score([p], keep)[0] for p in prints])
-        onsets[record] = float(times[np.argmax(profile)])
-        inside = times[profile > profile.max() - _DROP_95]
-        intervals[record] = (float(inside.min() - _FINE), float(inside.max() + _FINE))
-    return replace(attached, onsets=onsets), intervals if effect.timed else {}
+        profile = []
+        for shift in fingerprints(evidence, [_shifted(one, onset)], times - first):
+            left, match, _ = judge.projected([shift], keep)
+            profile.append(2.0 * match - left)
+        drops = np.array(profile)
+        onsets[record] = float(times[np.argmax(drops)])
+        inside = times[drops > drops.max() - _DROP_95]
+        intervals[record] = (float(inside.min() - step), float(inside.max() + step))
+    return replace(one, onsets=onsets), intervals
 
 
-def _at(evidence: Evidence, attached: Attached, further: dict[str, float], times: np.ndarray) -> list[Fingerprint]:
-    """Fingerprints of the first coefficient or the effect itself at the given onsets."""
-    effect = replace(attached.effect, grid=(further,))
-    if effect.kind == "configuration_change":
-        effect = replace(configuration_change(effect.target.split("+")[0]), grid=({},))
-    return fingerprints(evidence, [effect], times)
+def _shifted(one: Attached, onset: float) -> Effect:
+    """The difference that the effect at another onset makes, as an effect."""
+    made, values = one.effect.series, dict(one.values)
+    if made is None:
+        raise ValueError(f"{one.name} has no time history")
+
+    def series(t: np.ndarray, known: Series, at: Values) -> dict[str, np.ndarray]:
+        now, then = made(t, known, values | {"onset": at["onset"]}), made(t, known, values | {"onset": onset})
+        return {station: now[station] - then[station] for station in now}
+
+    return replace(one.effect, kind="shift", series=series, grid=({},))
 
 
 def configuration_changes(evidence: Evidence) -> list[Candidate]:
-    """Sets of coefficients that switch together: the best onset in each record, then the records that share it."""
-    base = evidence.fit
+    """Sets of coefficients that switch together: the record, onset and duration with the largest joint statistic.
+
+    One record is enough to find the set; `further_records` finds where else it switches.
+    """
+    base, price = evidence.fit, Screen(evidence).price
     coefficients = coefficient_names(base.flight.aircraft.force_axes)
-    judge, names, R = Screen(evidence), base.batch.names, len(base.batch.names)
-    prints: dict[str, list[Fingerprint]] = {}
-    for one in fingerprints(evidence, [configuration_change(c) for c in coefficients]):
-        prints.setdefault(one.effect.target, []).append(one)
-    found = []
-    for r in range(R):
-        keep = np.zeros((1, R))
+    longest = max(record.duration for record in base.flight.records)
+    onsets = np.arange(0.5, longest - 0.5, ONSET_STEP)
+    durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
+    best: tuple[float, int, float, float, np.ndarray, np.ndarray] | None = None
+    for duration in durations:
+        white = _steps(evidence, coefficients, onsets, duration)
+        for r in range(len(base.flight.records)):
+            for i, onset in enumerate(onsets):
+                own = white[:, r, :, i :: len(onsets)].reshape(-1, len(coefficients))
+                statistic, sizes, stds = _joint(evidence, r, own)
+                if best is None or statistic > best[0]:
+                    best = (statistic, r, float(onset), duration, sizes, stds)
+    if best is None:
+        return []
+    statistic, r, onset, duration, sizes, stds = best
+    strength = np.abs(sizes) / stds
+    order = np.argsort(-strength)
+    members = [int(c) for c in order if strength[c] > max(4.0, _MEMBER * strength[order[0]])] or [int(order[0])]
+    values = {("value" if c == members[0] else coefficients[c]): float(sizes[c]) for c in members}
+    attached = Attached(
+        effect=configuration_change("+".join(coefficients[c] for c in members)),
+        values=values | {"duration": duration},
+        onsets={base.batch.names[r]: float(base.flight.records[r].t[0] + onset)},
+    )
+    tries = float(len(onsets) * len(base.flight.records) * len(durations))
+    dof = len(members) + 1
+    return [
+        Candidate(
+            attached=attached, statistic=statistic, net=statistic - dof * price - 2.0 * np.log(tries), dof=dof,
+            value=float(sizes[members[0]]), std=float(stds[members[0]]), surviving=1.0, tries=tries,
+        )
+    ]  # fmt: skip
+
+
+def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> np.ndarray:
+    """(N, R, ny, coefficients x onsets) whitened responses to unit steps."""
+    base = evidence.fit
+    since = base.batch.t - base.batch.t[0]
+    shapes = np.stack([operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in onsets], axis=2)
+    stations = [base.model.disturbances.index(f"d{c}") for c in coefficients for _ in onsets]
+    return base.filter.whiten_histories(stations, np.tile(shapes, (1, 1, len(coefficients))))
+
+
+def _joint(evidence: Evidence, r: int, own: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """(statistic, sizes, 1-sigmas) of several causes of record r together, fitted slots eliminated."""
+    cross = evidence.by_record[r].T @ own
+    gram = own.T @ own - cross.T @ evidence.covariance @ cross
+    match = own.T @ evidence.fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
+    sizes = inverse @ match
+    return float(match @ sizes), sizes, np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+
+
+def further_records(evidence: Evidence, one: Attached) -> Attached:
+    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance."""
+    base, judge = evidence.fit, Screen(evidence)
+    further = {k: v for k, v in one.values.items() if k != "value"}
+    effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
+    prints, onsets = fingerprints(evidence, [effect]), dict(one.onsets)
+    for r, record in enumerate(base.flight.records):
+        if record.name in onsets:
+            continue
+        keep = np.zeros((1, len(base.flight.records)))
         keep[0, r] = 1.0
-        scores = {c: np.array([judge.score([p], keep)[:2] for p in row]) for c, row in prints.items()}
-        total = sum(row[:, 0] for row in scores.values())
-        at = int(np.argmax(total))
-        table = {c: (float(row[at, 0]), float(row[at, 1])) for c, row in scores.items()}
-        found.append((float(total[at]), prints[coefficients[0]][at].onset or 0.0, table))
-    order = sorted(range(R), key=lambda r: -found[r][0])
-    tries = float(len(prints[coefficients[0]])) * R
-    candidates = []
-    for chosen in [order[: k + 1] for k in range(R)]:
-        pooled = {c: sum(found[r][2][c][0] for r in chosen) for c in coefficients}
-        largest = max(pooled.values())
-        members = sorted((c for c in coefficients if pooled[c] > _MEMBER * largest), key=lambda c: -pooled[c])
-        sizes = {c: float(np.mean([found[r][2][c][1] for r in chosen])) for c in members}
-        # single scores overlap: the largest one is certain, the refit finds what the set gains
-        statistic, dof = largest, len(members)
-        values = {("value" if c == members[0] else c): sizes[c] for c in members}
-        starts = {names[r]: float(base.flight.records[r].t[0] + found[r][1]) for r in chosen}
-        attached = Attached(effect=configuration_change("+".join(members)), values=values, onsets=starts)
-        net = statistic - dof * judge.price - 2.0 * len(chosen) * np.log(tries)
-        candidates.append(
-            Candidate(
-                attached=attached, statistic=statistic, net=net, dof=dof, value=sizes[members[0]],
-                std=abs(sizes[members[0]]) / max(largest, 1e-9) ** 0.5, surviving=1.0, tries=tries ** len(chosen),
-            )
-        )  # fmt: skip
-    return sorted(candidates, key=lambda c: -c.net)[:2]
+        drops = []
+        for print_ in prints:
+            left, match, _ = judge.projected([print_], keep)
+            drops.append(2.0 * match - left)
+        if max(drops) > 2.0 * judge.price:
+            onsets[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
+    return replace(one, onsets=onsets)
 
 
 def weak_members(fit: Fit, attached: Attached) -> Sequence[str]:

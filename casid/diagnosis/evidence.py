@@ -16,7 +16,7 @@ from casid.diagnosis.fit import Fit
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
-SMALL = 0.003
+SMALL = 0.0025
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 

@@ -25,6 +25,7 @@ _MOMENT_TIME, _MOMENT_SIZE = 0.2, 1.0  # and of a free angular acceleration [rad
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
 _TURBULENCE_GAIN, _LEAST_TURBULENCE = 50.0, 0.1
+_ROTATIONS = (0.3, 1.0, 3.0)
 _SIGMAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # m/s
 
 
@@ -52,11 +53,32 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     return free
 
 
-def gusts(flight: Flight, sigma: float) -> dict[str, tuple[float, float]]:
-    """Turbulence of r.m.s. velocity `sigma` [m/s] in three axes, as first-order Gauss-Markov processes."""
+def gusts(flight: Flight, sigma: float, rotation: float = 0.0) -> dict[str, tuple[float, float]]:
+    """Turbulence of r.m.s. velocity `sigma` [m/s] in three axes, as first-order Gauss-Markov processes.
+
+    `rotation` scales the rolling, pitching and yawing of the air over the span (MIL-F-8785C, 3.7.5: sigma_p =
+    1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)), 1 for an aircraft small against the eddies.
+    """
     record = flight.records[0]
     speed = float(np.nanmedian(record["V"])) if "V" in record else flight.aircraft.trim.get("V", 100.0)
-    return {name: (sigma, _SCALE_LENGTH / speed) for name in WIND}
+    processes = {name: (sigma, _SCALE_LENGTH / speed) for name in WIND}
+    if rotation > 0.0:
+        length = float(np.sqrt(_SCALE_LENGTH * 2.0 * flight.aircraft.rate_length_lateral))
+        rolling = (rotation * 1.9 * sigma / length, length / (2.6 * speed))
+        processes |= {"gust_p": rolling, "gust_q": rolling, "gust_r": rolling}
+    return processes
+
+
+def rotation_of_air(flight: Flight, attached: Sequence[Attached], sigma: float, start: Fit) -> tuple[float, Fit]:
+    """(scale of the rolling and pitching of the air, fit with it), by maximum likelihood of the full model on a grid."""
+    best = (0.0, fit(flight, attached, flight.noise(gusts(flight, sigma)), start))
+    for rotation in _ROTATIONS:
+        noise = flight.noise(gusts(flight, sigma, rotation))
+        trial = fit(flight, attached, noise, best[1], iterations=6, tolerance=2.0)
+        if trial.deviance > best[1].deviance:
+            break
+        best = (rotation, trial)
+    return best
 
 
 def reconstruct(flight: Flight, attached: Sequence[Attached] = (), sigma: float = 0.0, start: Fit | None = None) -> Fit:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.events import configuration_changes, refine_onsets, weak_members
+from casid.diagnosis.events import SHARED, configuration_changes, further_records, moved_onsets, weak_members
 from casid.diagnosis.evidence import Evidence, coefficient_series, unlike_derivatives, variation, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series
@@ -22,13 +22,13 @@ from casid.model.terms import parse_term
 
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
-SHARE = 0.03  # of the variation of a coefficient: smaller is real but minor
+SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
-_TRIALS, _ROUNDS = 5, 4
+_TRIALS, _ROUNDS, _MOVES = 5, 4, 8
 _NOTHING_LEFT = 30.0
-_WIDE = 0.1  # a trial this part of the leader's gain behind it is not fitted to the end
+_WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,6 +80,10 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     this = Round(candidates=tuple(candidates), trials=tuple(trials), equivalents=equivalents, named=named)
     if not named or best is None:
         return replace(state, rounds=(*state.rounds, this))
+    best, interval = _settled(best, noise)
+    if interval:
+        intervals[best.candidate.name] = interval
+    this = replace(this, trials=(best, *this.trials[1:]))
     evidence = weigh(best.fit)
     return Naming(
         evidence=evidence, missing=tuple(missing_inputs(evidence)), rounds=(*state.rounds, this), intervals=intervals
@@ -108,11 +112,15 @@ def _try(
 ) -> tuple[Trial, dict[str, tuple[float, float]]]:
     base, attached = evidence.fit, candidate.attached
     interval: dict[str, tuple[float, float]] = {}
-    if attached.effect.timed:
-        attached, interval = refine_onsets(evidence, attached)
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+    if attached.effect.kind in SHARED:
+        wider = further_records(weigh(fitted), fitted.attached[-1])
+        if len(wider.onsets) > len(attached.onsets):
+            fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
+    if attached.effect.timed and fitted.deviance < give_up:
+        fitted, interval = _at_peak(fitted, noise)
     if attached.effect.kind == "configuration_change":
-        fitted, attached = _without_weak(base, fitted, noise)
+        fitted = _without_weak(base, fitted, noise)
     one = fitted.attached[-1]
     gain = evidence.deviance - weigh(fitted).deviance
     share = meaningful_share(fitted, one)
@@ -124,19 +132,46 @@ def _try(
     ), interval  # fmt: skip
 
 
-def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> tuple[Fit, Attached]:
+def _at_peak(fitted: Fit, noise: NoiseModel) -> tuple[Fit, dict[str, tuple[float, float]]]:
+    """The fit with the onsets of its last effect moved until they stay, and their intervals."""
+    interval: dict[str, tuple[float, float]] = {}
+    anywhere = True
+    for _ in range(_MOVES):
+        before = fitted.attached[-1]
+        moved, interval = moved_onsets(weigh(fitted), before, anywhere)
+        if all(abs(moved.onsets[r] - t) < 0.05 for r, t in before.onsets.items()):
+            if not anywhere:
+                break
+            anywhere = False
+            continue
+        fitted = fit(fitted.flight, [*fitted.attached[:-1], moved], noise, fitted, iterations=6, tolerance=2.0)
+    return fitted, interval
+
+
+def _settled(trial: Trial, noise: NoiseModel) -> tuple[Trial, dict[str, tuple[float, float]]]:
+    """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
+    fitted, interval = trial.fit, {}
+    fitted = fit(fitted.flight, fitted.attached, noise, fitted, iterations=15, tolerance=0.3)
+    if fitted.attached[-1].effect.timed:
+        fitted, interval = _at_peak(fitted, noise)
+    candidate = replace(trial.candidate, attached=fitted.attached[-1])
+    gain = trial.gain + trial.fit.deviance - fitted.deviance
+    return replace(trial, fit=fitted, candidate=candidate, gain=gain, net=trial.net + gain - trial.gain), interval
+
+
+def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> Fit:
     """A configuration change fitted again without the coefficients that do not take part."""
     one = fitted.attached[-1]
     weak = weak_members(fitted, one)
     names = [c for c in one.effect.target.split("+") if c not in weak]
     if not weak or not names:
-        return fitted, one
+        return fitted
     first = one.effect.target.split("+")[0]
     sizes = {c: one.values["value" if c == first else c] for c in names}
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
+    values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    again = fit(base.flight, [*base.attached, slim], noise, fitted, iterations=6, tolerance=3.0)
-    return again, again.attached[-1]
+    return fit(base.flight, [*base.attached, slim], noise, fitted, iterations=6, tolerance=3.0)
 
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:

@@ -153,13 +153,14 @@ def configuration_change(coefficients: str) -> Effect:
     names = coefficients.split("+")
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        switched = operators.step(t, values["onset"])
-        return {f"d{name}": values["value" if name == names[0] else name] * switched for name in names}
+        moved = operators.transition(t, values["onset"], values["duration"])
+        return {f"d{name}": values["value" if name == names[0] else name] * moved for name in names}
 
     return Effect(
         kind="configuration_change",
         target=coefficients,
         timed=True,
+        grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
         series=series,
     )
 

@@ -67,8 +67,12 @@ def one_minus_cosine(t: np.ndarray, onset: float, length: float) -> np.ndarray:
 
 def step(t: np.ndarray, onset: float) -> np.ndarray:
     """0 before `onset`, 1 from one sample after it, linear within the sample that contains it: smooth in the onset."""
-    dt = float(np.median(np.diff(t)))
-    return np.clip((t - onset) / dt, 0.0, 1.0)
+    return transition(t, onset, 0.0)
+
+
+def transition(t: np.ndarray, onset: float, duration: float) -> np.ndarray:
+    """0 before `onset`, 1 from `onset + duration`, linear between them; not shorter than a sample."""
+    return np.clip((t - onset) / max(abs(duration), float(np.median(np.diff(t)))), 0.0, 1.0)
 
 
 def ramp(t: np.ndarray, onset: float) -> np.ndarray:
