@@ -3,6 +3,7 @@
 from casid.estimation.constraints import linear, parameter, path
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
+from casid.estimation.feedback import SampledFeedback
 from casid.estimation.fit import ChannelFit, Estimate, Fit, StateHistory
 from casid.estimation.gauss_newton import GaussNewton
 from casid.estimation.ipopt import Ipopt
@@ -11,6 +12,6 @@ from casid.estimation.transcription import Collocation, MultipleShooting, Single
 
 __all__ = [
     "ChannelFit", "Collocation", "CombinedError", "EquationError", "Estimate", "Fit", "GaussNewton", "InitialState",
-    "Ipopt", "MultipleShooting", "OutputError", "Problem", "RangeWeights", "SingleShooting", "StateHistory", "linear",
-    "parameter", "path", "solve",
+    "Ipopt", "MultipleShooting", "OutputError", "Problem", "RangeWeights", "SampledFeedback", "SingleShooting",
+    "StateHistory", "linear", "parameter", "path", "solve",
 ]  # fmt: skip

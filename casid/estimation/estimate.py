@@ -54,7 +54,7 @@ def build_objective(problem: Problem, method: Transcription) -> Objective:
         return Objective(problem, layout, LiftedCollocation(model, free, layout, method.degree))
     layout = build_layout(problem, method.interval if isinstance(method, MultipleShooting) else None)
     noise = dict(method.process_noise or {}) if isinstance(method, MultipleShooting) else {}
-    return Objective(problem, layout, Shooting(model, free, layout, noise))
+    return Objective(problem, layout, Shooting(model, free, layout, noise, problem.feedback))
 
 
 def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
@@ -62,6 +62,11 @@ def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
         raise EstimationError(f"solve: {method!r} is no transcription; expected SingleShooting() or the like")
     if not isinstance(solver, GaussNewton | Ipopt):
         raise EstimationError(f"solve: {solver!r} is no solver; expected GaussNewton() or Ipopt()")
+    if problem.feedback is not None and (isinstance(method, Collocation) or isinstance(solver, Ipopt)):
+        raise EstimationError(
+            "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or MultipleShooting() "
+            "with GaussNewton()"
+        )
     if problem.path_constraints and isinstance(solver, GaussNewton):
         raise EstimationError("solve: a path constraint acts on the states, which GaussNewton eliminates; use Ipopt()")
     if isinstance(method, MultipleShooting) and method.process_noise:

@@ -12,6 +12,7 @@ import numpy as np
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, EquationError, OutputError, RangeWeights
+from casid.estimation.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -41,6 +42,7 @@ class Problem:
                   RangeWeights(): weights by range (paper eq. 13)
     prior         use `model.prior_std` about the nominal values, for the free parameters that have one
     constraints   from `parameter`, `linear`, `path`
+    feedback      digital control law in the loop: the records' inputs are then the commands that it adds to
     Raises InputError for a name that does not exist and for gaps in an input; EstimationError for a problem that
     cannot be estimated as posed.
     """
@@ -57,6 +59,7 @@ class Problem:
     prior: bool = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
+    feedback: SampledFeedback | None = None
 
     def __post_init__(self) -> None:
         records = (self.records,) if isinstance(self.records, Record) else tuple(self.records)
@@ -72,6 +75,8 @@ class Problem:
             if name not in self.parameters and name not in self.local and name not in self.model.parameters:
                 raise unknown("parameter", name, (*self.parameters, *self.model.parameters), "Problem: start")
         _check_initial_state(self.model, self.initial_state)
+        if self.feedback is not None and self.feedback.model is not self.model:
+            raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")
         for constraint in self.constraints:
             self._check_constraint(constraint)
 

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from casid.estimation.compiler import Compilable
+from casid.estimation.feedback import SampledFeedback
 from casid.estimation.layout import Layout
 from casid.estimation.steps import cached, output_function, sample_derivatives, step_function
 from casid.model.system import Model
@@ -64,21 +65,27 @@ class Lift(Protocol):
 class Shooting:
     """Simulation and linearisation of a layout's segments by Runge-Kutta steps.
 
-    noise   name -> intensity of process noise (see MultipleShooting), empty without
+    noise      name -> intensity of process noise (see MultipleShooting), empty without
+    feedback   control law in the loop, None without
     """
 
     points0 = None
 
-    def __init__(self, model: Model, free: np.ndarray, layout: Layout, noise: dict[str, float]) -> None:
+    def __init__(
+        self, model: Model, free: np.ndarray, layout: Layout, noise: dict[str, float],
+        feedback: SampledFeedback | None = None,
+    ) -> None:  # fmt: skip
         self.layout = layout
         count, length = layout.segments, layout.length
         self.shape = (count, length)
         self.noise_names = tuple(noise)
         self.intensity = np.array(list(noise.values()))
-        step = cached(model, ("compiled step",), lambda: Compilable(step_function(model)))
+        step = cached(model, ("compiled step", feedback), lambda: Compilable(step_function(model, feedback)))
         outputs = cached(model, ("compiled outputs",), lambda: Compilable(output_function(model)))
-        key = ("compiled derivatives", tuple(free), self.noise_names)
-        derivatives = cached(model, key, lambda: Compilable(sample_derivatives(model, free, self.noise_names)))
+        key = ("compiled derivatives", tuple(free), self.noise_names, feedback)
+        derivatives = cached(
+            model, key, lambda: Compilable(sample_derivatives(model, free, self.noise_names, feedback))
+        )
         key = ("simulate", length, count)
         self._simulate = step.batch(key, lambda f: f.mapaccum("simulate", length).map(count))
         self._outputs = outputs.mapped(count * length)

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import unknown
+from casid.estimation.feedback import SampledFeedback
 from casid.model.system import Model
 
 _CACHE: WeakKeyDictionary[Model, dict] = WeakKeyDictionary()
@@ -71,21 +72,25 @@ def output_function(model: Model) -> ca.Function:
     return ca.Function("outputs", [model.x, model.u, model.p], [ca.densify(quiet(model, model.h))])
 
 
-def step_function(model: Model) -> ca.Function:
-    """(x, u0, u1, dt, p) -> x at the end of the step."""
+def step_function(model: Model, feedback: SampledFeedback | None = None) -> ca.Function:
+    """(x, u0, u1, dt, p) -> x at the end of the step; with feedback the plant gets what the law makes of (x, u0)."""
 
     def build() -> ca.Function:
         x, u0, u1, dt, p = _symbols(model)
-        out = ca.densify(rk4(dynamics_function(model), x, u0, u1, dt, p))
+        first, last = (feedback.at(x, u0),) * 2 if feedback else (u0, u1)
+        out = ca.densify(rk4(dynamics_function(model), x, first, last, dt, p))
         return ca.Function("step", [x, u0, u1, dt, p], [ca.cse(out)])
 
-    return cached(model, ("step",), build)
+    return cached(model, ("step", feedback), build)
 
 
-def sample_derivatives(model: Model, free: np.ndarray, noise: tuple[str, ...]) -> ca.Function:
+def sample_derivatives(
+    model: Model, free: np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None = None
+) -> ca.Function:
     """(x, u0, u1, dt, p) -> A, B, G of the step, C, D of the outputs at its start, all transposed (numpy row order).
 
     A = dx+/dx, B = dx+/dp_free, G = dx+/dv of the noise held over the step, C = dy/dx, D = dy/dp_free.
+    With feedback A includes the path through the law.
     """
 
     def build() -> ca.Function:
@@ -97,7 +102,14 @@ def sample_derivatives(model: Model, free: np.ndarray, noise: tuple[str, ...]) -
             ca.substitute(e, v, ca.SX.zeros(len(noise))) for e in (f, ca.jacobian(f, model.x), ca.jacobian(f, q))
         ]
         slope = ca.Function("slope", arguments, jacobians)
-        a, b = _chained_rk4(slope, x, u0, u1, dt, p)
+        if feedback is None:
+            a, b = _chained_rk4(slope, x, u0, u1, dt, p)
+        else:
+            received = ca.SX.sym("received", u0.shape[0])
+            a, b = _chained_rk4(slope, x, received, received, dt, p)
+            through = ca.jacobian(rk4(dynamics_function(model), x, received, received, dt, p), received)
+            a += through @ ca.jacobian(feedback.at(x, u0), x)
+            a, b = ca.substitute([a, b], [received], [feedback.at(x, u0)])
         h = quiet(model, model.h)
         free_p = ca.vertcat(*[model.p[int(i)] for i in free])
         outputs = ca.Function("h", arguments, [ca.jacobian(h, model.x), ca.jacobian(h, free_p)])
@@ -106,7 +118,7 @@ def sample_derivatives(model: Model, free: np.ndarray, noise: tuple[str, ...]) -
         results = [ca.densify(e.T) for e in (a, b[:, :count], b[:, count:], c, d)]
         return ca.Function("derivatives", [x, u0, u1, dt, p], ca.cse(results))
 
-    return cached(model, ("derivatives", tuple(free), noise), build)
+    return cached(model, ("derivatives", tuple(free), noise, feedback), build)
 
 
 def _chained_rk4(slope: ca.Function, x, u0, u1, dt, p) -> tuple[ca.SX, ca.SX]:

@@ -1,0 +1,92 @@
+"""Finished work on disk: one SQLite file that survives Ctrl-C and kill -9."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from casid.errors import InputError
+
+FILE = "campaign.sqlite"
+
+
+class Store:
+    """Results by key. Every result is one transaction; a key is written once and never again.
+
+    Only one process works on a store at a time: a second one gets an InputError at once. The lock is the operating
+    system's and goes with the process, however that ends.
+    """
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def finished(self) -> set[str]:
+        """Keys of all finished tasks."""
+        return {key for (key,) in self._connection.execute("SELECT key FROM results")}
+
+    def put(self, key: str, task: Mapping[str, Any], result: Any, seconds: float) -> None:
+        """Keep a result; it is on disk when this returns. Raises InputError for a key that is there already."""
+        row = (key, json.dumps(task, sort_keys=True), json.dumps(result, allow_nan=False), seconds)
+        try:
+            with self._connection:
+                self._connection.execute("INSERT INTO results VALUES (?, ?, ?, ?)", row)
+        except sqlite3.IntegrityError:
+            raise InputError(f"campaign: '{key}' is finished already; it cannot be done twice") from None
+
+    def results(self) -> dict[str, Any]:
+        """Key -> result of all finished tasks, sorted by key."""
+        rows = self._connection.execute("SELECT key, result FROM results ORDER BY key")
+        return {key: json.loads(result) for key, result in rows}
+
+    def seconds(self) -> dict[str, float]:
+        """Key -> time that the task took [s]."""
+        return dict(self._connection.execute("SELECT key, seconds FROM results ORDER BY key"))
+
+
+@contextmanager
+def open_store(folder: str | Path, protocol: Mapping[str, Any], must_exist: bool = False) -> Iterator[Store]:
+    """The store of a folder, made when it is not there.
+
+    protocol     all that results depend on besides their task (sizes, versions): results of another protocol must not
+                 be mixed in, so a store that was made under another one is an InputError
+    must_exist   InputError when there is nothing to resume
+    """
+    path = Path(folder) / FILE
+    if must_exist and not path.exists():
+        raise InputError(f"{path}: nothing to resume; run without --resume, or name the folder of the earlier run")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        connection = sqlite3.connect(path, timeout=0.2)
+    except (OSError, sqlite3.Error) as error:
+        raise InputError(f"{path}: cannot be opened: {error}; choose another --out") from None
+    try:
+        _prepare(connection, path, json.dumps(protocol, sort_keys=True))
+        yield Store(connection)
+    finally:
+        connection.close()
+
+
+def _prepare(connection: sqlite3.Connection, path: Path, protocol: str) -> None:
+    try:
+        connection.execute("PRAGMA locking_mode=EXCLUSIVE")
+        connection.execute("PRAGMA synchronous=FULL")
+        with connection:
+            connection.execute("BEGIN EXCLUSIVE")
+            connection.execute(
+                "CREATE TABLE IF NOT EXISTS results (key TEXT PRIMARY KEY, task TEXT, result TEXT, seconds REAL)"
+            )
+            connection.execute("CREATE TABLE IF NOT EXISTS protocol (text TEXT)")
+            found = connection.execute("SELECT text FROM protocol").fetchall()
+            if not found:
+                connection.execute("INSERT INTO protocol VALUES (?)", (protocol,))
+    except sqlite3.OperationalError as error:
+        reason = "another run is at work on it" if "locked" in str(error) else str(error)
+        raise InputError(f"{path}: {reason}; wait for it, or choose another --out") from None
+    except sqlite3.DatabaseError as error:
+        raise InputError(f"{path}: is no campaign store ({error}); choose another --out") from None
+    if found and found[0][0] != protocol:
+        raise InputError(f"{path}: was made by another protocol or version; choose another --out, or delete it")

@@ -1,0 +1,42 @@
+"""A digital control law in the loop of the simulation: it reads the state at a sample and holds its output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from casid.errors import EstimationError
+from casid.model.system import Model
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampledFeedback:
+    """What the plant receives at a sample and keeps until the next, as an expression in the model's x and u.
+
+    received   (inputs,) inputs of the plant; u are then the recorded commands (the stick), not the surfaces
+    The law is part of the set-up: it must not depend on parameters, and outputs of the model that depend on u directly
+    would see the command instead of the surface, so they are refused. Raises EstimationError for either.
+    """
+
+    model: Model
+    received: ca.SX
+
+    def __post_init__(self) -> None:
+        model = self.model
+        if self.received.shape != model.u.shape:
+            got, expected = self.received.shape[0], len(model.inputs)
+            raise EstimationError(f"SampledFeedback: {got} rows, the model '{model.name}' has {expected} inputs")
+        strange = [s for s in ca.symvar(self.received) if not ca.depends_on(ca.vertcat(model.x, model.u), s)]
+        if strange:
+            raise EstimationError(
+                f"SampledFeedback: depends on {strange}; expected states and inputs of the model only"
+            )
+        if ca.depends_on(model.h, model.u):
+            raise EstimationError(
+                f"SampledFeedback: outputs of '{model.name}' depend on inputs directly; leave them out"
+            )
+
+    def at(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """The received inputs at a state and command."""
+        return ca.substitute([self.received], [self.model.x, self.model.u], [x, u])[0]
