@@ -158,5 +158,5 @@ def _dask(tasks: Mapping[str, Task], work: Work, scheduler: str) -> Iterator[Fin
     with client:
         # a dead worker's tasks go to another; Dask gives a task up after `allowed-failures` deaths (3 by default)
         futures = {client.submit(timed, work, task, pure=False): key for key, task in tasks.items()}
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             yield futures[future], *future.result()
