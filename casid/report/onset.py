@@ -25,7 +25,7 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     if not cause.onset_s or found is None:
         return None
     base, attached = found
-    profiles = _profiles(base, attached)
+    profiles = onset_profiles(base, attached)
     records = [name for name in base.batch.names if name in cause.onset_s][:_MAX_RECORDS]
     figure = blank(1.6 * len(records) + 0.7)
     axes = figure.subplots(len(records), 1, squeeze=False)[:, 0]
@@ -70,8 +70,8 @@ def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] |
     return None
 
 
-def _profiles(base: Fit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Record -> (times of onset [s], statistic)."""
+def onset_profiles(base: Fit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Record -> (times of onset [s], statistic of the cause if it began then), from a fit that does not have it."""
     effect = attached.effect
     if effect.kind == "configuration_change":
         effect = configuration_change(effect.target.split("+")[0])

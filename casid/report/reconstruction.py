@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from casid.diagnosis.evidence import weigh
+from casid.diagnosis.fit import Fit
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Diagnosis
 
@@ -27,6 +30,22 @@ def reconstruct(diagnosis: Diagnosis) -> Reconstruction:
     before = _by_station(missing_inputs(weigh(old, discrepancy=False)))
     after = before if new is old else _by_station(missing_inputs(weigh(new, discrepancy=False)))
     return Reconstruction(before=before, after=after)
+
+
+def derivatives_beside(fit: Fit, missing: MissingInput) -> dict[str, float]:
+    """Fitted derivatives as they are with the anonymous input in place: it frees them of what they had imitated.
+
+    The mean of the joint posterior of derivatives and input, from the same linearisation as the input itself.
+    """
+    evidence = weigh(fit, discrepancy=False)
+    series = np.zeros((*fit.batch.live.shape, 1))
+    for r, record in enumerate(fit.flight.records):
+        t, mean, _ = missing.history[record.name]
+        series[: len(record), r, 0] = np.interp(record.t, t, mean)
+    white = fit.filter.whiten_histories([fit.model.disturbances.index(missing.station)], series)
+    response = fit.columns.reshape(fit.white.size, len(fit.slots)).T @ white.reshape(-1)
+    values = fit.values + evidence.newton - evidence.covariance @ response
+    return {slot.name: float(value) for slot, value in zip(fit.slots, values, strict=True)}
 
 
 def _by_station(found: list[MissingInput]) -> dict[str, MissingInput]:

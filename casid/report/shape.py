@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from casid.diagnosis.evidence import coefficient_series
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.estimation.innovations import residual_column
 from casid.model.terms import parse_term
+from casid.report.reconstruction import derivatives_beside
 from casid.report.style import (
     BASELINE,
     EXTENDED,
@@ -50,7 +50,7 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
         return None
     fit = diagnosis.extended.fit
     own = cause.value * _regressor(fit, cause)
-    others = named_series(diagnosis, missing.station) - own
+    others = named_series(diagnosis, missing) - own
     variable, label, scale = _abscissa(fit, cause)
     figure = blank(4.4)
     ax = figure.subplots()
@@ -89,7 +89,7 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
     """A reconstructed input in time with its ±2σ band; with `curve`, what the named causes put there."""
     fit = diagnosis.extended.fit if curve else diagnosis.baseline.fit
     wind = missing.station.startswith("wind")
-    named = named_series(diagnosis, missing.station) if curve else np.zeros(fit.batch.live.shape)
+    named = named_series(diagnosis, missing) if curve else np.zeros(fit.batch.live.shape)
     chosen = _liveliest(missing, fit)
     figure = blank(1.75 * len(chosen) + 0.7)
     axes = figure.subplots(len(chosen), 1, squeeze=False, sharey=True)[:, 0]
@@ -102,8 +102,8 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
             ax.plot(t, curve_here, "--", color=BASELINE, lw=2, label="what the named causes put there")
         ax.axhline(0.0, color=FAINT, lw=0.8)
         ax.set_title(fit.batch.names[r], loc="left")
+        ax.set_ylabel("[m/s]" if wind else f"missing {missing.station[1:]}")
         ax.set_xlabel("time t [s]" if r == chosen[-1] else "")
-    figure.supylabel(f"{place(missing.station)} {'[m/s]' if wind else '(missing part)'}", fontsize=10.5)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     where = place(missing.station)
     return Picture(
@@ -149,28 +149,24 @@ def wind(diagnosis: Diagnosis) -> Picture:
     )
 
 
-def named_series(diagnosis: Diagnosis, station: str) -> np.ndarray:
-    """(N, R) what the extension adds at a station: effects, and the changes of the fitted derivatives."""
+def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
+    """(N, R) what the extended model adds at a station to the baseline that the anonymous input was added to.
+
+    Effects that enter there, and what the derivatives of the coefficient differ by: both models then give the
+    coefficient the same value where the extension is right.
+    """
     before, after = diagnosis.baseline.fit, diagnosis.extended.fit
-    total = after.disturbances[..., after.model.disturbances.index(station)].copy()
-    if station.startswith("wind"):
+    total = after.disturbances[..., after.model.disturbances.index(missing.station)].copy()
+    if missing.station.startswith("wind"):
         return total
-    coefficient = station[1:]
-    total += coefficient_series(after)[coefficient] - _with_derivatives_of(before, after, coefficient)
+    coefficient, beside = missing.station[1:], derivatives_beside(before, missing)
+    for name, value in after.derivatives.items():
+        owner, _, term = name.partition("_")
+        if owner == coefficient and name in beside and "dot" not in term:
+            total += (value - beside[name]) * parse_term(term).evaluate(after.known)
     for one in after.attached:
         if one.effect.kind in ("aero_term", "unsteady_aero") and one.effect.target == coefficient:
             total += one.values["value"] * _series(after, one.effect.kind, coefficient, one.effect.term)
-    return total
-
-
-def _with_derivatives_of(before: Fit, after: Fit, coefficient: str) -> np.ndarray:
-    """(N, R) the coefficient by the old derivatives along the new trajectories."""
-    change = {name: before.derivatives[name] for name in after.derivatives if name in before.derivatives}
-    total = np.zeros(after.batch.live.shape)
-    for name, value in change.items():
-        owner, _, term = name.partition("_")
-        if owner == coefficient and "dot" not in term:
-            total += value * parse_term(term).evaluate(after.known)
     return total
 
 
@@ -227,8 +223,10 @@ def _nodes(missing: MissingInput, fit: Fit) -> list[tuple[int, tuple[np.ndarray,
 
 
 def _at(fit: Fit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
+    """A time history as the nodes of an anonymous input see it: averaged over the triangle about each node."""
     record = fit.flight.records[r]
-    return np.interp(t, record.t, series[: len(record), r])
+    weight = np.maximum(0.0, 1.0 - np.abs(record.t[:, None] - t) / (t[1] - t[0]))
+    return weight.T @ series[: len(record), r] / weight.sum(axis=0)
 
 
 def _binned(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
