@@ -189,12 +189,17 @@ def _noise(signals: Mapping[str, np.ndarray], condition: Condition) -> dict[str,
     """White noise of Table 4; a seed of its own for every record."""
     key = (condition.seed, list(CASES).index(condition.case), condition.manoeuvre, condition.variant)
     rng = np.random.default_rng(key)
-    noise = {}
+    return {name: rng.standard_normal(len(signals[name])) * sigma for name, sigma in noise_sigma(signals).items()}
+
+
+def noise_sigma(signals: Mapping[str, np.ndarray] | Record) -> dict[str, float]:
+    """Channel -> 1-sigma of Table 4's noise on true signals, SI."""
+    sigmas = {}
     for name, relative in NOISE.items():
         values = signals[name]
         size = np.abs(values).max() if name == "V" else np.abs(values - values[0]).max()
-        noise[name] = rng.standard_normal(len(values)) * relative * size / SIGMAS_PER_AMPLITUDE
-    return noise
+        sigmas[name] = float(relative * size / SIGMAS_PER_AMPLITUDE)
+    return sigmas
 
 
 def _attitude(t: np.ndarray, measured: Mapping[str, np.ndarray], theta: float) -> dict[str, np.ndarray]:
