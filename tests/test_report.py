@@ -265,7 +265,7 @@ def test_onset_profile_peaks_where_the_surface_failed() -> None:
         (digits(0.0), "0"),
         (digits(1234.5, 3), "1234"),
         (digits(1.5e-9, 2), "1.5e−09"),
-        (pretty("alpha^2 by 3 1/rad2 in m2 at 1 m/s2"), "alpha² by 3 1/rad² in m2 at 1 m/s²"),
+        (pretty("alpha^2*beta by 3 1/rad2 in m2 at 1 m/s2"), "alpha²·beta by 3 1/rad² in m2 at 1 m/s²"),
     ],
 )
 def test_numbers_as_a_person_writes_them(text: str, expected: str) -> None:

@@ -67,8 +67,9 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
         figure=figure,
         title="Which cause: what each one gains when it is fitted",
         caption=(
-            "Each bar is a full fit of the extended model. 2 Δ ln L is the drop of the deviance; on clean data it "
-            f"stays below {GAIN:.0f}. On fitted records only that counts which small further terms cannot explain. "
+            "Each bar is a full fit of the extended model. 2 Δ ln L is the drop of the deviance; to be named a "
+            f"cause must gain {GAIN:.0f} beyond its price. On fitted records only that counts which small further "
+            "terms cannot explain. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
         alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain:.0f}.",

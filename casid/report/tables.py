@@ -21,9 +21,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, nume
     body = [f"<tr><th scope='row'>{row[0]}</th>{''.join(f'<td>{cell}</td>' for cell in row[1:])}</tr>" for row in rows]
     if not body:
         return ""
+    kind = " ".join(word for word, true in (("numeric", numeric), ("many", len(head) > 3)) if true)
     top = "".join(f"<th scope='col'>{cell}</th>" for cell in head)
     return (
-        f"<p class='caption'>{caption}</p><div class='wide'><table{' class=numeric' if numeric else ''}>"
+        f"<p class='caption'>{caption}</p><div class='wide'><table class='{kind}'>"
         f"<thead><tr>{top}</tr></thead>"
         f"<tbody>{''.join(body)}</tbody></table></div>"
     )
@@ -152,6 +153,8 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
         return "of no size that matters" if trial.share < 1.0 else "of no plausible size"
     if equivalent:
         return "cannot be told apart from the one that was named"
+    if trial.gain <= 0.0:
+        return "explains nothing when it is fitted"
     if winner is not None:
         return f"gains {100.0 * (1.0 - trial.gain / winner.gain):.0f} % less than {_name(winner)}"
     return "gains too little to be named"

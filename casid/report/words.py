@@ -39,8 +39,8 @@ def effect_name(effect: Effect) -> str:
 
 
 def pretty(sentence: str) -> str:
-    """Powers and units raised: "alpha^2", "1/rad2", "m/s2"."""
-    raised = re.sub(r"\^([2-9])", lambda m: m[1].translate(_POWERS), sentence)
+    """Powers and units raised, products dotted: "alpha^2*beta", "1/rad2", "m/s2"."""
+    raised = re.sub(r"\^([2-9])", lambda m: m[1].translate(_POWERS), re.sub(r"(?<=\w)\*(?=\w)", "·", sentence))
     return re.sub(r"(?<=/)(rad|deg|s|m)([23])\b", lambda m: m[1] + m[2].translate(_POWERS), raised)
 
 
