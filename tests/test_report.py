@@ -235,6 +235,16 @@ def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> 
     assert names[0] == "histories" and not {"gain", "shape"} & set(names)
 
 
+def test_what_stays_unexplained_opens_the_page(diagnosis: Diagnosis) -> None:
+    """An input as large as the rolling moment itself, at the station of the rolling moment."""
+    quiet, view = diagnosis.missing_after[0], diagnosis.baseline
+    history = {name: (t, 0.02 * np.sin(t), 0.001 + 0.0 * t) for name, (t, _, _) in quiet.history.items()}
+    loud = replace(quiet, station="dCl", gain=1e4, history=history)
+    plain = replace(diagnosis, verdict="unexplained", causes=(), extended=view, missing_after=(loud,))
+    first = next(iter(pictures(plain).values()))
+    assert first.name == "missing_history" and "rolling moment Cl" in first.title
+
+
 def test_onset_profile_peaks_where_the_surface_failed() -> None:
     """The elevator loses 40 % at t = 1.3 s, in the middle of a pulse."""
     failed, aircraft = 1.3, aircraft_file()
