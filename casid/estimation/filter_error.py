@@ -36,7 +36,7 @@ from casid.estimation.noise_score import unit_variances, variance_score
 from casid.estimation.problem import Problem
 
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
-_NEAR = 1.0  # standard errors: from here on the slope of the determinant is worth its cost
+_NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost
 _NOISE_RANGE, _NOISE_REACH = 1e4, 8.0  # factors a noise may be from its first guess, and from the last linearisation
 _KICK = 0.02  # first guess of process noise: its kick per sample, in units of the state's scale
 _NOISE_STEPS = 12  # quasi-Newton steps on the noise per relinearisation
@@ -141,7 +141,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
             break
         near = near or moved < _NEAR or length < 1.0
         if near:
-            slope = system.determinant_slope(theta, linear.X, noise, std)
+            slope = system.covariance_slope(theta, linear, noise)
     noise = system.noise(log_sigma)
     final = evaluate_step(system, theta, linear, noise, slope)
     std = np.sqrt(np.diag(final.covariance))
@@ -254,15 +254,22 @@ def _best_noise(
 def _search(
     system: FilterSystem, theta: np.ndarray, step: Step, noise: NoiseModel
 ) -> tuple[np.ndarray, Linear, float] | None:
-    """The longest step along the Gauss-Newton direction that lowers the deviance; None when there is none."""
-    direction, X = trajectory_step(system, step), step.linear.X
+    """The longest step along the Gauss-Newton direction that lowers the deviance; None when there is none.
+
+    The trajectory goes all the way to the most likely one for the parameters tried: slopes are right only there.
+    """
+    alone, direction = trajectory_step(system, step)
+    X = step.linear.X + alone
     none, length = np.zeros(len(theta)), 1.0
     while length > 1e-3:
         trial = theta + length * step.change
         linear = system.linearise(trial, X + length * direction)
         if np.isfinite(linear.residual).all() and np.isfinite(linear.defect).all():
-            after = evaluate_step(system, trial, linear, noise, none)
-            if after.deviance < step.deviance + _FLAT:
+            try:
+                after = evaluate_step(system, trial, linear, noise, none).deviance
+            except np.linalg.LinAlgError:
+                after = _HOPELESS
+            if after < step.deviance + _FLAT:
                 return trial, linear, length
         length *= 0.4
     return None

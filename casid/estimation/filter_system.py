@@ -22,7 +22,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.steps import cached, sample_derivatives
 
 _PARTS = 8  # parameters whose perturbed filters run side by side
-_PERTURBATION = 1e-3  # of a standard error
+_PERTURBATION = 1e-3  # of the standard error of a parameter when the others are known
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,22 +83,29 @@ class FilterSystem:
             F[:, r][..., self.problem.columns(r)] = linear.Bp[:, r]
         return Y, F
 
-    def determinant_slope(self, theta: np.ndarray, X: np.ndarray, noise: NoiseModel, std: np.ndarray) -> np.ndarray:
-        """(parameters,) slope of the log determinant of the innovations, by differences along each parameter.
+    def covariance_slope(self, theta: np.ndarray, linear: Linear, noise: NoiseModel) -> np.ndarray:
+        """(parameters,) slope of -2 ln L through the covariance of the innovations: all of its slope but what the
+        sensitivities of the innovations give. By differences along each parameter.
 
         Without it the estimate is that of highest joint density of parameters and noise history, which is biased: on a
         record in turbulence by more than a standard error.
         """
-        slope = np.zeros(len(theta))
-        steps = _PERTURBATION * np.where(np.isfinite(std) & (std > 0.0), std, 1.0)
+        residual, columns = residual_column(linear), self.columns(linear)
+        Y, F = (np.concatenate(pair, axis=3) for pair in zip(residual, columns, strict=True))
+        white = kalman_filter(linear, noise).whiten(Y, F)
+        curvature = np.einsum("krij,krij->j", white[..., 1:], white[..., 1:])
+        steps = _PERTURBATION / np.sqrt(np.maximum(curvature, 1e-300))
+        slope = 2.0 * np.einsum("krij,kri->j", white[..., 1:], white[..., 0]) - steps * curvature
         for first in range(0, len(theta), _PARTS):
             chosen = np.arange(first, min(first + _PARTS, len(theta)))
             shifted = [theta, *(theta + steps[i] * np.eye(len(theta))[i] for i in chosen)]
             P = np.concatenate([self.problem.model_parameters(one) for one in shifted])
-            many, repeated = _tiled(self.batch, len(shifted)), np.tile(X, (1, len(shifted), 1))
-            linear = self._exact(linearise(self.functions, many, P, repeated), many, P)
-            total = kalman_filter(linear, noise).log_determinant.sum(axis=0).reshape(len(shifted), -1).sum(axis=1)
-            slope[chosen] = (total[1:] - total[0]) / steps[chosen]
+            many, repeated = _tiled(self.batch, len(shifted)), np.tile(linear.X, (1, len(shifted), 1))
+            moved = self._exact(linearise(self.functions, many, P, repeated), many, P)
+            kalman = kalman_filter(moved, noise)
+            squares = (kalman.whiten(*residual_column(moved)) ** 2).sum(axis=(0, 2, 3))
+            deviance = (kalman.log_determinant.sum(axis=0) + squares).reshape(len(shifted), -1).sum(axis=1)
+            slope[chosen] += (deviance[1:] - deviance[0]) / steps[chosen]
         return slope
 
 
@@ -131,7 +138,7 @@ class Step:
 def evaluate_step(
     system: FilterSystem, theta: np.ndarray, linear: Linear, noise: NoiseModel, slope: np.ndarray
 ) -> Step:
-    """The step from theta; `slope` (parameters,) of the log determinant, zero while far away."""
+    """The step from theta; `slope` (parameters,) through the covariance, zero while far away."""
     kalman = kalman_filter(linear, noise)
     residual, columns = residual_column(linear), system.columns(linear)
     Y, F = (np.concatenate(pair, axis=3) for pair in zip(residual, columns, strict=True))
@@ -153,9 +160,9 @@ def evaluate_step(
     )  # fmt: skip
 
 
-def trajectory_step(system: FilterSystem, step: Step) -> np.ndarray:
-    """(N, R, nx) change of the trajectory that goes with a change of the parameters."""
-    Y, F = residual_column(step.linear)
-    by_parameter = system.columns(step.linear)
-    Y, F = Y - by_parameter[0] @ step.change[:, None], F - by_parameter[1] @ step.change[:, None]
-    return step.filter.smooth(Y, F)[..., : step.linear.X.shape[2]]
+def trajectory_step(system: FilterSystem, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """(N, R, nx) each: change of the trajectory to the most likely one, and what the change of the parameters adds."""
+    nx = step.linear.X.shape[2]
+    Y, F = (columns @ -step.change[:, None] for columns in system.columns(step.linear))
+    alone = step.filter.smooth(*residual_column(step.linear))[..., :nx]
+    return alone, step.filter.smooth(Y, F)[..., :nx]
