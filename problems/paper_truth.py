@@ -145,14 +145,21 @@ def truth(variant: int, destabilised: bool, Cm_alpha: float = CM_ALPHA_DESTABILI
     return Truth(model=model, step=step_function(model, own), signals=signals)
 
 
-def fly(condition: Condition, Cm_alpha: float = CM_ALPHA_DESTABILISED) -> Flight:
-    """Simulate and measure one record; the same condition gives the same numbers."""
+def fly(
+    condition: Condition, Cm_alpha: float = CM_ALPHA_DESTABILISED, sticks: np.ndarray | None = None
+) -> Flight:  # fmt: skip
+    """Simulate and measure one record; the same condition gives the same numbers.
+
+    sticks (N, 3) at `sample_times`, about trim, instead of those of the condition's manoeuvre.
+    """
     case = CASES[condition.case]
     flown = truth(condition.variant, case.destabilised, Cm_alpha)
     t, at_trim = sample_times(), trim_point()
     n = len(t)
     commands = np.tile([at_trim.inputs[name] for name in flown.model.inputs], (n, 1))
-    commands[:, [flown.model.inputs.index(name) for name in SURFACES]] += stick(condition.manoeuvre, t)
+    commands[:, [flown.model.inputs.index(name) for name in SURFACES]] += (
+        stick(condition.manoeuvre, t) if sticks is None else sticks
+    )
     p = flown.model.nominal_vector()
     chain = flown.step.mapaccum("chain", n - 1)
     after = chain(at_trim.state, commands[:-1].T, commands[:-1].T, np.diff(t)[None], np.tile(p[:, None], n - 1))
@@ -166,7 +173,7 @@ def fly(condition: Condition, Cm_alpha: float = CM_ALPHA_DESTABILISED) -> Flight
     names = dict(zip(flown.model.states, states.T, strict=True))
     signals = {"V": V, "alpha": alpha, "beta": beta} | {r: names[r] for r in "pqr"}
     signals |= dict(zip((*SURFACES, *COEFFICIENTS), found.T, strict=False))
-    sticks = {name: commands[:, flown.model.inputs.index(name)] for name in SURFACES}
+    commanded = {name: commands[:, flown.model.inputs.index(name)] for name in SURFACES}
     constant = {name: np.full(n, at_trim.inputs[name]) for name in ("thrust", "rho")}
     noise = _noise(signals, condition) if case.noisy else {name: np.zeros(n) for name in NOISE}
     measured = {name: values + noise[name] for name, values in signals.items()} | constant
@@ -177,8 +184,8 @@ def fly(condition: Condition, Cm_alpha: float = CM_ALPHA_DESTABILISED) -> Flight
 
     return Flight(
         condition=condition, surfaces=record(measured),
-        commands=record(measured | {name: values + noise[name] for name, values in sticks.items()}),
-        exact=record(signals | constant | {f"stick_{name}": values for name, values in sticks.items()}),
+        commands=record(measured | {name: values + noise[name] for name, values in commanded.items()}),
+        exact=record(signals | constant | {f"stick_{name}": values for name, values in commanded.items()}),
         states=states, coefficients={c: signals[c] for c in COEFFICIENTS},
         contributions=dict(zip(MOMENT_DERIVATIVES, found.T[len(SURFACES) + len(COEFFICIENTS) :], strict=True)),
         derivatives=derivatives_of(case.destabilised, Cm_alpha),

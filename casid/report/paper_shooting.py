@@ -12,7 +12,7 @@ from casid.report.paper_page import Section, figure, paragraph, table, write_pag
 from casid.report.style import BASELINE, EXPLAINED, FAINT, Picture, blank, settings
 
 Results = Mapping[str, Mapping[str, Any]]  # "aircraft/method/kind ..." -> result
-_KINDS = ("right optimum", "wrong, and claimed converged", "wrong, and said so")
+_KINDS = ("right optimum", "wrong, claimed converged", "wrong, said so")
 _COLOURS = (EXPLAINED, BASELINE, FAINT)
 
 
