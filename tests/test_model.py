@@ -287,3 +287,17 @@ def test_a_simulation_that_diverges_says_when():
     record, start = cruise(t, delta_e=doublet(t, 0.5))
     with pytest.raises(InputError, match="diverged at t ="):
         simulate(aircraft_model(do328()), record, start, {"Cm_alpha": 60.0, "Cm_q": 50.0})
+
+
+@pytest.mark.parametrize(
+    ("axes", "unneeded"),
+    [("longitudinal", ("beta", "ay", "pdot", "rdot")), ("lateral", ("ax", "az", "qdot"))],
+)
+def test_equation_error_of_a_reduction_needs_the_channels_of_its_plane_alone(axes, unneeded):
+    form = aircraft_model(do328(), axes=axes).equation
+    assert form is not None
+    record, _ = cruise(np.arange(0.0, 5.0, 0.1))
+    bare = record.with_channels(V=np.full(50, 144.0))
+    ready = flight_inputs(do328(), bare, axes)
+    assert not set(form.channels) & (set(unneeded) - {"beta"})
+    assert not (ready["beta"].any() if axes == "longitudinal" else ready["alpha"].any())

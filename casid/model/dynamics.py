@@ -206,14 +206,20 @@ def equation_error(
         ),
         _by_station(e for e in effects if e.station in ("coefficients", "mass")),
     )  # fmt: skip
-    target = _coefficients_from_accelerations(aircraft, path, c)
+    found = _coefficients_from_accelerations(aircraft, path, c)
     kept = _FRAME_COEFFICIENTS[axes]
     names = tuple(n for n in coefficient_names(aircraft.force_axes) if kept is None or n[1] in kept)
+    target = ca.vertcat(*[found[n] for n in names])
+    prediction = ca.vertcat(*[path.coefficient[n] for n in names])
+    used = [i for i, uses in enumerate(ca.which_depends(ca.vertcat(target, prediction), m, 1, False)) if uses]
+    wanted = ca.SX.sym("wanted", len(used))
+    full = ca.SX.zeros(len(channels))
+    for k, i in enumerate(used):
+        full[i] = wanted[k]
+    target, prediction = ca.substitute([target, prediction], [m], [full])
     return EquationError(
-        names=names, channels=channels, m=m,
-        target=ca.vertcat(*[target[n] for n in names]),
-        prediction=ca.vertcat(*[path.coefficient[n] for n in names]),
-    )  # fmt: skip
+        names=names, channels=tuple(channels[i] for i in used), m=wanted, target=target, prediction=prediction
+    )
 
 
 def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: dict) -> dict:
@@ -280,12 +286,21 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full", known:
     if fixed:
         columns = state_guess(aircraft, fixed)(record)
         added |= dict(zip(fixed, columns.T, strict=True))
+        added |= _air_data_of_frozen_plane(aircraft, record, axes)
     added |= {name: np.zeros(n) for name in known if name not in record}
     filled = record.with_channels(**added)
     return Record(
         name=filled.name, t=filled.t, channels=filled.channels, hold=filled.hold, source=filled.source,
         notes=(*record.notes, *notes),
     )  # fmt: skip
+
+
+def _air_data_of_frozen_plane(aircraft: Aircraft, record: Record, axes: str) -> dict[str, np.ndarray]:
+    """Air data that a reduction does not model and the record does not have, as its frozen states have them."""
+    u, v, w = state_guess(aircraft, ("u", "v", "w"))(record).T
+    V = np.sqrt(u**2 + v**2 + w**2)
+    filled = {"beta": np.arcsin(v / V)} if axes == "longitudinal" else {"V": V, "alpha": np.arctan2(w, u)}
+    return {name: values for name, values in filled.items() if name not in record}
 
 
 def typical_size(name: str) -> float:
