@@ -29,7 +29,6 @@ from casid.estimation import (
     SingleShooting,
     solve,
 )
-from casid.estimation.constraints import Constraint
 from casid.estimation.cost import Cost
 from casid.model.dynamics import aircraft_model
 from casid.model.system import EquationError as EquationForm
@@ -108,16 +107,15 @@ def paper_problem(
     *,
     closed: bool = False,
     start: Mapping[str, float] | None = None,
-    noise: Mapping[str, float] | RangeWeights | None = None,
-    constraints: tuple[Constraint, ...] = (),
+    noise: Mapping[str, float] | str = "range",
 ) -> Problem:
     """The estimation problem of one record. closed: the control law in the loop, on the measured stick.
-    noise: weights by range (eq. 13) unless given."""
+    noise: 1-sigma by channel, or "range": weights by range (eq. 13), or "residuals": estimated with the parameters."""
     law = law_in_the_estimator(flight.derivatives["Cm_alpha"]) if closed and flight.destabilised else None
     return Problem(
         estimation_model(), [flight.commands if law else flight.surfaces], free=list(MOMENT_DERIVATIVES),
         start=start_values(flight) if start is None else start, cost=cost,
-        noise=RangeWeights() if noise is None else noise, constraints=constraints,
+        noise={"range": RangeWeights(), "residuals": None}[noise] if isinstance(noise, str) else noise,
         initial_state=InitialState(std=INITIAL_STD), feedback=law,
     )  # fmt: skip
 

@@ -119,9 +119,9 @@ def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
         return nothing
     try:
         linear = objective.linearise(outcome.point, outcome.value)
+        return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
     except np.linalg.LinAlgError:
-        return nothing
-    return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
+        return nothing  # the iteration ended where sensitivities overflow
 
 
 def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
