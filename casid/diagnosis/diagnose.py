@@ -71,25 +71,28 @@ def diagnose(
     baseline = weigh(start)
     stages.begin("naming")
     naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)
-    final = naming.evidence.fit
-    stages.begin("missing inputs")
-    missing_before = missing_inputs(weigh(calm))
     stages.begin("held-out records")
     steps = [calm, *([start] if coloured else []), *(r.trials[0].fit for r in naming.rounds if r.named)]
     on_held = [judge_on(flight, held, step) for step in steps]
     gains = _held_gains(on_held)
+    lost = next((i for i, g in enumerate(gains) if g is not None and g < 0.0), len(gains))
+    final, held_final = steps[lost], on_held[lost]
+    stages.begin("missing inputs")
+    missing = [missing_inputs(weigh(one, discrepancy=False)) for one in (calm, final)]
     stages.begin("verdict")
-    causes, minor = causes_of(naming, turbulence, gains if coloured else [None, *gains])
-    verdict, sentence = verdict_of(causes, minor, still_missing(final, naming.missing), final)
+    causes, minor = causes_of(naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured)
+    evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
+    left = naming.missing if final is naming.evidence.fit else missing_inputs(evidence)
+    verdict, sentence = verdict_of(causes, minor, still_missing(final, left), final)
     candidates = naming.rounds[0].candidates
-    views = [_view(one) for one in (calm, final, on_held[0], on_held[-1])]
+    views = [_view(one) for one in (calm, final, on_held[0], held_final)]
     extended = extended_aircraft(flight.aircraft, final, causes)
     stages.end()
     return Diagnosis(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
-        held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(missing_before),
-        missing_after=naming.missing, kinematic=tuple(instruments), turbulence=turbulence,
+        held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(missing[0]),
+        missing_after=tuple(missing[1]), kinematic=tuple(instruments), turbulence=turbulence,
         detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
 
@@ -122,7 +125,9 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
     turbulent, repaired = kinematics.turbulence(flight, calm), calm
     for _ in range(_REPAIRS):
         # an instrument fault or a discrete gust looks like turbulence until it is in the model
-        remaining = ranked if repaired is calm else screen(weigh(repaired, discrepancy=False), effects)
+        taken = {a.effect.key for a in repaired.attached}
+        others = [e for e in effects if e.key not in taken]
+        remaining = ranked if repaired is calm else screen(weigh(repaired, discrepancy=False), others)
         if not (turbulent.named and remaining and remaining[0].net > 0.3 * turbulent.gain):
             break
         repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], 0.0, repaired)

@@ -16,7 +16,7 @@ from casid.model.causes import configuration_change
 from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
-_FINE = 0.1  # s
+_FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
 _DROP_95 = 3.841  # chi-square, one degree of freedom
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 SHARED = ("effectiveness_change", "configuration_change")  # events of one size in every record they hit
@@ -24,13 +24,12 @@ SHARED = ("effectiveness_change", "configuration_change")  # events of one size 
 Intervals = dict[str, tuple[float, float]]
 
 
-def moved_onsets(evidence: Evidence, one: Attached, anywhere: bool = False) -> tuple[Attached, Intervals]:
+def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals]:
     """The attached effect of a fit with each onset moved to the peak of its profile likelihood, and 95 % intervals [s].
 
-    Looks within `ONSET_STEP` of the present onset in steps of 0.1 s, or `anywhere` in the record in coarser ones.
-
     The profile is the predicted drop of the deviance when the event of fitted size is shifted in time, everything that
-    is fitted (its size too) adapting; the other records' onsets stay.
+    is fitted (its size too) adapting; the other records' onsets stay. It is taken over the whole record, finely around
+    the present onset; where nothing moves the surface concerned it is flat, and the interval wide.
     """
     base, judge = evidence.fit, Screen(evidence)
     names = list(base.batch.names)
@@ -38,9 +37,9 @@ def moved_onsets(evidence: Evidence, one: Attached, anywhere: bool = False) -> t
     for record, onset in one.onsets.items():
         r = names.index(record)
         first, last = base.flight.records[r].t[0], base.flight.records[r].t[-1]
-        reach, step = (last - first, 0.5 * ONSET_STEP) if anywhere else (ONSET_STEP, _FINE)
-        around = onset + np.arange(-np.floor(reach / step), np.floor(reach / step) + 1) * step
-        times = around[(around > first + _FINE) & (around < last - _FINE)]
+        near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
+        times = np.union1d(np.round(near, 6), np.round(np.arange(first, last, _COARSE), 6))
+        times = times[(times > first + _FINE) & (times < last - _FINE)]
         keep = np.zeros((1, len(names)))
         keep[0, r] = 1.0
         profile = []
@@ -49,8 +48,10 @@ def moved_onsets(evidence: Evidence, one: Attached, anywhere: bool = False) -> t
             profile.append(2.0 * match - left)
         drops = np.array(profile)
         onsets[record] = float(times[np.argmax(drops)])
-        inside = times[drops > drops.max() - _DROP_95]
-        intervals[record] = (float(inside.min() - step), float(inside.max() + step))
+        inside = np.flatnonzero(drops > drops.max() - _DROP_95)
+        # the interval ends where the profile was first found too low
+        low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(times) - 1)
+        intervals[record] = (float(times[low]), float(times[high]))
     return replace(one, onsets=onsets), intervals
 
 

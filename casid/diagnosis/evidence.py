@@ -12,7 +12,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.fit import Fit, scaled_inverse
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
@@ -58,18 +58,12 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     information[range(k, len(information)), range(k, len(information))] += 1.0
     gradient = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(k + len(terms))
     gradient[:k] -= fit.prior_pull
-    scale = 1.0 / np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
+    covariance = scaled_inverse(information)
     newton = covariance @ gradient
     deviance = fit.deviance - float(gradient @ newton)
     if terms:
-        slots = information[:k, :k]
-        left = (
-            information[k:, k:] - information[k:, :k] @ np.linalg.solve(slots, information[:k, k:])
-            if k
-            else information
-        )
-        deviance += float(np.linalg.slogdet(left)[1])
+        by_slots = information[k:, :k] @ scaled_inverse(information[:k, :k]) @ information[:k, k:] if k else 0.0
+        deviance += float(np.linalg.slogdet(information[k:, k:] - by_slots)[1])
     return Evidence(
         fit=fit,
         by_record=tuple(by_record),

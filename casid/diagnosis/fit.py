@@ -219,7 +219,7 @@ def _guess(work: _Work) -> np.ndarray:
 
 def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X: np.ndarray, iteration: int) -> Fit:
     batch, model = work.batch, work.model
-    known = work.regressors.along(X, batch)
+    known = work.regressors.along(X)
     W = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     P = work.parameters(values, attached)
     linear = linearise(work.functions, batch, P, X, W)
@@ -235,13 +235,14 @@ def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X
     information = flat.T @ flat + np.diag(work.weight)
     return Fit(
         flight=work.flight, attached=attached, model=model, batch=batch, noise=work.noise, functions=work.functions, parameters=P, slots=work.slots,
-        values=values, covariance=_inverse(information), linear=linear, filter=kalman, disturbances=W,
+        values=values, covariance=scaled_inverse(information), linear=linear, filter=kalman, disturbances=W,
         white=white[..., 0], columns=white[..., 1:], known=known, prior_pull=work.weight * deviation, prior_weight=work.weight, data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)), iterations=iteration, converged=False,
     )  # fmt: skip
 
 
-def _inverse(information: np.ndarray) -> np.ndarray:
+def scaled_inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix, scaled to unit diagonal; directions without information get none."""
     scale = 1.0 / np.sqrt(np.diag(information) + 1e-300)
     return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
 

@@ -35,12 +35,15 @@ class Flight:
 
     axes, outputs  which model the records can feed, and which channels it must explain
     sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
+    quiet          the records with denoised inputs: what fingerprints of effects are made of. Noise in a recorded input
+                   is noise in such a fingerprint too, and would match the residual that it causes itself
     """
 
     aircraft: Aircraft
     axes: str
     outputs: tuple[str, ...]
     records: tuple[Record, ...]
+    quiet: tuple[Record, ...]
     sigma: dict[str, float]
     input_sigma: dict[str, float]
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
@@ -65,9 +68,9 @@ class Flight:
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight."""
-        ready = (flight_inputs(aircraft, record, self.axes) for record in records)
+        ready = tuple(flight_inputs(aircraft, record, self.axes) for record in records)
         quiet = tuple(_with_quiet_inputs(record, self.input_sigma) for record in ready)
-        return replace(self, aircraft=aircraft, records=quiet, _models={})
+        return replace(self, aircraft=aircraft, records=ready, quiet=quiet, _models={})
 
 
 def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
@@ -95,11 +98,12 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     }
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
     quiet = tuple(_with_quiet_inputs(record, input_sigma) for record in ready)
-    return Flight(aircraft=aircraft, axes=axes, outputs=outputs, records=quiet, sigma=sigma, input_sigma=input_sigma)
+    return Flight(
+        aircraft=aircraft, axes=axes, outputs=outputs, records=ready, quiet=quiet, sigma=sigma, input_sigma=input_sigma
+    )
 
 
 def _with_quiet_inputs(record: Record, input_sigma: dict[str, float]) -> Record:
-    """Noise in a recorded input is also noise in every fingerprint made of it, and correlates with the residual."""
     return record.with_channels(**{name[2:]: denoise(record[name[2:]], s) for name, s in input_sigma.items()})
 
 
@@ -137,10 +141,12 @@ class Regressors:
             station(path)
         self.names = tuple(path.regressor)
         self._inputs = model.inputs
+        self._quiet = make_batch(model, flight.quiet)
         self._function = ca.Function("regressors", [model.x, model.u], [ca.vertcat(*path.regressor.values())])
 
-    def along(self, X: np.ndarray, batch: Batch) -> dict[str, np.ndarray]:
-        """name -> (N, R): regressors of the trajectory X (N, R, nx) and recorded inputs."""
-        values = evaluate(self._function, X, batch.U)[0][..., 0]
-        table = {name: batch.U[..., i] for i, name in enumerate(self._inputs)}
+    def along(self, X: np.ndarray) -> dict[str, np.ndarray]:
+        """name -> (N, R): regressors of the trajectory X (N, R, nx), and the inputs, both from denoised inputs."""
+        inputs = self._quiet.U
+        values = evaluate(self._function, X, inputs)[0][..., 0]
+        table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         return table | {name: values[..., i] for i, name in enumerate(self.names)}

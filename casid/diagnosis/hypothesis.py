@@ -78,5 +78,6 @@ def readings(
                 here = {name: series[:, j] for name, series in known.items()}
                 here |= {name: read[:, j, i] for i, name in enumerate(outputs)}
                 for channel, series in one.effect.output(t[:, j], here, one.in_record(record)).items():
-                    read[:, j, outputs.index(channel)] = series
+                    if channel in outputs:
+                        read[:, j, outputs.index(channel)] = series
     return read

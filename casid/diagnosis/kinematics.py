@@ -24,7 +24,7 @@ _FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a
 _MOMENT_TIME, _MOMENT_SIZE = 0.2, 1.0  # and of a free angular acceleration [rad/s2]
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
-_TURBULENCE_GAIN, _LEAST_TURBULENCE = 50.0, 0.1
+_TURBULENCE_GAIN, _LEAST_TURBULENCE = 150.0, 0.15
 _ROTATIONS = (0.3, 1.0, 3.0)
 _SIGMAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # m/s
 
@@ -70,7 +70,7 @@ def gusts(flight: Flight, sigma: float, rotation: float = 0.0) -> dict[str, tupl
 
 
 def rotation_of_air(flight: Flight, attached: Sequence[Attached], sigma: float, start: Fit) -> tuple[float, Fit]:
-    """(scale of the rolling and pitching of the air, fit with it), by maximum likelihood of the full model on a grid."""
+    """(scale of the rotation of the air, fit with it), by maximum likelihood of the full model on a grid."""
     best = (0.0, fit(flight, attached, flight.noise(gusts(flight, sigma)), start))
     for rotation in _ROTATIONS:
         noise = flight.noise(gusts(flight, sigma, rotation))

@@ -26,8 +26,10 @@ SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
-_TRIALS, _ROUNDS, _MOVES = 5, 4, 8
+_TRIALS, _ROUNDS, _MOVES = 5, 4, 6
 _NOTHING_LEFT = 30.0
+_EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
+_TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -48,13 +50,31 @@ def name_causes(
 ) -> Naming:  # fmt: skip
     """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters, or when after
     a naming no anonymous input gains `_NOTHING_LEFT` any more."""
-    state = Naming(evidence=baseline, missing=tuple(missing_inputs(baseline)), rounds=(), intervals={})
+    firm = state = Naming(evidence=baseline, missing=tuple(missing_inputs(baseline)), rounds=(), intervals={})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
         state = _one_round(state, catalogue, kinematic, noise)
-        if not state.rounds[-1].named or state.missing[0].gain < _NOTHING_LEFT:
+        if not state.rounds[-1].named:
             break
-    return state
+        if _explains(firm.missing, state.missing):
+            firm = state
+        elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
+            break
+        if state.missing[0].gain < _NOTHING_LEFT:
+            break
+    refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
+    return replace(firm, rounds=(*firm.rounds, *refused))
+
+
+def _explains(before: Sequence[MissingInput], after: Sequence[MissingInput]) -> bool:
+    """Whether what was missing where the naming helped most is gone, and not only thinned out.
+
+    An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
+    anonymous input at the same station gains is such an imitation.
+    """
+    left = {m.station: m.gain for m in after}
+    station, gain = max(((m.station, m.gain) for m in before), key=lambda pair: pair[1] - left[pair[0]])
+    return left[station] < max(_EXPLAINED * gain, _NOTICEABLE)
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel) -> Naming:
@@ -135,15 +155,11 @@ def _try(
 def _at_peak(fitted: Fit, noise: NoiseModel) -> tuple[Fit, dict[str, tuple[float, float]]]:
     """The fit with the onsets of its last effect moved until they stay, and their intervals."""
     interval: dict[str, tuple[float, float]] = {}
-    anywhere = True
     for _ in range(_MOVES):
         before = fitted.attached[-1]
-        moved, interval = moved_onsets(weigh(fitted), before, anywhere)
+        moved, interval = moved_onsets(weigh(fitted), before)
         if all(abs(moved.onsets[r] - t) < 0.05 for r, t in before.onsets.items()):
-            if not anywhere:
-                break
-            anywhere = False
-            continue
+            break
         fitted = fit(fitted.flight, [*fitted.attached[:-1], moved], noise, fitted, iterations=6, tolerance=2.0)
     return fitted, interval
 

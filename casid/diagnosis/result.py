@@ -98,7 +98,8 @@ class Diagnosis:
     """The verdict and everything it rests on.
 
     baseline, extended            on the records that were fitted; `held_out_*` on records never used
-    missing_before, missing_after anonymous inputs: where something is missing, before and after naming
+    missing_before, missing_after anonymous inputs: where something is missing, before and after naming, the structure
+                                  taken as exact (the verdict allows for small terms besides)
     kinematic                     instrument and air causes scored with forces left free, empty when not available
     detectable                    cause name -> smallest size that these records would show
     seconds                       wall time per stage

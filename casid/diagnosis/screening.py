@@ -213,8 +213,9 @@ def screen(evidence: Evidence, effects: Iterable[Effect]) -> list[Candidate]:
         by_name.setdefault(print_.effect.name, []).append(print_)
     found = []
     for prints in by_name.values():
-        best = _timed(judge, prints) if prints[0].effect.timed else _untimed(judge, prints)
-        if best is not None:
+        if prints[0].effect.timed:
+            found += _timed(judge, prints)
+        elif (best := _untimed(judge, prints)) is not None:
             found.append(best)
     return sorted(found, key=lambda c: -c.net)
 
@@ -252,11 +253,12 @@ def _subset(chosen: Iterable[int], R: int) -> np.ndarray:
     return keep
 
 
-def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
-    """The set of records that share one size, and the onset in each: best of all sets, by coordinate ascent."""
+def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
+    """The set of records that share one size, and the onset in each: best of all sets, by coordinate ascent, of either
+    sign where a loss early and a gain late resemble each other."""
     effect = prints[0].effect
     names, R = judge.base.batch.names, len(prints[0].square)
-    best: Candidate | None = None
+    best: dict[bool, Candidate] = {}
     for values in effect.grid:
         mine = [p for p in prints if p.values is values]
         for parts, chosen in _onset_sets(judge, mine, R, shared=effect.kind == "effectiveness_change"):
@@ -265,39 +267,44 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             dof = 1 + len(values)
             tries = float(len(mine)) ** len(chosen) * 2.0**R * len(effect.grid)
             net = statistic - dof * judge.price - 2.0 * np.log(tries)
-            if best is None or net > best.net:
+            sign = size > 0.0 and effect.kind == "effectiveness_change"
+            if sign not in best or net > best[sign].net:
                 first = {r.name: r.t[0] for r in judge.base.flight.records}
                 starts = {
                     names[r]: float(first[names[r]] + (p.onset or 0.0)) for r, p in zip(chosen, parts, strict=True)
                 }
                 attached = Attached(effect=effect, values=dict(values) | {"value": size}, onsets=starts)
-                best = Candidate(
+                best[sign] = Candidate(
                     attached=attached, statistic=statistic, net=net, dof=dof, value=size, std=std, surviving=share,
                     tries=tries,
                 )  # fmt: skip
-    return best
+    return list(best.values())
 
 
 def _onset_sets(
     judge: Screen, prints: Sequence[Fingerprint], R: int, shared: bool
 ) -> list[tuple[list[Fingerprint], list[int]]]:
-    """(fingerprints at their best onsets, records) for single records and, when the size is shared, larger sets."""
-    single = [[judge.score([p], _subset([r], R)[None]) for p in prints] for r in range(R)]
-    sets = [([prints[int(np.argmax([s[0] for s in row]))]], [r]) for r, row in enumerate(single)]
-    if not shared:
-        return sets
-    for sign in (1.0, -1.0):
-        leaders = []
-        for row in single:
-            scores = [s[0] if s[1] * sign > 0 else -1.0 for s in row]
-            leaders.append((max(scores), prints[int(np.argmax(scores))]))
-        order = sorted((r for r in range(R) if leaders[r][0] > 0), key=lambda r: -leaders[r][0])
-        for count in range(2, len(order) + 1):
-            chosen, parts = order[:count], [leaders[r][1] for r in order[:count]]
-            keep = np.stack([_subset([r], R) for r in chosen])
-            for _ in range(2):
-                for i in range(count):
-                    trials = [judge.score([*parts[:i], p, *parts[i + 1 :]], keep)[0] for p in prints]
-                    parts[i] = prints[int(np.argmax(trials))]
-            sets.append((parts, chosen))
+    """(fingerprints at their best onsets, records) for single records and, when the size is shared, larger sets.
+
+    Larger sets grow from each record by the record and onset that add most, all onsets then moved once more: the
+    fitted derivatives hide a loss that is in most records, so that single records say little.
+    """
+
+    def best(parts: list[Fingerprint], chosen: list[int], at: int) -> tuple[float, Fingerprint]:
+        keep = np.stack([_subset([r], R) for r in chosen])
+        scores = [judge.score([*parts[:at], p, *parts[at + 1 :]], keep)[0] for p in prints]
+        return max(scores), prints[int(np.argmax(scores))]
+
+    sets: list[tuple[list[Fingerprint], list[int]]] = []
+    for first in range(R):
+        parts, chosen = [best([prints[0]], [first], 0)[1]], [first]
+        sets.append((list(parts), list(chosen)))
+        while shared and len(chosen) < R:
+            rest = [r for r in range(R) if r not in chosen]
+            grown = [(*best([*parts, prints[0]], [*chosen, r], len(parts)), r) for r in rest]
+            _, added, record = max(grown, key=lambda g: g[0])
+            parts, chosen = [*parts, added], [*chosen, record]
+            for at in range(len(chosen)):
+                parts[at] = best(parts, chosen, at)[1]
+            sets.append((list(parts), list(chosen)))
     return sets

@@ -29,26 +29,32 @@ _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wi
 
 
 def causes_of(
-    naming: Naming, turbulence: Turbulence, held_gains: Sequence[float | None]
+    naming: Naming, final: Fit, turbulence: Turbulence, held_gains: Sequence[float | None], kept: int
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """(causes, minor), strongest first. `held_gains`: log likelihood per held-out sample of turbulence and then of
-    every named round. A cause that lasts but loses on the held-out records is not confirmed, and stands under minor."""
+    """(causes, minor), strongest first.
+
+    held_gains  log likelihood per held-out sample of turbulence and then of every named round
+    kept        number of named rounds that `final` has (-1: not even turbulence): a cause that lasts but loses on
+                held-out records is not confirmed, nor is what was named after it; they stand under minor
+    """
     named = [r for r in naming.rounds if r.named]
-    causes = [_turbulence(turbulence, held_gains[0])] if turbulence.named else []
-    final = naming.evidence.fit
-    for round_, held in zip(named, held_gains[1:], strict=True):
-        causes.append(_cause(round_.trials[0], final, naming, round_.equivalents, held))
-    unconfirmed = [c for c in causes if c.held_out_gain is not None and c.held_out_gain < 0.0]
-    minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in unconfirmed]
-    seen = {(c.kind, c.target, c.term) for c in causes}
+    causes, minor = [], []
+    if turbulence.named:
+        (causes if kept >= 0 else minor).append(_turbulence(turbulence, held_gains[0]))
+    for i, (round_, held) in enumerate(zip(named, held_gains[1:], strict=True)):
+        if i < kept:
+            causes.append(_cause(round_.trials[0], final, naming, round_.equivalents, held))
+        else:
+            minor.append(_cause(round_.trials[0], round_.trials[0].fit, naming, (), held))
+    minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
+    seen = {(c.kind, c.target, c.term) for c in (*causes, *minor)}
     for round_ in naming.rounds[-1:]:
         for trial in round_.trials:
             effect = trial.candidate.attached.effect
             if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in seen:
                 minor.append(_cause(trial, trial.fit, naming, (), None))
     minor += _small_terms(naming.evidence, {(m.target, m.term) for m in minor})
-    kept = [c for c in causes if c not in unconfirmed]
-    return tuple(sorted(kept, key=lambda c: -c.statistic)), tuple(minor)
+    return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
 def _cause(trial: Trial, fit: Fit, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
@@ -184,5 +190,7 @@ def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:
     return {
         c.name: float(_DETECTABLE * c.std)
         for c in candidates
-        if c.attached.effect.kind != "aero_term" and c.attached.effect.linear and np.isfinite(c.std)
+        if c.attached.effect.kind not in ("aero_term", "configuration_change")
+        and c.attached.effect.linear
+        and np.isfinite(c.std)
     }

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import comb
 
 _ORDER = 4
+_LEVELS = 30
 
 
 def high_band_sigma(values: np.ndarray) -> float:
@@ -25,9 +26,10 @@ def high_band_sigma(values: np.ndarray) -> float:
 
 
 def resolution(values: np.ndarray) -> float:
-    """Smallest step between distinct values: the quantisation of a channel, 0 for a series that is constant."""
-    steps = np.diff(np.unique(values[np.isfinite(values)]))
-    return float(steps.min()) if len(steps) else 0.0
+    """Smallest step between distinct values: the quantisation of a channel; 0 for a series of so few levels that they
+    may be the signal's own, as of an input of steps."""
+    levels = np.unique(values[np.isfinite(values)])
+    return float(np.diff(levels).min()) if len(levels) >= _LEVELS else 0.0
 
 
 def pooled_sigma(series: list[np.ndarray]) -> float:

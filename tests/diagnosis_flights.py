@@ -1,0 +1,78 @@
+"""Do 328 flights with a hidden effect, for the tests of the diagnosis: flown here, measured with noise, sealed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.model.dynamics import aircraft_model
+from casid.model.simulate import simulate
+from casid.model.trim import trim
+from casid.records.record import Record
+from problems.do328 import THRUST, V_TRIM, do328
+
+DEG = np.pi / 180.0
+NOISE = {
+    "V": 0.3, "alpha": 0.15 * DEG, "beta": 0.15 * DEG, "p": 0.05 * DEG, "q": 0.05 * DEG, "r": 0.05 * DEG,
+    "phi": 0.05 * DEG, "theta": 0.05 * DEG, "ax": 0.05, "ay": 0.05, "az": 0.08,
+}  # fmt: skip
+SURFACE_NOISE = 0.03 * DEG
+_SIGNS = (1.0, -1.0, 0.8, -0.9)
+
+
+def multistep(t: np.ndarray, start: float, pattern: Sequence[tuple[float, float]], unit: float) -> np.ndarray:
+    """Steps of (length in units, sign), with edges rounded over nine samples as an actuator rounds them."""
+    series, at = np.zeros_like(t), start
+    for length, sign in pattern:
+        series += sign * ((t >= at) & (t < at + length * unit))
+        at += length * unit
+    window = np.hanning(9)[1:-1]
+    return np.convolve(np.pad(series, 3, "edge"), window / window.sum(), "valid")
+
+
+_3211 = ((3, 1), (2, -1), (1, 1), (1, -1))
+_DOUBLET = ((1, 1), (1, -1))
+
+
+def flights(
+    hidden: Sequence[Attached] = (),
+    seed: int = 0,
+    count: int = 3,
+    duration_s: float = 20.0,
+    rate_hz: float = 25.0,
+    disturbance: Mapping[str, np.ndarray] | None = None,
+) -> list[Record]:
+    """`count` records m1, m2, ... with the hidden effects and any further `disturbance` flown, white noise added.
+
+    The recorded surfaces are what was commanded: an actuator effect acts between them and the aircraft.
+    """
+    aircraft = do328()
+    level = trim(aircraft, V=V_TRIM, thrust=THRUST)
+    symbolic = [a.effect for a in hidden if a.effect.change is not None]
+    model = aircraft_model(aircraft, effects=symbolic)
+    values = {a.name: a.values["value"] for a in hidden if a.effect.change is not None}
+    rng, t = np.random.default_rng(seed), np.arange(0.0, duration_s, 1.0 / rate_hz)
+    records = []
+    for i in range(count):
+        name, sign = f"m{i + 1}", _SIGNS[i % 4]
+        channels = {
+            "delta_e": level.delta_e + sign * (0.035 * multistep(t, 1.0 + i, _3211, 0.5) + 0.04 * multistep(t, 15.0, _DOUBLET, 0.8)),
+            "delta_a": sign * 0.04 * multistep(t, 5.0 + i, _3211, 0.4) - 0.05 * multistep(t, 16.5, _DOUBLET, 0.7),
+            "delta_r": sign * 0.05 * multistep(t, 9.0 + i, _3211, 0.5) + 0.04 * multistep(t, 3.0, _DOUBLET, 0.8),
+            "thrust": THRUST + sign * 2e3 * multistep(t, 8.0, _DOUBLET, 3.0),
+            "rho": np.full(len(t), level.rho),
+        }  # fmt: skip
+        commanded = Record(name=name, t=t, channels=channels)
+        known = {key: series[:, None] for key, series in channels.items()}
+        W = disturbance_series(hidden, [name], t[:, None], known, model.disturbances)[:, 0]
+        acting = {station: W[:, j] for j, station in enumerate(model.disturbances)}
+        for station, series in (disturbance or {}).items():
+            acting[station] = acting[station] + series
+        flown = simulate(model, commanded, level.state, values, acting, substeps=2)
+        read = readings(hidden, [name], t[:, None], flown.outputs[:, None], model.outputs, known)[:, 0]
+        measured = {o: read[:, model.outputs.index(o)] + rng.normal(0.0, s, len(t)) for o, s in NOISE.items()}
+        surfaces = {s: channels[s] + rng.normal(0.0, SURFACE_NOISE, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
+        records.append(Record(name=name, t=t, channels={**channels, **surfaces, **measured}))
+    return records
