@@ -19,6 +19,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import casid  # noqa: F401  before numpy: it sets the number of threads
+
+# isort: split
 import numpy as np
 
 from casid.errors import run_script

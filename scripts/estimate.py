@@ -19,10 +19,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import Any, NoReturn
-
-import numpy as np
 
 from casid.errors import EstimationError, InputError, run_script
 from casid.estimation import (
@@ -170,7 +169,7 @@ def main() -> None:
 
 def write_model(aircraft: Aircraft, fit: Fit, path: Path) -> None:
     """The aircraft file with the estimates; not written when an estimate is not a number."""
-    if np.isfinite(list(fit.values.values())).all():
+    if all(map(math.isfinite, fit.values.values())):
         std = {name: e.std_corrected for name, e in fit.parameters.items()}
         with_estimates(aircraft, fit.values, std).write(path)
 

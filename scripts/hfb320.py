@@ -22,6 +22,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import casid  # noqa: F401  before numpy: it sets the number of threads
+
+# isort: split
 import numpy as np
 
 from casid.diagnosis import kinematics

@@ -20,6 +20,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NoReturn
 
+import casid  # noqa: F401  before numpy: it sets the number of threads
+
+# isort: split
 import numpy as np
 
 from casid.errors import InputError, run_script
