@@ -69,11 +69,12 @@ def departed(motion: np.ndarray) -> bool:
 
 def linear_contributions(flight: Flight, estimate: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Moment derivative -> (N,) its term with the estimate, along the true flight."""
-    x = _true_regressors(flight)
+    x = true_regressors(flight)
     return {name: estimate[name] * x[name.split("_", 1)[1]] for name in MOMENT_DERIVATIVES}
 
 
-def _true_regressors(flight: Flight) -> dict[str, np.ndarray]:
+def true_regressors(flight: Flight) -> dict[str, np.ndarray]:
+    """Variable -> (N,) flow angles and surfaces [rad], dimensionless rates of the true flight; "0" is one."""
     rows = _regressor_function(len(flight.exact))(flight.states.T).full()
     return (
         dict(zip(OUTPUTS, rows, strict=True)) | {s: flight.exact[s] for s in SURFACES} | {"0": np.ones(rows.shape[1])}
