@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -17,7 +18,7 @@ from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.readers import read_record, write_record
 from casid.records.record import Record
-from problems import attas, hfb320
+from problems import attas, hfb320, hfb320_aircraft
 from problems.do328 import STABLE, do328
 
 LEVEL = trim(do328(), V=144.0, thrust=10e3)
@@ -221,6 +222,23 @@ def test_a_simulation_that_diverges_is_said(folder, run_in_process, tmp_path):
 
 
 # -- real flight -------------------------------------------------------------------------------------------------------
+
+
+def test_hfb320_as_an_aircraft_file_is_the_published_model():
+    """Thrust off, at the speed V0 that the published model makes q dimensionless with: the same accelerations."""
+    published, V, alpha, theta, q, delta_e = hfb320.model(), 104.67, 0.08, 0.05, 0.03, -0.02
+    given = published.nominal_vector(hfb320.PUBLISHED)
+    f = ca.Function("f", [published.x, published.u, published.p, published.w], [published.f])
+    Vdot, alphadot, _, qdot = f([V, alpha, theta, q], [delta_e, 0.0], given, [0.0, 0.0]).full()[:, 0]
+    model = aircraft_model(hfb320_aircraft.aircraft(), axes="longitudinal")
+    known = {"delta_e": delta_e, "rho": 0.792}
+    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+    state = [V * np.cos(alpha), V * np.sin(alpha), q, theta]
+    u = [known.get(name, 0.0) for name in model.inputs]
+    udot, wdot, found, _ = f(state, u, model.nominal_vector(), np.zeros(len(model.disturbances))).full()[:, 0]
+    assert np.cos(alpha) * udot + np.sin(alpha) * wdot == pytest.approx(Vdot, rel=1e-9)
+    assert (np.cos(alpha) * wdot - np.sin(alpha) * udot) / V == pytest.approx(alphadot, rel=1e-9)
+    assert found == pytest.approx(qdot, rel=1e-9)
 
 
 @pytest.mark.slow
