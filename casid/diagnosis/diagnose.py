@@ -13,7 +13,7 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import missing_inputs
+from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.naming import name_causes
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
@@ -78,11 +78,11 @@ def diagnose(
     lost = next((i for i, g in enumerate(gains) if g is not None and g < 0.0), len(gains))
     final, held_final = steps[lost], on_held[lost]
     stages.begin("missing inputs")
-    missing = [missing_inputs(weigh(one, discrepancy=False)) for one in (calm, final)]
+    same = final is naming.evidence.fit
+    left, exact = (naming.missing, naming.missing_exact) if same else _missing(final)
+    first = exact if final is calm else _missing(calm)[1]
     stages.begin("verdict")
     causes, minor = causes_of(naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured)
-    evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
-    left = naming.missing if final is naming.evidence.fit else missing_inputs(evidence)
     verdict, sentence = verdict_of(causes, minor, still_missing(final, left), final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, on_held[0], held_final)]
@@ -91,8 +91,8 @@ def diagnose(
     return Diagnosis(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
-        held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(missing[0]),
-        missing_after=tuple(missing[1]), kinematic=tuple(instruments), turbulence=turbulence,
+        held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(first),
+        missing_after=tuple(exact), kinematic=tuple(instruments), turbulence=turbulence,
         detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
 
@@ -133,6 +133,11 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
         repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], 0.0, repaired)
         turbulent = kinematics.turbulence(flight, repaired)
     return evidence, ranked, turbulent
+
+
+def _missing(fitted: Fit) -> list[list[MissingInput]]:
+    """Anonymous inputs with small terms allowed for, and with the structure taken as exact."""
+    return missing_inputs(weigh(fitted), weigh(fitted, discrepancy=False))
 
 
 def _view(fitted: Fit) -> View:

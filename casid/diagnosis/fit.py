@@ -234,11 +234,29 @@ def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X
     flat = white[..., 1:].reshape(white[..., 0].size, len(work.slots))
     information = flat.T @ flat + np.diag(work.weight)
     return Fit(
-        flight=work.flight, attached=attached, model=model, batch=batch, noise=work.noise, functions=work.functions, parameters=P, slots=work.slots,
-        values=values, covariance=scaled_inverse(information), linear=linear, filter=kalman, disturbances=W,
-        white=white[..., 0], columns=white[..., 1:], known=known, prior_pull=work.weight * deviation, prior_weight=work.weight, data_deviance=data,
-        deviance=data + float(np.sum(work.weight * deviation**2)), iterations=iteration, converged=False,
-    )  # fmt: skip
+        flight=work.flight,
+        attached=attached,
+        model=model,
+        batch=batch,
+        noise=work.noise,
+        functions=work.functions,
+        parameters=P,
+        slots=work.slots,
+        values=values,
+        covariance=scaled_inverse(information),
+        linear=linear,
+        filter=kalman,
+        disturbances=W,
+        white=white[..., 0],
+        columns=white[..., 1:],
+        known=known,
+        prior_pull=work.weight * deviation,
+        prior_weight=work.weight,
+        data_deviance=data,
+        deviance=data + float(np.sum(work.weight * deviation**2)),
+        iterations=iteration,
+        converged=False,
+    )
 
 
 def scaled_inverse(information: np.ndarray) -> np.ndarray:

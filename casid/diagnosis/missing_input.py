@@ -7,6 +7,7 @@ says where something is missing before a cause is named, and whether something s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,30 +40,35 @@ def stations(fit: Fit) -> list[str]:
     return [f"d{c}" for c in coefficient_names(fit.flight.aircraft.force_axes) if c[1] in letters] + winds
 
 
-def missing_inputs(evidence: Evidence) -> list[MissingInput]:
-    """All stations, by gain, largest first."""
-    found = [_one_station(evidence, station) for station in stations(evidence.fit)]
-    return sorted(found, key=lambda m: -m.gain)
+def missing_inputs(*evidences: Evidence) -> list[list[MissingInput]]:
+    """For each evidence of one fit (small terms marginalised, or structure exact), all stations, largest gain first."""
+    fit = evidences[0].fit
+    rows = [_one_station(fit, station, evidences) for station in stations(fit)]
+    return [sorted((row[i] for row in rows), key=lambda m: -m.gain) for i in range(len(evidences))]
 
 
 def _hats(t: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(t[..., None] - nodes) / _SPACING)
 
 
-def _one_station(evidence: Evidence, station: str) -> MissingInput:
-    fit = evidence.fit
-    names, R, k = fit.batch.names, len(fit.batch.names), evidence.by_record[0].shape[1]
+def _one_station(fit: Fit, station: str, evidences: Sequence[Evidence]) -> list[MissingInput]:
+    """The station under each evidence; whitening the nodes is the expensive part, and the same for all."""
     index = fit.model.disturbances.index(station)
     longest = max(record.duration for record in fit.flight.records)
     nodes = np.arange(0.0, longest + _SPACING, _SPACING)
-    n = len(nodes)
     since = fit.batch.t - fit.batch.t[0]
     series = np.where(fit.batch.live[..., None], _hats(since, nodes), 0.0)
-    white = fit.filter.whiten_histories([index] * n, series)
-    gram, cross, match = np.zeros((R * n, R * n)), np.zeros((k, R * n)), np.zeros(R * n)
-    for r in range(R):
+    white = fit.filter.whiten_histories([index] * len(nodes), series)
+    by_record = [white[:, r].reshape(-1, len(nodes)) for r in range(len(fit.batch.names))]
+    return [_most_likely(evidence, station, nodes, by_record) for evidence in evidences]
+
+
+def _most_likely(evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray]) -> MissingInput:
+    fit, R, n = evidence.fit, len(by_record), len(nodes)
+    gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
+    cross = np.zeros((evidence.by_record[0].shape[1], R * n))
+    for r, w in enumerate(by_record):
         own = slice(r * n, (r + 1) * n)
-        w = white[:, r].reshape(-1, n)
         gram[own, own] = w.T @ w
         cross[:, own] = evidence.by_record[r].T @ w
         match[own] = w.T @ fit.white[:, r].reshape(-1)
@@ -83,7 +89,7 @@ def _one_station(evidence: Evidence, station: str) -> MissingInput:
     first = fit.batch.t[0]
     return MissingInput(
         station=station, gain=gain, size=float(np.sqrt(variance)), time_constant=tau,
-        history={name: (nodes + first[r], *history[r]) for r, name in enumerate(names)},
+        history={name: (nodes + first[r], *history[r]) for r, name in enumerate(fit.batch.names)},
     )  # fmt: skip
 
 

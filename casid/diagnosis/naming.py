@@ -14,7 +14,7 @@ from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import KINDS as KINEMATIC_KINDS
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import Candidate, Screen, fingerprints, screen
+from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
 from casid.estimation.innovations import NoiseModel
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
@@ -23,10 +23,11 @@ from casid.model.terms import parse_term
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
 SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
+CHANGE = 0.3  # of a derivative over the records, from half that share on
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
-_TRIALS, _ROUNDS, _MOVES = 5, 4, 6
+_TRIALS, _CAUTIOUS, _ROUNDS, _MOVES = 4, 2, 4, 6
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
@@ -35,11 +36,12 @@ _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Naming:
-    """Where the naming stands: the current model's evidence, what it still misses, the rounds so far, onset intervals
-    by cause name."""
+    """Where the naming stands: the current model's evidence, what it still misses with small terms allowed for and, in
+    `missing_exact`, with the structure taken as exact, the rounds so far, onset intervals by cause name."""
 
     evidence: Evidence
     missing: tuple[MissingInput, ...]
+    missing_exact: tuple[MissingInput, ...]
     rounds: tuple[Round, ...]
     intervals: dict[str, dict[str, tuple[float, float]]]
 
@@ -48,9 +50,9 @@ def name_causes(
     baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel,
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
-    """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters, or when after
-    a naming no anonymous input gains `_NOTHING_LEFT` any more."""
-    firm = state = Naming(evidence=baseline, missing=tuple(missing_inputs(baseline)), rounds=(), intervals={})
+    """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters, or when
+    after a naming no anonymous input gains `_NOTHING_LEFT` any more."""
+    firm = state = _standing(baseline, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
         state = _one_round(state, catalogue, kinematic, noise)
@@ -64,6 +66,13 @@ def name_causes(
             break
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
     return replace(firm, rounds=(*firm.rounds, *refused))
+
+
+def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) -> Naming:
+    missing, exact = missing_inputs(evidence, weigh(evidence.fit, discrepancy=False))
+    return Naming(
+        evidence=evidence, missing=tuple(missing), missing_exact=tuple(exact), rounds=rounds, intervals=intervals
+    )
 
 
 def _explains(before: Sequence[MissingInput], after: Sequence[MissingInput]) -> bool:
@@ -80,13 +89,16 @@ def _explains(before: Sequence[MissingInput], after: Sequence[MissingInput]) -> 
 def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel) -> Naming:
     attached = state.evidence.fit.attached
     taken = {a.effect.key for a in attached}
-    candidates = screen(state.evidence, [e for e in catalogue if e.key not in taken])
+    prints = fingerprints(state.evidence, [e for e in catalogue if e.key not in taken])
+    # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it
+    candidates = rank(Screen(state.evidence, exact=True), prints)
+    cautious = rank(Screen(state.evidence), prints)
     if not any(a.effect.kind == "configuration_change" for a in attached):
         candidates = sorted([*candidates, *configuration_changes(state.evidence)], key=lambda c: -c.net)
     intervals = dict(state.intervals)
     trials = []
     give_up = np.inf
-    for candidate in _to_try(candidates):
+    for candidate in _to_try(candidates, cautious):
         trial, interval = _try(state.evidence, candidate, kinematic, noise, give_up)
         trials.append(trial)
         if not trial.refuted:
@@ -104,25 +116,28 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     if interval:
         intervals[best.candidate.name] = interval
     this = replace(this, trials=(best, *this.trials[1:]))
-    evidence = weigh(best.fit)
-    return Naming(
-        evidence=evidence, missing=tuple(missing_inputs(evidence)), rounds=(*state.rounds, this), intervals=intervals
-    )
+    return _standing(weigh(best.fit), (*state.rounds, this), intervals)
 
 
-def _to_try(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The best few, no more than two terms of one coefficient, and only what could reach the gain at all."""
+def _to_try(candidates: Sequence[Candidate], cautious: Sequence[Candidate]) -> list[Candidate]:
+    """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
+    gain at all."""
+    chosen = _best_few(candidates, _TRIALS)
+    names = {c.name for c in chosen}
+    return [*chosen, *(c for c in _best_few(cautious, _CAUTIOUS) if c.name not in names)]
+
+
+def _best_few(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
     chosen: list[Candidate] = []
     per_coefficient: dict[str, int] = {}
     for candidate in candidates:
         effect = candidate.attached.effect
-        if candidate.net < 0.3 * GAIN or len(chosen) == _TRIALS:
+        if candidate.net < 0.3 * GAIN or len(chosen) == count:
             break
         if effect.kind == "aero_term":
-            count = per_coefficient.get(effect.target, 0)
-            if count >= 2:
+            per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
+            if per_coefficient[effect.target] > 2:
                 continue
-            per_coefficient[effect.target] = count + 1
         chosen.append(candidate)
     return chosen
 
@@ -197,7 +212,8 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:
     """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
-    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it."""
+    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, or half of that when
+    it makes a derivative vary by `CHANGE`."""
     effect, value = one.effect, one.values["value"]
     if effect.kind in ("mass", "inertia"):
         inertia = fitted.flight.aircraft.inertia
@@ -211,7 +227,25 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
         return abs(value) * 0.05 / (SHARE * float(np.nanstd(measured)))
     if effect.meaningful is not None:
         return abs(value) / effect.meaningful if effect.meaningful > 0 else 1.0
-    return _coefficient_share(fitted, one) / SHARE
+    share = _coefficient_share(fitted, one)
+    return max(share / SHARE, min(2.0 * share / SHARE, _derivative_change(fitted, one) / CHANGE))
+
+
+def _derivative_change(fitted: Fit, one: Attached) -> float:
+    """How much a product term makes a fitted derivative vary over the records, relative to that derivative: alpha*beta
+    in Cl is a dihedral effect that depends on the angle of attack."""
+    if one.effect.kind != "aero_term" or one.effect.term is None:
+        return 0.0
+    factors, largest = dict(parse_term(one.effect.term).factors), 0.0
+    for variable, power in factors.items():
+        derivative = fitted.derivatives.get(f"{one.effect.target}_{variable}", 0.0)
+        rest = {v: n - (v == variable) for v, n in factors.items() if n - (v == variable) > 0}
+        if derivative == 0.0 or not rest:
+            continue
+        series = np.prod([fitted.known[v] ** n for v, n in rest.items()], axis=0)
+        spread = float(np.std(np.broadcast_to(series, fitted.batch.live.shape)[fitted.batch.live]))
+        largest = max(largest, abs(power * one.values["value"] * spread / derivative))
+    return largest
 
 
 def _coefficient_share(fitted: Fit, one: Attached) -> float:

@@ -71,14 +71,20 @@ class Candidate:
 
 
 class Screen:
-    """Projection off the fitted slots and the small terms, and prices, for one baseline."""
+    """Projection off the fitted slots and the small terms, and prices, for one baseline; `exact` takes the structure of
+    the model as exact and projects off the slots alone."""
 
-    def __init__(self, evidence: Evidence) -> None:
+    def __init__(self, evidence: Evidence, exact: bool = False) -> None:
         self.evidence, self.base = evidence, evidence.fit
         self.covariance, self.newton = evidence.covariance, evidence.newton
+        if exact:
+            k = len(evidence.fit.slots)
+            self.covariance, self.newton = np.zeros_like(self.covariance), np.zeros_like(self.newton)
+            self.covariance[:k, :k] = evidence.fit.covariance
+            self.newton[:k] = evidence.fit.covariance @ evidence.fit.gradient
         self.price = float(np.log(max(evidence.samples, 2)))
         slots = len(evidence.fit.slots)
-        self._terms = {term: slots + i for i, term in enumerate(evidence.terms)}
+        self._terms = {} if exact else {term: slots + i for i, term in enumerate(evidence.terms)}
 
     def projected(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float]:
         """(m'm, m'e, surviving share) of the sum of fingerprints; keep (parts, R) weights of each record."""
@@ -202,20 +208,24 @@ def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base
     return Attached(effect=effect, values={"value": 1.0} | dict(values), onsets=onsets)
 
 
-def screen(evidence: Evidence, effects: Iterable[Effect]) -> list[Candidate]:
+def screen(evidence: Evidence, effects: Iterable[Effect], exact: bool = False) -> list[Candidate]:
     """All effects ranked by predicted drop of the deviance less its price (`Candidate.net`), best first.
 
     The price is ln(samples) per parameter, as in the BIC, and 2 ln(places tried) for shapes, onsets and subsets.
     """
-    judge = Screen(evidence)
+    return rank(Screen(evidence, exact), fingerprints(evidence, effects))
+
+
+def rank(judge: Screen, prints: Iterable[Fingerprint]) -> list[Candidate]:
+    """The fingerprints as candidates, one an effect (two for an event of either sign), best first."""
     by_name: dict[str, list[Fingerprint]] = {}
-    for print_ in fingerprints(evidence, effects):
+    for print_ in prints:
         by_name.setdefault(print_.effect.name, []).append(print_)
     found = []
-    for prints in by_name.values():
-        if prints[0].effect.timed:
-            found += _timed(judge, prints)
-        elif (best := _untimed(judge, prints)) is not None:
+    for group in by_name.values():
+        if group[0].effect.timed:
+            found += _timed(judge, group)
+        elif (best := _untimed(judge, group)) is not None:
             found.append(best)
     return sorted(found, key=lambda c: -c.net)
 

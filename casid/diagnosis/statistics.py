@@ -78,7 +78,8 @@ def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
         predicted = measured - error
         rms = _rms(error)
         table[name] = ChannelFit(
-            rms=rms, noise=fit.noise.measurement[name], whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i]),
+            rms=rms, noise=fit.noise.measurement[name],
+            whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i]),
             theil=rms / (_rms(measured) + _rms(predicted)), R2=1.0 - rms**2 / float(np.nanvar(measured)),
         )  # fmt: skip
     return table

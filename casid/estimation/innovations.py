@@ -141,7 +141,8 @@ def _evaluate_blocks(function: ca.Function, block: ca.Function, *arguments: np.n
     for b in range(count):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         for i, full in enumerate(inputs):
-            buffer.set_arg(i, memoryview(full[rows].reshape(-1)) if full.size else None)
+            if full.size:
+                buffer.set_arg(i, memoryview(full[rows].reshape(-1)))
         for i, out in enumerate(results):
             if out.size:
                 buffer.set_res(i, memoryview(out[rows].reshape(-1)))

@@ -23,13 +23,7 @@ def aero_term(coefficient: str, term: str) -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.coefficient[coefficient] += value * evaluate(term, path)
 
-    return Effect(
-        kind="aero_term",
-        target=coefficient,
-        term=term,
-        station="coefficients",
-        change=change,
-    )
+    return Effect(kind="aero_term", target=coefficient, term=term, station="coefficients", change=change)
 
 
 @cause("unsteady_aero", ())
@@ -39,13 +33,7 @@ def unsteady_aero(coefficient: str) -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.coefficient[coefficient] += value * path.regressor[rate]
 
-    return Effect(
-        kind="unsteady_aero",
-        target=coefficient,
-        station="coefficients",
-        change=change,
-        limit=60.0,
-    )
+    return Effect(kind="unsteady_aero", target=coefficient, station="coefficients", change=change, limit=60.0)
 
 
 # -- between the recorded command and the surface ----------------------------------------------------------------------
@@ -74,39 +62,18 @@ _DEG = np.pi / 180.0
 
 @cause("actuator_lag", SURFACES)
 def actuator_lag(surface: str) -> Effect:
-    return _surface_operator(
-        "actuator_lag",
-        surface,
-        (0.03, 0.06, 0.12, 0.25),
-        operators.lag,
-        0.01,
-        1.0,
-    )
+    return _surface_operator("actuator_lag", surface, (0.03, 0.06, 0.12, 0.25), operators.lag, 0.01, 1.0)
 
 
 @cause("input_delay", SURFACES)
 def input_delay(surface: str) -> Effect:
-    return _surface_operator(
-        "input_delay",
-        surface,
-        (0.02, 0.05, 0.1, 0.2),
-        operators.delay,
-        0.01,
-        0.5,
-    )
+    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2), operators.delay, 0.01, 0.5)
 
 
 @cause("rate_limit", SURFACES)
 def rate_limit(surface: str) -> Effect:
     sizes = np.array([3.0, 5.0, 8.0, 12.0, 20.0]) * _DEG
-    return _surface_operator(
-        "rate_limit",
-        surface,
-        sizes,
-        operators.rate_limit,
-        0.0,
-        60.0 * _DEG,
-    )
+    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, 60.0 * _DEG)
 
 
 @cause("dead_zone", SURFACES)
@@ -138,14 +105,7 @@ def effectiveness_change(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         return {f"d_{surface}": values["value"] * operators.step(t, values["onset"]) * known[surface]}
 
-    return Effect(
-        kind="effectiveness_change",
-        target=surface,
-        timed=True,
-        series=series,
-        meaningful=0.03,
-        limit=1.5,
-    )
+    return Effect(kind="effectiveness_change", target=surface, timed=True, series=series, meaningful=0.03, limit=1.5)
 
 
 @cause("configuration_change", ())
@@ -153,7 +113,7 @@ def configuration_change(coefficients: str) -> Effect:
     names = coefficients.split("+")
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        moved = operators.transition(t, values["onset"], values["duration"])
+        moved = operators.transition(t, values["onset"], values.get("duration", 0.0))
         return {f"d{name}": values["value" if name == names[0] else name] * moved for name in names}
 
     return Effect(
@@ -188,13 +148,7 @@ def sensor_bias(channel: str) -> Effect:
         path.output[channel] += value
 
     unit = unit_of(channel)
-    return Effect(
-        kind="sensor_bias",
-        target=channel,
-        station="sensors",
-        change=change,
-        meaningful=_BIAS_MATTERS[unit],
-    )
+    return Effect(kind="sensor_bias", target=channel, station="sensors", change=change, meaningful=_BIAS_MATTERS[unit])
 
 
 @cause("sensor_scale", OUTPUTS)
@@ -203,14 +157,7 @@ def sensor_scale(channel: str) -> Effect:
         for name in group_channels(channel):
             path.output[name] *= 1.0 + value
 
-    return Effect(
-        kind="sensor_scale",
-        target=channel,
-        station="sensors",
-        change=change,
-        meaningful=0.01,
-        limit=0.6,
-    )
+    return Effect(kind="sensor_scale", target=channel, station="sensors", change=change, meaningful=0.01, limit=0.6)
 
 
 def _reading_operator(kind: str, target: str, operate: Callable) -> Effect:
@@ -218,15 +165,7 @@ def _reading_operator(kind: str, target: str, operate: Callable) -> Effect:
         return {c: operate(t, readings[c], values["value"]) for c in group_channels(target) if c in readings}
 
     sizes = tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2))
-    return Effect(
-        kind=kind,
-        target=target,
-        linear=False,
-        grid=sizes,
-        output=output,
-        meaningful=0.01,
-        limit=1.0,
-    )
+    return Effect(kind=kind, target=target, linear=False, grid=sizes, output=output, meaningful=0.01, limit=1.0)
 
 
 @cause("sensor_delay", ("inertial", *OUTPUTS))
@@ -248,12 +187,7 @@ def structural_mode(channel: str) -> Effect:
         return {channel: readings[channel] + values["value"] * ringing}
 
     grid = tuple({"frequency_hz": f} for f in (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0))
-    return Effect(
-        kind="structural_mode",
-        target=channel,
-        grid=grid,
-        output=output,
-    )
+    return Effect(kind="structural_mode", target=channel, grid=grid, output=output)
 
 
 @cause("vane_position", ("alpha", "beta"))
@@ -261,14 +195,7 @@ def vane_position(channel: str) -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.sensor_position[f"{channel}_vane"][0] += value
 
-    return Effect(
-        kind="vane_position",
-        target=channel,
-        station="wind",
-        change=change,
-        meaningful=0.3,
-        limit=30.0,
-    )
+    return Effect(kind="vane_position", target=channel, station="wind", change=change, meaningful=0.3, limit=30.0)
 
 
 @cause("accelerometer_position", ("x", "y", "z"))
@@ -276,14 +203,7 @@ def accelerometer_position(axis: str) -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.sensor_position["accelerometer"]["xyz".index(axis)] += value
 
-    return Effect(
-        kind="accelerometer_position",
-        target=axis,
-        station="wind",
-        change=change,
-        meaningful=0.1,
-        limit=20.0,
-    )
+    return Effect(kind="accelerometer_position", target=axis, station="wind", change=change, meaningful=0.1, limit=20.0)
 
 
 # -- mass, propulsion --------------------------------------------------------------------------------------------------
@@ -294,14 +214,7 @@ def cg_offset(axis: str) -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.cg["xyz".index(axis)] += value
 
-    return Effect(
-        kind="cg_offset",
-        target=axis,
-        station="wind",
-        change=change,
-        meaningful=0.02,
-        limit=3.0,
-    )
+    return Effect(kind="cg_offset", target=axis, station="wind", change=change, meaningful=0.02, limit=3.0)
 
 
 @cause("mass", ("",))
@@ -317,12 +230,7 @@ def inertia(component: str) -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.inertia[component] += value
 
-    return Effect(
-        kind="inertia",
-        target=component,
-        station="mass",
-        change=change,
-    )
+    return Effect(kind="inertia", target=component, station="mass", change=change)
 
 
 @cause("thrust_asymmetry", ("",))
@@ -330,14 +238,7 @@ def thrust_asymmetry(target: str = "") -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.moment[2] -= value * path.surface["thrust"]
 
-    return Effect(
-        kind="thrust_asymmetry",
-        target="",
-        station="moments",
-        change=change,
-        meaningful=0.05,
-        limit=20.0,
-    )
+    return Effect(kind="thrust_asymmetry", target="", station="moments", change=change, meaningful=0.05, limit=20.0)
 
 
 @cause("thrust_line", ("",))
@@ -345,14 +246,7 @@ def thrust_line(target: str = "") -> Effect:
     def change(path: SignalPath, value: Any) -> None:
         path.moment[1] += value * path.surface["thrust"]
 
-    return Effect(
-        kind="thrust_line",
-        target="",
-        station="moments",
-        change=change,
-        meaningful=0.05,
-        limit=10.0,
-    )
+    return Effect(kind="thrust_line", target="", station="moments", change=change, meaningful=0.05, limit=10.0)
 
 
 # -- moving air --------------------------------------------------------------------------------------------------------
@@ -379,23 +273,9 @@ def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         return {f"wind_{axis}": values["value"] * operators.ramp(t, values["onset"])}
 
-    return Effect(
-        kind="wind_shear",
-        target=axis,
-        timed=True,
-        series=series,
-        meaningful=0.05,
-        limit=5.0,
-    )
+    return Effect(kind="wind_shear", target=axis, timed=True, series=series, meaningful=0.05, limit=5.0)
 
 
 @cause("turbulence", ("",))
 def turbulence(target: str = "") -> Effect:
-    return Effect(
-        kind="turbulence",
-        target=target,
-        linear=False,
-        grid=(),
-        meaningful=0.1,
-        limit=20.0,
-    )
+    return Effect(kind="turbulence", target=target, linear=False, grid=(), meaningful=0.1, limit=20.0)

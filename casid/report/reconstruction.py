@@ -1,18 +1,15 @@
-"""Anonymous inputs for the eye: what is missing at each place, with the structure of the model taken as exact.
-
-The verdict rests on `Diagnosis.missing_before` and `missing_after`, in which small further terms are free to explain
-what they can; such terms would also swallow the shape that a person is to see.
-"""
+"""Anonymous inputs for the eye: what is missing at each place, with the structure of the model taken as exact."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import Fit
-from casid.diagnosis.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Diagnosis
 
 
@@ -25,11 +22,8 @@ class Reconstruction:
 
 
 def reconstruct(diagnosis: Diagnosis) -> Reconstruction:
-    """Both sets of anonymous inputs; one and the same when nothing was added."""
-    old, new = diagnosis.baseline.fit, diagnosis.extended.fit
-    before = _by_station(missing_inputs(weigh(old, discrepancy=False)))
-    after = before if new is old else _by_station(missing_inputs(weigh(new, discrepancy=False)))
-    return Reconstruction(before=before, after=after)
+    """Both sets of anonymous inputs by station."""
+    return Reconstruction(before=_by_station(diagnosis.missing_before), after=_by_station(diagnosis.missing_after))
 
 
 def derivatives_beside(fit: Fit, missing: MissingInput) -> dict[str, float]:
@@ -48,5 +42,5 @@ def derivatives_beside(fit: Fit, missing: MissingInput) -> dict[str, float]:
     return {slot.name: float(value) for slot, value in zip(fit.slots, values, strict=True)}
 
 
-def _by_station(found: list[MissingInput]) -> dict[str, MissingInput]:
+def _by_station(found: Sequence[MissingInput]) -> dict[str, MissingInput]:
     return {one.station: one for one in found}
