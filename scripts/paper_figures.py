@@ -16,8 +16,6 @@ import argparse
 from pathlib import Path
 from typing import NoReturn
 
-import numpy as np
-
 from casid.errors import InputError, run_script, unknown
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.paper_figures import histories, output_labels, outputs_scaled, over_variable
@@ -87,7 +85,7 @@ def figures(flight: Flight, values: dict[str, dict[str, float]]) -> list[Picture
     """The six pictures."""
     t, truth = flight.exact.t, flight.contributions
     terms = {estimator: linear_contributions(flight, own) for estimator, own in values.items()}
-    sums = {e: {c: np.sum([own[n] for n in own if n.startswith(c)], axis=0) for c in COEFFICIENTS}
+    sums = {e: {c: sum(own[n] for n in own if n.startswith(c)) for c in COEFFICIENTS}
             for e, own in terms.items()}  # fmt: skip
     motions = {e: simulated(flight, own) for e, own in values.items()}
     flown = {e: outputs_scaled(motion, OUTPUTS) for e, motion in motions.items() if not departed(motion)}
