@@ -73,6 +73,14 @@ def linear_contributions(flight: Flight, estimate: Mapping[str, float]) -> dict[
     return {name: estimate[name] * x[name.split("_", 1)[1]] for name in MOMENT_DERIVATIVES}
 
 
+def coefficients(contributions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Cl, Cm, Cn -> (N,) sum of the contributions of its derivatives."""
+    return {
+        c: np.sum([values for name, values in contributions.items() if name.startswith(c)], axis=0)
+        for c in COEFFICIENTS
+    }
+
+
 def true_regressors(flight: Flight) -> dict[str, np.ndarray]:
     """Variable -> (N,) flow angles and surfaces [rad], dimensionless rates of the true flight; "0" is one."""
     rows = _regressor_function(len(flight.exact))(flight.states.T).full()
@@ -102,8 +110,7 @@ def statistics(flight: Flight, estimate: Mapping[str, float], motion: np.ndarray
         error, true = contributions[name] - flight.contributions[name], flight.contributions[name]
         offset = name.endswith("_0")
         found[paper_name(name)] = float(np.abs(error[0]) if offset else np.sqrt((error**2).sum() / (true**2).sum()))
-    for c in COEFFICIENTS:
-        modelled = np.sum([contributions[n] for n in MOMENT_DERIVATIVES if n.startswith(c)], axis=0)
+    for c, modelled in coefficients(contributions).items():
         found[f"match_{c}_1e-6"] = 1e6 * float(np.abs(modelled - flight.coefficients[c]).mean())
     true = flight.exact.matrix(OUTPUTS)
     means = np.degrees(np.abs(motion - true).mean(axis=0))

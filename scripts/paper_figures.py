@@ -25,7 +25,7 @@ from casid.report.style import Picture
 from problems.do328 import MOMENT_DERIVATIVES
 from problems.paper_cases import CASES, Condition, conditions
 from problems.paper_estimation import ESTIMATORS, METHODS, estimate
-from problems.paper_statistics import departed, linear_contributions, simulated, true_regressors
+from problems.paper_statistics import coefficients, departed, linear_contributions, simulated, true_regressors
 from problems.paper_truth import COEFFICIENTS, OUTPUTS, Flight, fly
 
 NUMBERS = {"Cl": 3, "Cm": 4, "Cn": 5}
@@ -85,8 +85,7 @@ def figures(flight: Flight, values: dict[str, dict[str, float]]) -> list[Picture
     """The six pictures."""
     t, truth = flight.exact.t, flight.contributions
     terms = {estimator: linear_contributions(flight, own) for estimator, own in values.items()}
-    sums = {e: {c: sum(own[n] for n in own if n.startswith(c)) for c in COEFFICIENTS}
-            for e, own in terms.items()}  # fmt: skip
+    sums = {e: coefficients(own) for e, own in terms.items()}
     motions = {e: simulated(flight, own) for e, own in values.items()}
     flown = {e: outputs_scaled(motion, OUTPUTS) for e, motion in motions.items() if not departed(motion)}
     drawn = [
