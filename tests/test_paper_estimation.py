@@ -65,6 +65,12 @@ def test_open_loop_single_shooting_fails_where_multiple_shooting_is_exact() -> N
     assert max(errors[name] for name in DERIVATIVE_STATISTICS) > 0.1
 
 
+def test_sensitivities_that_overflow_are_a_status_and_no_exception() -> None:
+    """Open loop on this record single shooting ends where the information matrix has no eigenvalues in numbers."""
+    fit = estimate(fly(Condition(case="G", manoeuvre=7, variant=1)), "output", "single-open")
+    assert fit.status.startswith("failed") and np.isnan(fit["Cm_alpha"].std)
+
+
 def test_a_law_taken_as_linear_between_samples_is_not_exact() -> None:
     """The record says that inputs are held; told otherwise, the estimate is off by far more than rounding."""
     flight = fly(Condition(case="C", manoeuvre=1))
