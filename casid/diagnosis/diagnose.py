@@ -18,6 +18,7 @@ from casid.diagnosis.naming import name_causes
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.statistics import channel_fits, free_simulation
+from casid.diagnosis.structure import demanded_structure
 from casid.diagnosis.verdict import causes_of, extended_aircraft, smallest_detectable, still_missing, verdict_of
 from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue, effect_of
@@ -65,15 +66,20 @@ def diagnose(
     kinematic, instruments, turbulence = _kinematics(flight)
     stages.begin("baseline fit")
     calm = fit(flight, known, flight.noise())
+    structure = demanded_structure(calm)
+    structured = fit(flight, [*known, *structure], flight.noise(), calm) if structure else calm
     coloured = turbulence.named
-    start = kinematics.rotation_of_air(flight, known, turbulence.sigma, calm)[1] if coloured else calm
+    start = structured
+    if coloured:
+        _, start = kinematics.rotation_of_air(flight, structured.attached, turbulence.sigma, structured)
     noise = start.noise
     baseline = weigh(start)
     stages.begin("naming")
     naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)
     stages.begin("held-out records")
-    steps = [calm, *([start] if coloured else []), *(r.trials[0].fit for r in naming.rounds if r.named)]
+    steps = [structured, *([start] if coloured else []), *(r.trials[0].fit for r in naming.rounds if r.named)]
     on_held = [judge_on(flight, held, step) for step in steps]
+    held_calm = judge_on(flight, held, calm) if structure else on_held[0]
     gains = _held_gains(on_held)
     lost = next((i for i, g in enumerate(gains) if g is not None and g < 0.0), len(gains))
     final, held_final = steps[lost], on_held[lost]
@@ -82,11 +88,13 @@ def diagnose(
     left, exact = (naming.missing, naming.missing_exact) if same else _missing(final)
     first = exact if final is calm else _missing(calm)[1]
     stages.begin("verdict")
-    causes, minor = causes_of(naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured)
+    causes, minor = causes_of(
+        naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
+    )
     verdict, sentence = verdict_of(causes, minor, still_missing(final, left), final)
     candidates = naming.rounds[0].candidates
-    views = [_view(one) for one in (calm, final, on_held[0], held_final)]
-    extended = extended_aircraft(flight.aircraft, final, causes)
+    views = [_view(one) for one in (calm, final, held_calm, held_final)]
+    extended = extended_aircraft(flight.aircraft, final, causes, structure)
     stages.end()
     return Diagnosis(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,

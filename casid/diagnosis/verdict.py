@@ -29,13 +29,19 @@ _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wi
 
 
 def causes_of(
-    naming: Naming, final: Fit, turbulence: Turbulence, held_gains: Sequence[float | None], kept: int
+    naming: Naming,
+    final: Fit,
+    turbulence: Turbulence,
+    held_gains: Sequence[float | None],
+    kept: int,
+    structure: Sequence[Attached] = (),
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     kept        number of named rounds that `final` has (-1: not even turbulence): a cause that lasts but loses on
                 held-out records is not confirmed, nor is what was named after it; they stand under minor
+    structure   expected terms that were put into the model beforehand; they are minor
     """
     named = [r for r in naming.rounds if r.named]
     causes, minor = [], []
@@ -47,6 +53,7 @@ def causes_of(
         else:
             minor.append(_cause(round_.trials[0], round_.trials[0].fit, naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
+    minor += [_expected(one.name, final) for one in structure]
     seen = {(c.kind, c.target, c.term) for c in (*causes, *minor)}
     for round_ in naming.rounds[-1:]:
         for trial in round_.trials:
@@ -70,6 +77,18 @@ def _cause(trial: Trial, fit: Fit, naming: Naming, equivalents: Sequence[Trial],
         sentence=_sentence(one, value, len(fit.batch.names)),
         parameters={k: float(v) for k, v in one.values.items() if k != "value"},
         meaningful=trial.meaningful, share=trial.share,
+    )  # fmt: skip
+
+
+def _expected(name: str, fit: Fit) -> Cause:
+    one = next(a for a in fit.attached if a.name == name)
+    effect, value, std = one.effect, fit[name], fit.std(name)
+    statistic = (value / std) ** 2
+    return Cause(
+        kind=effect.kind, target=effect.target, term=effect.term, value=value, std=std, unit=effect.unit,
+        records=fit.batch.names, onset_s=None, statistic=statistic, dof=1, p_value=float(stats.chi2.sf(statistic, 1)),
+        held_out_gain=None, indistinguishable_from=(), parameters={}, meaningful=False, share=0.0,
+        sentence=f"Expected of any aircraft, and added: {effect_sentence(*effect.key, value)}",
     )  # fmt: skip
 
 
@@ -170,8 +189,13 @@ def _plain(other: Mapping[str, object]) -> str:
     return f"{other['kind']}({inside})" if inside else str(other["kind"])
 
 
-def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause]) -> Aircraft:
-    """The aircraft file with fitted derivatives and the named causes as effects."""
+def extended_aircraft(
+    aircraft: Aircraft, fit: Fit, causes: Sequence[Cause], structure: Sequence[Attached] = ()
+) -> Aircraft:
+    """The aircraft file with fitted derivatives, expected structure as terms, and the named causes as effects."""
+    terms: dict[str, dict[str, float]] = {}
+    for one in structure:
+        terms.setdefault(one.effect.target, {})[one.effect.term or "0"] = fit[one.name]
     before = {(e.kind, e.target, e.term) for e in aircraft.effects}
     effects = [
         EffectValue(
@@ -182,7 +206,7 @@ def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause]) -> 
         for c in causes
         if (c.kind, c.target, c.term) not in before
     ]  # fmt: skip
-    return with_fitted(aircraft, fit).with_effects(effects)
+    return with_fitted(aircraft, fit).with_terms(terms).with_effects(effects)
 
 
 def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:
