@@ -1,17 +1,21 @@
 """Estimation: cost x transcription x solver, chosen independently of each other."""
 
+from casid.estimation.bootstrap import Bootstrap, bootstrap, collected, drawn_problem, replica
 from casid.estimation.constraints import linear, parameter, path
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.feedback import SampledFeedback
 from casid.estimation.fit import ChannelFit, Estimate, Fit, StateHistory
 from casid.estimation.gauss_newton import GaussNewton
+from casid.estimation.input_noise import InputErrors, input_noise_errors, with_noisy_inputs
 from casid.estimation.ipopt import Ipopt
 from casid.estimation.problem import InitialState, Problem
+from casid.estimation.profile import ProfileInterval, profile
 from casid.estimation.transcription import Collocation, MultipleShooting, SingleShooting
 
 __all__ = [
-    "ChannelFit", "Collocation", "CombinedError", "EquationError", "Estimate", "Fit", "GaussNewton", "InitialState",
-    "Ipopt", "MultipleShooting", "OutputError", "Problem", "RangeWeights", "SampledFeedback", "SingleShooting",
-    "StateHistory", "linear", "parameter", "path", "solve",
+    "Bootstrap", "ChannelFit", "Collocation", "CombinedError", "EquationError", "Estimate", "Fit", "GaussNewton",
+    "InitialState", "InputErrors", "Ipopt", "MultipleShooting", "OutputError", "Problem", "ProfileInterval",
+    "RangeWeights", "SampledFeedback", "SingleShooting", "StateHistory", "bootstrap", "collected", "drawn_problem",
+    "input_noise_errors", "linear", "parameter", "path", "profile", "replica", "solve", "with_noisy_inputs",
 ]  # fmt: skip

@@ -1,0 +1,179 @@
+"""Errors in the inputs: what noise of the measured surfaces does to the estimates.
+
+An output-error fit takes its inputs as exact. Noise n_j of an input at sample j moves the predicted outputs, and with
+them the gradient of the cost by G_j' n_j, where G_j comes from one backward pass (adjoint) over the fit's linearised
+system with the states re-estimated. The estimate moves by the inverse information times that, so that
+
+    cov = I^-1 (sum_i J_i' W R W J_i + sum_j G_j' S G_j) I^-1
+
+with the measurement noise R and the input noise S. First order in the noise: the attenuation of estimates by errors in
+variables, of second order, is not in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import EstimationError, InputError, unknown
+from casid.estimation.compiler import Compilable
+from casid.estimation.cost import OutputError
+from casid.estimation.fit import Fit
+from casid.estimation.noise import pooled_sigma
+from casid.estimation.relinearise import AtFit, relinearise
+from casid.estimation.steps import cached, output_function, sample_derivatives, step_function
+from casid.estimation.transcription import MultipleShooting
+from casid.model.system import Model
+
+_DEFAULT_METHOD = MultipleShooting()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InputErrors:
+    """Standard errors with noisy inputs.
+
+    covariance  (parameters, parameters) in the order of the fit's parameters
+    std         parameter -> 1-sigma
+    share       parameter -> part of its variance that comes from the inputs, 0 to 1
+    """
+
+    covariance: np.ndarray
+    std: Mapping[str, float]
+    share: Mapping[str, float]
+
+
+def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleShooting = _DEFAULT_METHOD) -> InputErrors:
+    """Covariance of the estimates when inputs are measured with white noise of 1-sigma `sigma` (input -> value, SI).
+
+    Where the fit estimated the measurement noise, its residuals hold the effect of the inputs as well; then that of
+    the band above the motion is used, when it is smaller. `method` as in `relinearise`. Raises InputError for a name
+    that is no input or a negative sigma, EstimationError for a cost other than OutputError.
+    """
+    problem = fit.problem
+    if not isinstance(problem.cost, OutputError):
+        raise EstimationError(
+            f"input_noise_errors: the fit minimised {type(problem.cost).__name__}; only OutputError is propagated"
+        )
+    for name, value in sigma.items():
+        if name not in problem.model.inputs:
+            raise unknown("input", name, problem.model.inputs, "input_noise_errors")
+        if not (value >= 0.0 and np.isfinite(value)):
+            raise InputError(f"input_noise_errors: sigma of '{name}' is {value}; expected a 1-sigma, zero or more")
+    at = relinearise(fit, method)
+    spread = np.array([sigma.get(name, 0.0) for name in problem.model.inputs])
+    measured = at.linear.hessian.copy()
+    driven = np.zeros_like(measured)
+    lost = 1.0 - (_measurement_sigma(fit) * at.objective.output_weights) ** 2
+    rows, gains = _rows_and_gains(at)
+    for r in range(len(problem.records)):
+        grid = np.ix_(problem.columns(r), problem.columns(r))
+        measured[grid] -= np.einsum("nof,nog,o->fg", rows[r], rows[r], lost)
+        scaled = gains[r] * spread[:, None]
+        driven[grid] += np.einsum("nmf,nmg->fg", scaled, scaled)
+    inverse = at.inverse
+    covariance = inverse @ (measured + driven) @ inverse
+    variance, from_inputs = np.diagonal(covariance), np.diagonal(inverse @ driven @ inverse)
+    names = problem.parameters
+    share = np.divide(from_inputs, variance, out=np.zeros(len(names)), where=variance > 0)
+    return InputErrors(
+        covariance=covariance, std=dict(zip(names, np.sqrt(np.maximum(variance, 0.0)).tolist(), strict=True)),
+        share=dict(zip(names, share.tolist(), strict=True)),
+    )  # fmt: skip
+
+
+def with_noisy_inputs(model: Model, *inputs: str) -> Model:
+    """The model with a disturbance "noise_<input>" added to each named input.
+
+    `filter_error(problem, {"noise_delta_e": 0.0})` then estimates the noise of the surface together with the
+    parameters. Raises InputError for a name that is no input.
+    """
+    for name in inputs:
+        if name not in model.inputs:
+            raise unknown("input", name, model.inputs, "with_noisy_inputs")
+    added = ca.SX.sym("noise", len(inputs))
+    received = ca.SX(model.u)
+    for i, name in enumerate(inputs):
+        received[model.inputs.index(name)] += added[i]
+    return replace(
+        model, disturbances=(*model.disturbances, *(f"noise_{name}" for name in inputs)),
+        w=ca.vertcat(model.w, added), f=ca.substitute(model.f, model.u, received),
+        h=ca.substitute(model.h, model.u, received),
+    )  # fmt: skip
+
+
+def _measurement_sigma(fit: Fit) -> np.ndarray:
+    """(outputs,) noise of the measurements alone."""
+    problem = fit.problem
+    sigma = np.array([fit.noise.get(name, 1.0) for name in problem.model.outputs])
+    if isinstance(problem.noise, Mapping):
+        return sigma
+    for i, name in enumerate(problem.model.outputs):
+        high = pooled_sigma([record[name] for record in problem.records if name in record])
+        sigma[i] = min(sigma[i], high) if np.isfinite(high) else sigma[i]
+    return sigma
+
+
+def _rows_and_gains(at: AtFit) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Per record: weighted sensitivities (N, outputs, f) of the outputs to the parameters with the states
+    re-estimated, and derivatives (N, inputs, f) of the gradient with respect to every sample of the inputs."""
+    objective, problem = at.objective, at.objective.problem
+    layout, weights = objective.layout, objective.output_weights
+    a, b, e0, e1, c, d, df = _slopes(at)
+    count, length = layout.segments, layout.length
+    n, f = a.shape[2], b.shape[3]
+    weighted = (weights * layout.present)[..., None]
+    sensitivity = np.zeros((length + 1, count, n, f))
+    adjoint = np.zeros((length + 1, count, n, f))
+    for r, reduced in enumerate(at.linear.reduced):
+        own = layout.segments_of(r)
+        sensitivity[0, own] = -reduced.ds_p
+        adjoint[length, own.start : own.stop - 1] = reduced.l_p
+    for i in range(length):
+        sensitivity[i + 1] = a[:, i] @ sensitivity[i] + b[:, i]
+    rows = weighted * (c @ sensitivity[:-1].transpose(1, 0, 2, 3) + d)
+    for i in reversed(range(length)):
+        own_c = (weighted * c)[:, i]
+        adjoint[i] = a[:, i].transpose(0, 2, 1) @ adjoint[i + 1] + own_c.transpose(0, 2, 1) @ rows[:, i]
+    after = adjoint[1:].transpose(1, 0, 2, 3)
+    here = (weighted * df).transpose(0, 1, 3, 2) @ rows + e0.transpose(0, 1, 3, 2) @ after
+    following = e1.transpose(0, 1, 3, 2) @ after
+    found_rows, found_gains = [], []
+    for r, record in enumerate(problem.records):
+        flat = layout.sample[r]
+        own = here.reshape(-1, *here.shape[2:])[flat]
+        end = following.reshape(-1, *following.shape[2:])[flat]
+        if record.hold == "linear":
+            own[1:] += end[:-1]
+            own[-1] += end[-1]
+        else:
+            own = own + end
+        found_rows.append(rows.reshape(-1, *rows.shape[2:])[flat])
+        found_gains.append(own)
+    return found_rows, found_gains
+
+
+def _slopes(at: AtFit) -> list[np.ndarray]:
+    """(K, L, rows, columns) of dx+/dx, dx+/dp, dx+/du0, dx+/du1, dy/dx, dy/dp, dy/du."""
+    objective, problem, trajectory = at.objective, at.objective.problem, at.value.trajectory
+    if trajectory is None:
+        raise EstimationError("input noise: this fit has no trajectory")
+    model, free, layout = problem.model, problem.free_index, objective.layout
+
+    def build() -> Compilable:
+        plain = sample_derivatives(model, free, (), problem.feedback)
+        step, outputs = step_function(model, problem.feedback), output_function(model)
+        x, u0, u1, dt, p = plain.sx_in()
+        a, b, _, c, d = plain(x, u0, u1, dt, p)
+        after, y = step(x, u0, u1, dt, p), outputs(x, u0, p)
+        more = [ca.densify(ca.jacobian(e, u).T) for e, u in ((after, u0), (after, u1), (y, u0))]
+        return Compilable(ca.Function("slopes", [x, u0, u1, dt, p], ca.cse([a, b, more[0], more[1], c, d, more[2]])))
+
+    kernel = cached(model, ("input slopes", tuple(free), problem.feedback), build)
+    count, length, n, o = layout.segments, layout.length, len(model.states), len(model.outputs)
+    repeated = np.repeat(objective.parameters(at.point.theta), length, axis=0)
+    raw = kernel.mapped(count * length)(trajectory.states, layout.u0, layout.u1, layout.dt, repeated)
+    height = (n, n, n, n, o, o, o)
+    return [r.reshape(count, length, rows, r.shape[1]).copy() for r, rows in zip(raw, height, strict=True)]
