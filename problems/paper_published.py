@@ -15,6 +15,13 @@ EXACT = 1e-6
 CONFIRMED, REFUTED = 0.9, 0.5  # share of cells that bear a claim out, from which and below which
 ESTIMATORS = ("equation", "output", "combined")
 _EQUATION_DOMAIN, _OUTPUT_DOMAIN = MATCHES[:3], MATCHES[3:]
+WORDS = {
+    1: "Linear and without noise (A, C) all three estimators are exact.",
+    2: "Equation error matches best in the equation domain, output error in the output domain (linear aircraft), "
+    "combined error always in between.",
+    3: "Output error is closest to the true derivatives, and departs most.",
+    4: "Nonlinear: combined error matches best in the output domain, and the equation part makes the iteration robust.",
+}
 Cells = Mapping[tuple[str, str, str], float]  # (case, estimator, statistic) -> value
 
 
@@ -63,26 +70,25 @@ def cells_of(rows: Iterable[Mapping[str, Any]], method: str) -> dict[tuple[str, 
 
 def claims(cells: Cells) -> tuple[Claim, ...]:
     """The four claims, counted in a table; a cell that a part needs and that is not there is not counted."""
-    noisy_or_nonlinear = [case for case in CASES if case not in "AC"]
     linear, nonlinear = ("B", "D"), ("E", "F", "G", "H")
+    both = {"B and D": linear, "E to H": nonlinear}
     every = (*_EQUATION_DOMAIN, *_OUTPUT_DOMAIN)
     derivatives = [name for name in DERIVATIVE_STATISTICS if not name.endswith("0")]
-    return (
-        Claim(number=1, words="Linear and without noise (A, C) all three estimators are exact.", parts=tuple(
-            _exact(cells, estimator) for estimator in ESTIMATORS)),
-        Claim(number=2, words="Equation error matches best in the equation domain, output error in the output domain "
-              "(linear aircraft), combined error always in between.", parts=(
-            _best(cells, "equation", noisy_or_nonlinear, _EQUATION_DOMAIN, "equation domain"),
-            _best(cells, "output", linear, _OUTPUT_DOMAIN, "output domain, B and D"),
-            _between(cells, noisy_or_nonlinear, every))),
-        Claim(number=3, words="Output error is closest to the true derivatives, and departs most.", parts=(
-            _best(cells, "output", noisy_or_nonlinear, derivatives, "derivatives without the offsets"),
-            _departs_most(cells))),
-        Claim(number=4, words="Nonlinear: combined error matches best in the output domain, and the equation part "
-              "makes the iteration robust.", parts=(
-            _best(cells, "combined", nonlinear, _OUTPUT_DOMAIN, "output domain, E to H"),
-            _fewer_departures(cells, nonlinear))),
-    )  # fmt: skip
+    exact = tuple(_exact(cells, estimator) for estimator in ESTIMATORS)
+    domains = (
+        *(_best(cells, "equation", c, _EQUATION_DOMAIN, f"equation domain, {where}") for where, c in both.items()),
+        _best(cells, "output", linear, _OUTPUT_DOMAIN, "output domain, B and D"),
+        *(_between(cells, c, every, f"both domains, {where}") for where, c in both.items()),
+    )
+    closest = (
+        *(_best(cells, "output", c, derivatives, f"derivatives, {where}") for where, c in both.items()),
+        _departs_most(cells),
+    )
+    robust = (
+        _best(cells, "combined", nonlinear, _OUTPUT_DOMAIN, "output domain, E to H"),
+        _fewer_departures(cells, nonlinear),
+    )
+    return tuple(Claim(number=n, words=WORDS[n], parts=p) for n, p in enumerate((exact, domains, closest, robust), 1))
 
 
 def _exact(cells: Cells, estimator: str) -> Part:
@@ -114,9 +120,9 @@ def _best(cells: Cells, estimator: str, cases: Iterable[str], names: Iterable[st
     return Part(words=f"{estimator} error is the best of three ({where})", holds=sum(found), cells=len(found))
 
 
-def _between(cells: Cells, cases: Iterable[str], names: Iterable[str]) -> Part:
+def _between(cells: Cells, cases: Iterable[str], names: Iterable[str], where: str) -> Part:
     found = [min(e, o) <= c <= max(e, o) for e, o, c in _triples(cells, cases, names)]
-    words = "combined error lies between equation and output error (matches in both domains)"
+    words = f"combined error lies between equation and output error ({where})"
     return Part(words=words, holds=sum(found), cells=len(found))
 
 
