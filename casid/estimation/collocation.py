@@ -107,7 +107,7 @@ class LiftedCollocation:
         by_channel = jacobian * residual[..., None]
         last = lift.gain[:, -n:]
         return Blocks(
-            jacobian=jacobian, hessian=jacobian.transpose(0, 2, 1) @ jacobian,
+            rows=lambda: jacobian, hessian=jacobian.transpose(0, 2, 1) @ jacobian,
             channel_gradient=by_channel, gradient=by_channel.sum(axis=1), a=last[..., :n], b=last[..., n:],
             end=trajectory.end + lift.correction[:, -n:], covariance=None, lift=lift,
         )  # fmt: skip

@@ -66,33 +66,39 @@ def _source(function: ca.Function) -> str:
     return generator.dump()
 
 
-def _library(source: str) -> Path:
-    key = hashlib.sha256("\0".join([source, *FLAGS, _machine(), ca.CasadiMeta.version()]).encode()).hexdigest()
+def library_path(source: str, flags: tuple[str, ...] = FLAGS) -> Path:
+    """Where the library of a source is, or would be, in the cache."""
+    key = hashlib.sha256("\0".join([source, *flags, _machine(), ca.CasadiMeta.version()]).encode()).hexdigest()
     return cache_folder() / f"{key[:32]}.so"
 
 
 def compile_function(function: ca.Function) -> ca.Function | None:
     """The function as compiled C, from the cache or made now; None (and said) when compiling fails."""
-    source = _source(function)
-    library = _library(source)
-    return _load(function, library) if library.exists() else _build(function, source, library)
+    library = compile_library(_source(function))
+    return None if library is None else _load(function, library)
 
 
 def _load(function: ca.Function, library: Path) -> ca.Function:
     return ca.external(function.name(), str(library))
 
 
-def _build(function: ca.Function, source: str, library: Path) -> ca.Function | None:
+def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
+    """The library of a C source, from the cache or made now; None (and said) when compiling fails."""
+    library = library_path(source, flags)
+    if library.exists():
+        return library
     try:
         with _workshop(library.parent) as folder:
             text, binary = folder / "f.c", folder / "f.so"
             text.write_text(source)
-            command = [str(c_compiler()), *FLAGS, str(text), "-o", str(binary), "-lm"]
+            options = [flag for flag in flags if not flag.startswith("-l")]
+            libraries = [flag for flag in flags if flag.startswith("-l")]
+            command = [str(c_compiler()), *options, str(text), "-o", str(binary), *libraries, "-lm"]
             environment = {**os.environ, "TMPDIR": str(folder)}
             subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
             # one step, on one file system: another process sees the whole library or none
             os.replace(binary, library)
-        return _load(function, library)
+        return library
     except (OSError, subprocess.CalledProcessError) as error:
         detail = getattr(error, "stderr", "") or str(error)
         _LOG.warning("compiling failed, the CasADi virtual machine is used: %s", detail.strip()[-200:])
@@ -161,12 +167,14 @@ class Compilable:
             return self.function
         if self._pending is None:
             source = _source(self.function)
-            self._pending = (source, _library(source))
+            self._pending = (source, library_path(source))
         source, library = self._pending
         if library.exists():
             self.function, self._settled = _load(self.function, library), True
         elif self.spent >= self._compile_after:
-            self.function, self._settled = _build(self.function, source, library) or self.function, True
+            self._settled = True
+            if compile_library(source) is not None:
+                self.function = _load(self.function, library)
         return self.function
 
 

@@ -154,7 +154,9 @@ class Objective:
     def _squares(self, trajectory: Trajectory | None, equations: EquationValue | None) -> np.ndarray:
         """(channels,) sums of squared residuals."""
         found = []
-        if trajectory is not None:
+        if trajectory is not None and trajectory.squares is not None:
+            found.append(trajectory.squares.sum(axis=0))
+        elif trajectory is not None:
             found.append(((trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
         if equations is not None:
             found.append(np.nansum(np.concatenate(equations.residuals) ** 2, axis=0))
