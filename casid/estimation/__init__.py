@@ -7,6 +7,7 @@ from casid.estimation.estimate import solve
 from casid.estimation.feedback import SampledFeedback
 from casid.estimation.fit import ChannelFit, Estimate, Fit, StateHistory
 from casid.estimation.gauss_newton import GaussNewton
+from casid.estimation.identifiability import Identifiability, identifiability
 from casid.estimation.input_noise import InputErrors, input_noise_errors, with_noisy_inputs
 from casid.estimation.ipopt import Ipopt
 from casid.estimation.problem import InitialState, Problem
@@ -15,7 +16,8 @@ from casid.estimation.transcription import Collocation, MultipleShooting, Single
 
 __all__ = [
     "Bootstrap", "ChannelFit", "Collocation", "CombinedError", "EquationError", "Estimate", "Fit", "GaussNewton",
-    "InitialState", "InputErrors", "Ipopt", "MultipleShooting", "OutputError", "Problem", "ProfileInterval",
-    "RangeWeights", "SampledFeedback", "SingleShooting", "StateHistory", "bootstrap", "collected", "drawn_problem",
-    "input_noise_errors", "linear", "parameter", "path", "profile", "replica", "solve", "with_noisy_inputs",
+    "Identifiability", "InitialState", "InputErrors", "Ipopt", "MultipleShooting", "OutputError", "Problem",
+    "ProfileInterval", "RangeWeights", "SampledFeedback", "SingleShooting", "StateHistory", "bootstrap", "collected",
+    "drawn_problem", "identifiability", "input_noise_errors", "linear", "parameter", "path", "profile", "replica",
+    "solve", "with_noisy_inputs",
 ]  # fmt: skip
