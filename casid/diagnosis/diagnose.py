@@ -77,7 +77,7 @@ def diagnose(
     stages.begin("naming")
     naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)
     stages.begin("held-out records")
-    steps = [structured, *([start] if coloured else []), *(r.trials[0].fit for r in naming.rounds if r.named)]
+    steps = [structured, *([start] if coloured else []), *(r.winner for r in naming.rounds if r.named)]
     on_held = [judge_on(flight, held, step) for step in steps]
     held_calm = judge_on(flight, held, calm) if structure else on_held[0]
     gains = _held_gains(on_held)

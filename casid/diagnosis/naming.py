@@ -8,25 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.events import SHARED, configuration_changes, further_records, moved_onsets, weak_members
-from casid.diagnosis.evidence import Evidence, coefficient_series, unlike_derivatives, variation, weigh
+from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
-from casid.diagnosis.hypothesis import Attached, disturbance_series
+from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import KINDS as KINEMATIC_KINDS
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
+from casid.diagnosis.size import meaningful_share, plausible
 from casid.estimation.innovations import NoiseModel
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
-from casid.model.terms import parse_term
 
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
-SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
-CHANGE = 0.3  # of a derivative over the records, from half that share on
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
-_LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 _TRIALS, _CAUTIOUS, _ROUNDS, _MOVES = 4, 2, 4, 6
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
@@ -97,26 +94,32 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
         candidates = sorted([*candidates, *configuration_changes(state.evidence)], key=lambda c: -c.net)
     intervals = dict(state.intervals)
     trials = []
-    give_up = np.inf
+    give_up, best_fit = np.inf, None
     for candidate in _to_try(candidates, cautious):
-        trial, interval = _try(state.evidence, candidate, kinematic, noise, give_up)
-        trials.append(trial)
+        trial, fitted, interval = _try(state.evidence, candidate, kinematic, noise, give_up)
         if not trial.refuted:
-            give_up = min(give_up, trial.fit.deviance + _WIDE * abs(trial.gain))
+            give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
         if interval:
             intervals[trial.candidate.name] = interval
-    trials.sort(key=lambda t: (t.refuted or not t.meaningful, -t.net))
+        trials.append(trial)
+        trials.sort(key=_order)
+        if trials[0] is trial:
+            best_fit = fitted
     best = trials[0] if trials else None
     named = best is not None and best.net > GAIN and best.meaningful and not best.refuted
     equivalents = _equivalents(best, trials) if named and best is not None else ()
     this = Round(candidates=tuple(candidates), trials=tuple(trials), equivalents=equivalents, named=named)
-    if not named or best is None:
+    if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
-    best, interval = _settled(best, noise)
+    best, fitted, interval = _settled(best, best_fit, noise)
     if interval:
         intervals[best.candidate.name] = interval
     this = replace(this, trials=(best, *this.trials[1:]))
-    return _standing(weigh(best.fit), (*state.rounds, this), intervals)
+    return _standing(weigh(fitted), (*state.rounds, this), intervals)
+
+
+def _order(trial: Trial) -> tuple[bool, float]:
+    return trial.refuted or not trial.meaningful, -trial.net
 
 
 def _to_try(candidates: Sequence[Candidate], cautious: Sequence[Candidate]) -> list[Candidate]:
@@ -144,7 +147,7 @@ def _best_few(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
 
 def _try(
     evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, noise: NoiseModel, give_up: float
-) -> tuple[Trial, dict[str, tuple[float, float]]]:
+) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
     base, attached = evidence.fit, candidate.attached
     interval: dict[str, tuple[float, float]] = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
@@ -159,12 +162,28 @@ def _try(
     one = fitted.attached[-1]
     gain = evidence.deviance - weigh(fitted).deviance
     share = meaningful_share(fitted, one)
-    plausible = abs(one.values["value"]) <= one.effect.limit and share <= _LARGEST_SHARE / SHARE
-    return Trial(
-        candidate=replace(candidate, attached=one), fit=fitted, gain=gain,
-        net=gain - (candidate.statistic - candidate.net), meaningful=share >= 1.0 and plausible, share=share,
+    trial = Trial(
+        candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
+        fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
+        meaningful=share >= 1.0 and plausible(one, share), share=share,
         refuted=kinematic is not None and _refuted(kinematic, one),
-    ), interval  # fmt: skip
+    )  # fmt: skip
+    return trial, fitted, interval
+
+
+def _std(fitted: Fit, one: Attached) -> float:
+    """1-sigma of the value; of a value that is not fitted itself, none."""
+    return fitted.std(one.name) if any(slot.name == one.name for slot in fitted.slots) else float("nan")
+
+
+def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
+    """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
+    flat = fitted.columns.reshape(fitted.white.size, len(fitted.slots))
+    own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
+    beside = {slot.name for slot in base.slots}
+    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in beside]]
+    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
 def _at_peak(fitted: Fit, noise: NoiseModel) -> tuple[Fit, dict[str, tuple[float, float]]]:
@@ -179,15 +198,18 @@ def _at_peak(fitted: Fit, noise: NoiseModel) -> tuple[Fit, dict[str, tuple[float
     return fitted, interval
 
 
-def _settled(trial: Trial, noise: NoiseModel) -> tuple[Trial, dict[str, tuple[float, float]]]:
+def _settled(trial: Trial, fitted: Fit, noise: NoiseModel) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
     """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
-    fitted, interval = trial.fit, {}
+    before, interval = fitted.deviance, {}
     fitted = fit(fitted.flight, fitted.attached, noise, fitted, iterations=15, tolerance=0.3)
     if fitted.attached[-1].effect.timed:
         fitted, interval = _at_peak(fitted, noise)
-    candidate = replace(trial.candidate, attached=fitted.attached[-1])
-    gain = trial.gain + trial.fit.deviance - fitted.deviance
-    return replace(trial, fit=fitted, candidate=candidate, gain=gain, net=trial.net + gain - trial.gain), interval
+    one, more = fitted.attached[-1], before - fitted.deviance
+    candidate = replace(trial.candidate, attached=one)
+    trial = replace(
+        trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
+    )
+    return trial, fitted, interval
 
 
 def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> Fit:
@@ -208,78 +230,6 @@ def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> Fit:
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     reach = max(_EQUIVALENT[0], _EQUIVALENT[1] * best.gain)
     return tuple(t for t in trials if t is not best and not t.refuted and t.meaningful and best.net - t.net < reach)
-
-
-def meaningful_share(fitted: Fit, one: Attached) -> float:
-    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
-    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, or half of that when
-    it makes a derivative vary by `CHANGE`."""
-    effect, value = one.effect, one.values["value"]
-    if effect.kind in ("mass", "inertia"):
-        inertia = fitted.flight.aircraft.inertia
-        whole = fitted.flight.aircraft.mass if effect.kind == "mass" else getattr(
-            inertia, "Ixx" if effect.target == "Ixz" else effect.target
-        )  # fmt: skip
-        return abs(value) / (SHARE * whole)
-    if effect.kind == "structural_mode":
-        i = fitted.model.outputs.index(effect.target)
-        measured = fitted.batch.Z[..., i]
-        return abs(value) * 0.05 / (SHARE * float(np.nanstd(measured)))
-    if effect.meaningful is not None:
-        return abs(value) / effect.meaningful if effect.meaningful > 0 else 1.0
-    share = _coefficient_share(fitted, one)
-    return max(share / SHARE, min(2.0 * share / SHARE, _derivative_change(fitted, one) / CHANGE))
-
-
-def _derivative_change(fitted: Fit, one: Attached) -> float:
-    """How much a product term makes a fitted derivative vary over the records, relative to that derivative: alpha*beta
-    in Cl is a dihedral effect that depends on the angle of attack."""
-    if one.effect.kind != "aero_term" or one.effect.term is None:
-        return 0.0
-    factors, largest = dict(parse_term(one.effect.term).factors), 0.0
-    for variable, power in factors.items():
-        derivative = fitted.derivatives.get(f"{one.effect.target}_{variable}", 0.0)
-        rest = {v: n - (v == variable) for v, n in factors.items() if n - (v == variable) > 0}
-        if derivative == 0.0 or not rest:
-            continue
-        series = np.prod([fitted.known[v] ** n for v, n in rest.items()], axis=0)
-        spread = float(np.std(np.broadcast_to(series, fitted.batch.live.shape)[fitted.batch.live]))
-        largest = max(largest, abs(power * one.values["value"] * spread / derivative))
-    return largest
-
-
-def _coefficient_share(fitted: Fit, one: Attached) -> float:
-    """r.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
-    size, live = variation(fitted), fitted.batch.live
-    if one.effect.kind == "configuration_change":
-        names = one.effect.target.split("+")
-        W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
-        shares = []
-        for name in names:
-            series = W[..., fitted.model.disturbances.index(f"d{name}")]
-            shares.append(float(np.std(series[live])) / max(size[name], 1e-12))
-        return max(shares)
-    if one.effect.kind == "unsteady_aero":
-        return _unsteady_share(fitted, one, size)
-    term = one.effect.term or "0"
-    series = one.values["value"] * np.broadcast_to(_term_series(fitted, term), live.shape)
-    left = unlike_derivatives(fitted, one.effect.target, series)
-    return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
-
-
-def _unsteady_share(fitted: Fit, one: Attached, size: dict[str, float]) -> float:
-    lateral = one.effect.target in ("CY", "Cl", "Cn")
-    angle = "beta" if lateral else "alpha"
-    aircraft = fitted.flight.aircraft
-    length = aircraft.rate_length_lateral if lateral else aircraft.rate_length_pitch
-    V = fitted.linear.output[..., fitted.model.outputs.index("V")] if "V" in fitted.model.outputs else 100.0
-    rate = np.gradient(fitted.known[angle], axis=0) / fitted.batch.dt.mean() * length / V
-    left = unlike_derivatives(fitted, one.effect.target, one.values["value"] * rate)
-    return float(np.std(left[fitted.batch.live])) / max(size[one.effect.target], 1e-12)
-
-
-def _term_series(fitted: Fit, term: str) -> np.ndarray:
-    return parse_term(term).evaluate(fitted.known)
 
 
 def _refuted(kinematic: Evidence, one: Attached) -> bool:
@@ -309,12 +259,3 @@ def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:
         weights = np.array([[float(one.concerns(name)) for name in names]])
     left, match, _ = judge.projected(parts, weights)
     return size**2 * left, 2.0 * size * match - size**2 * left
-
-
-def missing_share(fit_: Fit, station: str, history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
-    """r.m.s. of a missing coefficient over the variation of that coefficient; for wind, over 1 m/s."""
-    values = np.concatenate([mean for _, mean, _ in history.values()])
-    if station.startswith("wind"):
-        return float(np.std(values))
-    series = coefficient_series(fit_)[station[1:]]
-    return float(np.std(values)) / max(float(np.std(series[fit_.batch.live])), 1e-12)

@@ -52,10 +52,20 @@ class Cause:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
-    """A cause that was fitted: its gain on the fitted records, less its price, and on the held-out ones."""
+    """A cause that was fitted.
+
+    candidate    with the fitted values; `std` of its value
+    fit          the whole fit, kept of a round's winner only
+    fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it
+    gain         drop of the deviance; `net` is less its price
+    share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
+    refuted      contradicted by kinematics
+    """
 
     candidate: Candidate
-    fit: Fit
+    std: float
+    fit: Fit | None
+    fingerprint: np.ndarray
     gain: float
     net: float
     meaningful: bool
@@ -72,6 +82,14 @@ class Round:
     trials: tuple[Trial, ...]
     equivalents: tuple[Trial, ...]
     named: bool
+
+    @property
+    def winner(self) -> Fit:
+        """The fit with the named cause; only a round that named one has it."""
+        fit = self.trials[0].fit
+        if fit is None:
+            raise ValueError("this round named no cause")
+        return fit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

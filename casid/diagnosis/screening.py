@@ -103,9 +103,7 @@ class Screen:
         return left, match - step, float(np.sqrt(left / square)) if square > 0 else 0.0
 
     def _own_term(self, effect: Effect) -> int | None:
-        if effect.kind != "aero_term" or (effect.target, effect.term) not in self._terms:
-            return None
-        return self._terms[(effect.target, effect.term)]
+        return self._terms.get((effect.target, effect.term or "")) if effect.kind == "aero_term" else None
 
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
         """(statistic, size, its 1-sigma, surviving share); zero statistic for what derivatives imitate fully."""
@@ -181,7 +179,7 @@ def _white(
         elif effect.series is not None:
             one = _unit(effect, values, onset, base)
             W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
-            histories += [(j, s, W[..., s]) for s in np.flatnonzero(W.any(axis=(0, 1)))]
+            histories += [(j, int(s), W[..., s]) for s in np.flatnonzero(W.any(axis=(0, 1)))]
         else:
             one, output = _unit(effect, values, onset, base), base.linear.output
             read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)

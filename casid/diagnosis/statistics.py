@@ -111,7 +111,7 @@ def band_energy(fit: Fit, simulated: Simulated, edges_hz: np.ndarray) -> np.ndar
         total = np.zeros(len(edges_hz) - 1)
         for r, record in enumerate(fit.flight.records):
             error = np.nan_to_num(simulated.residual[: len(record), r, i])
-            frequency, power = signal.periodogram(error, 1.0 / record.dt, detrend=False)
+            frequency, power = signal.periodogram(error - error.mean(), 1.0 / record.dt)
             floor = 2.0 * fit.noise.measurement[name] ** 2 * record.dt
             for b, (low, high) in enumerate(zip(edges_hz[:-1], edges_hz[1:], strict=True)):
                 inside = (frequency >= low) & (frequency < high)

@@ -1,4 +1,4 @@
-"""Structure that every real aircraft has and that a linear aircraft file leaves out: no cause of anything, but in the way.
+"""Structure that every real aircraft has and that a linear aircraft file leaves out: no cause, but in the way.
 
 A parabolic drag polar, and the roll due to yaw rate and yaw due to roll rate that grow with lift (strip theory), are
 put into the model before anything is named when the data demand them. They stand under `minor`.

@@ -14,9 +14,10 @@ from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput
-from casid.diagnosis.naming import GAIN, SHARE, Naming, missing_share
+from casid.diagnosis.naming import GAIN, Naming
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
+from casid.diagnosis.size import SHARE, missing_share
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
@@ -49,9 +50,9 @@ def causes_of(
         (causes if kept >= 0 else minor).append(_turbulence(turbulence, held_gains[0]))
     for i, (round_, held) in enumerate(zip(named, held_gains[1:], strict=True)):
         if i < kept:
-            causes.append(_cause(round_.trials[0], final, naming, round_.equivalents, held))
+            causes.append(_cause(_as_in(final, round_.trials[0]), naming, round_.equivalents, held))
         else:
-            minor.append(_cause(round_.trials[0], round_.trials[0].fit, naming, (), held))
+            minor.append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [_expected(one.name, final) for one in structure]
     seen = {(c.kind, c.target, c.term) for c in (*causes, *minor)}
@@ -59,22 +60,28 @@ def causes_of(
         for trial in round_.trials:
             effect = trial.candidate.attached.effect
             if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in seen:
-                minor.append(_cause(trial, trial.fit, naming, (), None))
+                minor.append(_cause(trial, naming, (), None))
     minor += _small_terms(naming.evidence, {(m.target, m.term) for m in minor})
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
-def _cause(trial: Trial, fit: Fit, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
-    one = next(a for a in fit.attached if a.name == trial.candidate.name)
+def _as_in(final: Fit, trial: Trial) -> Trial:
+    """The trial with value and std of the final fit, in which later causes stand beside it."""
+    one = next(a for a in final.attached if a.name == trial.candidate.name)
+    return replace(trial, candidate=replace(trial.candidate, attached=one), std=final.std(one.name))
+
+
+def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
+    one, names = trial.candidate.attached, naming.evidence.fit.batch.names
     effect, value = one.effect, float(one.values["value"])
     dof = len(one.values)
     return Cause(
-        kind=effect.kind, target=effect.target, term=effect.term, value=value, std=fit.std(one.name), unit=effect.unit,
-        records=tuple(one.onsets) if effect.timed else one.records or fit.batch.names,
+        kind=effect.kind, target=effect.target, term=effect.term, value=value, std=trial.std, unit=effect.unit,
+        records=tuple(one.onsets) if effect.timed else one.records or names,
         onset_s=naming.intervals.get(one.name) if effect.timed else None,
         statistic=trial.gain, dof=dof, p_value=float(stats.chi2.sf(max(trial.gain, 0.0), dof)), held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
-        sentence=_sentence(one, value, len(fit.batch.names)),
+        sentence=_sentence(one, value, len(names)),
         parameters={k: float(v) for k, v in one.values.items() if k != "value"},
         meaningful=trial.meaningful, share=trial.share,
     )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from casid.diagnosis.result import Diagnosis, Trial
+from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.statistics import band_energy
 from casid.report.style import Picture, blank
 from casid.report.words import effect_name
@@ -56,7 +56,7 @@ def ambiguity(diagnosis: Diagnosis) -> Picture | None:
     trials = diagnosis.rounds[0].trials if diagnosis.rounds else ()
     if len(trials) < 2:
         return None
-    prints = np.stack([_fingerprint(trial, diagnosis) for trial in trials], axis=1)
+    prints = np.stack([trial.fingerprint for trial in trials], axis=1).astype(float)
     prints /= np.maximum(np.linalg.norm(prints, axis=0), 1e-300)
     cosine = np.abs(prints.T @ prints)
     names = [effect_name(t.candidate.attached.effect) for t in trials]
@@ -82,13 +82,3 @@ def ambiguity(diagnosis: Diagnosis) -> Picture | None:
         ),
         alt=f"Matrix of |cos| between {len(names)} causes; most alike are {names[i]} and {names[j]}, {off[i, j]:.2f}.",
     )
-
-
-def _fingerprint(trial: Trial, diagnosis: Diagnosis) -> np.ndarray:
-    """Whitened sensitivity to a trial's cause, projected off the derivatives that were fitted beside it."""
-    fit, name = trial.fit, trial.candidate.name
-    own = [slot.name for slot in fit.slots].index(name)
-    flat = fit.columns.reshape(fit.white.size, len(fit.slots))
-    common = [i for i, slot in enumerate(fit.slots) if slot.name in {s.name for s in diagnosis.baseline.fit.slots}]
-    basis = flat[:, common] / np.maximum(np.linalg.norm(flat[:, common], axis=0), 1e-300)
-    return flat[:, own] - basis @ np.linalg.lstsq(basis, flat[:, own], rcond=None)[0]

@@ -1,0 +1,100 @@
+"""How large an effect is to an engineer: real and too small to matter is a verdict of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from casid.diagnosis.evidence import coefficient_series, unlike_derivatives, variation
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.hypothesis import Attached, disturbance_series
+from casid.model.terms import parse_term
+
+SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
+CHANGE = 0.3  # of a derivative over the records, from half that share on
+_LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
+
+
+def plausible(one: Attached, share: float) -> bool:
+    """Whether a fitted size is physically possible."""
+    return abs(one.values["value"]) <= one.effect.limit and share <= _LARGEST_SHARE / SHARE
+
+
+def meaningful_share(fitted: Fit, one: Attached) -> float:
+    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
+    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, or half of that when
+    it makes a derivative vary by `CHANGE`."""
+    effect, value = one.effect, one.values["value"]
+    if effect.kind in ("mass", "inertia"):
+        inertia = fitted.flight.aircraft.inertia
+        whole = fitted.flight.aircraft.mass if effect.kind == "mass" else getattr(
+            inertia, "Ixx" if effect.target == "Ixz" else effect.target
+        )  # fmt: skip
+        return abs(value) / (SHARE * whole)
+    if effect.kind == "structural_mode":
+        i = fitted.model.outputs.index(effect.target)
+        measured = fitted.batch.Z[..., i]
+        return abs(value) * 0.05 / (SHARE * float(np.nanstd(measured)))
+    if effect.meaningful is not None:
+        return abs(value) / effect.meaningful if effect.meaningful > 0 else 1.0
+    share = _coefficient_share(fitted, one)
+    return max(share / SHARE, min(2.0 * share / SHARE, _derivative_change(fitted, one) / CHANGE))
+
+
+def _derivative_change(fitted: Fit, one: Attached) -> float:
+    """How much a product term makes a fitted derivative vary over the records, relative to that derivative: alpha*beta
+    in Cl is a dihedral effect that depends on the angle of attack."""
+    if one.effect.kind != "aero_term" or one.effect.term is None:
+        return 0.0
+    factors, largest = dict(parse_term(one.effect.term).factors), 0.0
+    for variable, power in factors.items():
+        derivative = fitted.derivatives.get(f"{one.effect.target}_{variable}", 0.0)
+        rest = {v: n - (v == variable) for v, n in factors.items() if n - (v == variable) > 0}
+        if derivative == 0.0 or not rest:
+            continue
+        series = np.prod([fitted.known[v] ** n for v, n in rest.items()], axis=0)
+        spread = float(np.std(np.broadcast_to(series, fitted.batch.live.shape)[fitted.batch.live]))
+        largest = max(largest, abs(power * one.values["value"] * spread / derivative))
+    return largest
+
+
+def _coefficient_share(fitted: Fit, one: Attached) -> float:
+    """r.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
+    size, live = variation(fitted), fitted.batch.live
+    if one.effect.kind == "configuration_change":
+        names = one.effect.target.split("+")
+        W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
+        shares = []
+        for name in names:
+            series = W[..., fitted.model.disturbances.index(f"d{name}")]
+            shares.append(float(np.std(series[live])) / max(size[name], 1e-12))
+        return max(shares)
+    if one.effect.kind == "unsteady_aero":
+        return _unsteady_share(fitted, one, size)
+    term = one.effect.term or "0"
+    series = one.values["value"] * np.broadcast_to(_term_series(fitted, term), live.shape)
+    left = unlike_derivatives(fitted, one.effect.target, series)
+    return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
+
+
+def _unsteady_share(fitted: Fit, one: Attached, size: dict[str, float]) -> float:
+    lateral = one.effect.target in ("CY", "Cl", "Cn")
+    angle = "beta" if lateral else "alpha"
+    aircraft = fitted.flight.aircraft
+    length = aircraft.rate_length_lateral if lateral else aircraft.rate_length_pitch
+    V = fitted.linear.output[..., fitted.model.outputs.index("V")] if "V" in fitted.model.outputs else 100.0
+    rate = np.gradient(fitted.known[angle], axis=0) / fitted.batch.dt.mean() * length / V
+    left = unlike_derivatives(fitted, one.effect.target, one.values["value"] * rate)
+    return float(np.std(left[fitted.batch.live])) / max(size[one.effect.target], 1e-12)
+
+
+def _term_series(fitted: Fit, term: str) -> np.ndarray:
+    return parse_term(term).evaluate(fitted.known)
+
+
+def missing_share(fitted: Fit, station: str, history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
+    """r.m.s. of a missing coefficient over the variation of that coefficient; for wind, over 1 m/s."""
+    values = np.concatenate([mean for _, mean, _ in history.values()])
+    if station.startswith("wind"):
+        return float(np.std(values))
+    series = coefficient_series(fitted)[station[1:]]
+    return float(np.std(values)) / max(float(np.std(series[fitted.batch.live])), 1e-12)
