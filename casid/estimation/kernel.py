@@ -17,15 +17,13 @@ from casid.estimation.kernel_source import Sizes, kernel_source, sizes_of
 from casid.estimation.layout import Layout
 
 _LOG = logging.getLogger(__name__)
-_PLAIN = ("-O2", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
+# with the vector mathematics of glibc where that exists
+_GLIBC = platform.libc_ver()[0] == "glibc" and platform.machine() == "x86_64"
+FLAGS = (
+    "-O2", "-march=native", "-fno-math-errno", "-shared", "-fPIC", *(("-DCASID_MVEC", "-lmvec") if _GLIBC else ())
+)  # fmt: skip
 _COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.2, 1.2e-4  # s, measured with gcc on one core
 _SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
-
-
-def _flags() -> tuple[str, ...]:
-    """With the vector mathematics of glibc where that exists."""
-    glibc = platform.libc_ver()[0] == "glibc" and platform.machine() == "x86_64"
-    return (*_PLAIN, "-DCASID_MVEC", "-lmvec") if glibc else _PLAIN
 
 
 class Kernel:
@@ -97,6 +95,19 @@ def _call(function, count: int, length: int, *arrays: np.ndarray | None) -> None
     function(ctypes.c_long(count), ctypes.c_long(length), *pointers)
 
 
+def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Kernel | None:
+    """The kernel of `stage_functions`, from the cache or compiled now; None (and said) where there is no compiler.
+    Raises UnknownOperationError."""
+    if c_compiler() is None:
+        return None
+    return _compiled(kernel_source(*functions, noises), sizes_of(functions[1], noises))
+
+
+def _compiled(source: str, sizes: Sizes) -> Kernel | None:
+    library = compile_library(source, FLAGS)
+    return None if library is None else Kernel(str(library), sizes)
+
+
 class KernelOffer:
     """The kernel of a model once it has earned its compilation: what was spent without it pays for it.
 
@@ -123,10 +134,8 @@ class KernelOffer:
             _LOG.warning("model '%s' is estimated without the fast kernel: %s", self._name, error)
             self._settled = True
             return None
-        if self.spent >= price or library_path(source, _flags()).exists():
-            library = compile_library(source, _flags())
-            self._kernel = None if library is None else Kernel(str(library), sizes)
-            self._settled = True
+        if self.spent >= price or library_path(source, FLAGS).exists():
+            self._kernel, self._settled = _compiled(source, sizes), True
         return self._kernel
 
     def _write(self) -> tuple[str, Sizes, float]:

@@ -116,8 +116,13 @@ class Problem:
 
     def columns(self, record: int) -> np.ndarray:
         """(free,) where the free parameters of a record stand in `parameters`, in the order of `free_index`."""
+        return self._columns[record]
+
+    @cached_property
+    def _columns(self) -> np.ndarray:
         shared, local = len(self.shared), len(self.local)
-        return np.r_[np.arange(shared), shared + record * local + np.arange(local)]
+        own = shared + np.arange(len(self.records) * local).reshape(len(self.records), local)
+        return np.concatenate([np.tile(np.arange(shared), (len(self.records), 1)), own], axis=1)
 
     @cached_property
     def nominal(self) -> np.ndarray:
@@ -139,11 +144,13 @@ class Problem:
 
     def model_parameters(self, theta: np.ndarray) -> np.ndarray:
         """(records, model parameters) values that each record is simulated with."""
-        base = self.model.nominal_vector(self.fixed)
-        values = np.tile(base, (len(self.records), 1))
-        for r in range(len(self.records)):
-            values[r, self.free_index] = theta[self.columns(r)]
+        values = np.tile(self._known, (len(self.records), 1))
+        values[:, self.free_index] = theta[self._columns]
         return values
+
+    @cached_property
+    def _known(self) -> np.ndarray:
+        return self.model.nominal_vector(self.fixed)
 
     def measured(self, record: Record) -> np.ndarray:
         """(N, outputs) measured outputs, NaN where missing."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import null_space
-from scipy.signal import fftconvolve
 
 from casid.estimation.objective import Linearised, Objective, Value
 from casid.estimation.quadratic import jacobi_scale
@@ -66,7 +66,7 @@ def _score_covariances(objective: Objective, value: Value, linear: Linearised) -
         grid = np.ix_(columns, columns)
         used = rows.T @ rows
         white[grid] += (share - 1.0) * used
-        coloured[grid] += rows.T @ _filtered(rows, residuals) - used
+        coloured[grid] += _coloured(rows, residuals) - used
     return white, coloured
 
 
@@ -100,18 +100,22 @@ def _record_channels(objective: Objective, value: Value, linear: Linearised, r: 
         yield linear.equation_jacobian[r], residuals, objective.equation_share
 
 
-def _filtered(rows: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """(N, f) sum over j of R(i - j) rows_j with the autocovariance R of the residuals.
+def _coloured(rows: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """(f, f) sum over i, j of rows_i R(i - j) rows_j' with the autocovariance R of the residuals.
 
     The biased estimate under a triangular window is positive semidefinite, so that variances come out positive.
+    By Parseval's theorem: the sum over frequencies of the rows' spectra times that of R.
     """
     count = len(residuals)
     present = max(int(np.count_nonzero(residuals)), 1)
-    lags = max(int(_LAGS * count), 1)
-    full = fftconvolve(residuals, residuals[::-1]) / present
-    centre = count - 1
-    lags = min(lags, centre)
-    window = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1)
-    kernel = full[centre - lags : centre + lags + 1] * window
-    filtered = fftconvolve(rows, kernel[:, None], axes=0)
-    return filtered[lags : lags + count]
+    lags = min(max(int(_LAGS * count), 1), count - 1)
+    size = next_fast_len(count + lags, real=True)  # long enough for products at `lags` not to wrap around
+    covariance = irfft(np.abs(rfft(residuals, size)) ** 2, size)[: lags + 1] / present
+    covariance *= 1.0 - np.arange(lags + 1) / (lags + 1)
+    kernel = np.zeros(size)
+    kernel[: lags + 1] = covariance
+    kernel[size - lags :] = covariance[:0:-1]
+    density = rfft(kernel).real / size
+    density[1 : (size + 1) // 2] *= 2.0  # of a real signal only half of the frequencies are computed
+    spectra = rfft(rows.T, size)  # along the last axis, which is contiguous
+    return (spectra.real * density) @ spectra.real.T + (spectra.imag * density) @ spectra.imag.T
