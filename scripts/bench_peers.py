@@ -1,0 +1,75 @@
+"""How much faster is an estimation than with the tools that people use, at the same optimum?
+
+Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, opty, pyomo.dae against ours
+Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
+             prior (problems/peers.py). Theirs and ours in turn in one process, medians, building and standard errors
+             in. A peer that is not installed is said and left out (`pip install casid[bench]`, and ipopt).
+Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
+             `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
+
+    python scripts/bench_peers.py [--peers NAME ...] [--repeats 3] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import time
+from statistics import median
+
+from casid.errors import InputError, run_script, unknown
+from casid.estimation import Fit, solve
+from problems.bench import parser, publish, seconds_of
+from problems.peers import TRUTH, our_problem, task
+from problems.peers_casadi import casadi_ipopt_gn
+from problems.peers_pyomo import pyomo
+from problems.peers_scipy import scipy_ivp, scipy_rk4
+
+PEERS = {"scipy_rk4": scipy_rk4, "scipy_ivp": scipy_ivp, "casadi_ipopt_gn": casadi_ipopt_gn, "pyomo": pyomo}
+# standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
+SAME = {"scipy_rk4": 1e-3, "casadi_ipopt_gn": 1e-3, "scipy_ivp": 0.05, "pyomo": 0.05}
+OURS_PER_TURN, WARM = 5, 12
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument("--peers", nargs="+", default=list(PEERS), metavar="NAME", help=", ".join(PEERS))
+    options.add_argument("--repeats", type=int, default=3, help="turns; the median counts")
+    given = options.parse_args()
+    for name in given.peers:
+        if name not in PEERS:
+            raise unknown("peer", name, PEERS, "--peers")
+    problem = our_problem()
+    for _ in range(WARM):
+        fit = solve(problem)
+    rows = []
+    for name in given.peers:
+        row = _compare(name, given.repeats, fit)
+        if row is not None:
+            rows.append(row)
+    publish(rows, given.json)
+
+
+def _compare(name: str, repeats: int, fit: Fit) -> dict[str, str | float] | None:
+    """One row; None when the peer's package is missing."""
+    theirs, ours, data = [], [], task()
+    try:
+        for _ in range(repeats):
+            ours += seconds_of(lambda: solve(our_problem()), OURS_PER_TURN)
+            begin = time.perf_counter()
+            parameters, cost = PEERS[name](data)
+            theirs.append(time.perf_counter() - begin)
+    except ModuleNotFoundError as error:
+        print(f"{name}: {error}, left out")
+        return None
+    away = max(abs(p - fit[n].value) / fit[n].std for n, p in zip(TRUTH, parameters, strict=True))
+    if not fit.converged or not away < SAME[name]:
+        raise InputError(
+            f"{name}: ends {away:.2g} standard deviations from our optimum, cost {cost} against {fit.cost}"
+        )
+    return {
+        "peer": name, "seconds": median(theirs), "ours_seconds": median(ours), "ratio": median(theirs) / median(ours),
+        "cost": cost, "ours_cost": fit.cost, "away": away,
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    run_script(main)
