@@ -19,7 +19,6 @@ from casid.model.path import coefficient_names
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
 _DROP_95 = 3.841  # chi-square, one degree of freedom
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
-SHARED = ("effectiveness_change", "configuration_change")  # events of one size in every record they hit
 
 Intervals = dict[str, tuple[float, float]]
 

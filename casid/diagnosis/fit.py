@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -94,18 +95,18 @@ class Fit:
 class _Work:
     """What stays the same over the iterations of one fit."""
 
-    def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, fixed: bool) -> None:
+    def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: str) -> None:
         self.flight, self.noise = flight, noise
         self.model = flight.model([a.effect for a in attached])
         self.batch = flight.batch(self.model)
         symbolic = [a.name for a in attached if a.effect.change is not None]
         aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
-        free = [] if fixed else [*aerodynamic, *symbolic]
-        self.functions = PointFunctions(self.model, free)
+        names = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "states": []}[free]
+        self.functions = PointFunctions(self.model, names)
         self.regressors = Regressors(flight, self.model)
-        numeric = [] if fixed else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
+        numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
         self.slots = (
-            *(Slot(name=name) for name in free),
+            *(Slot(name=name) for name in names),
             *(
                 Slot(name=attached[i].name + ("" if key == "value" else f".{key}"), attached=i, key=key)
                 for i, key in numeric
@@ -133,7 +134,7 @@ class _Work:
         for one in attached:
             if one.effect.change is not None:
                 index = self.model.parameters.index(one.name)
-                if not self.slots:
+                if one.name not in {slot.name for slot in self.slots}:
                     P[:, index] = one.values["value"]
                 P[:, index] *= [one.concerns(record) for record in self.batch.names]
         return P
@@ -145,18 +146,19 @@ def fit(
     noise: NoiseModel,
     start: Fit | None = None,
     *,
-    fixed: bool = False,
+    free: Literal["all", "effects", "states"] = "all",
     iterations: int = 10,
     tolerance: float = 0.5,
     give_up: float = np.inf,
 ) -> Fit:
-    """Maximum likelihood of derivatives and effects under `noise`; `fixed` fits initial states alone.
+    """Maximum likelihood of derivatives, effects and trajectory under `noise`; `free` may leave out the derivatives, or
+    all but the trajectory.
 
     Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
     a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
     below the deviance `give_up` is left as it stands.
     """
-    work = _Work(flight, attached, noise, fixed)
+    work = _Work(flight, attached, noise, free)
     attached = tuple(attached)
     values = _start_values(work, attached, start)
     X = start.linear.X if start is not None and start.flight.records is flight.records else _guess(work)

@@ -51,16 +51,16 @@ def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
     """The fitted model on other records, derivatives and effects fixed."""
     held = flight.with_records(with_fitted(flight.aircraft, fitted), records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
-    base = fit(held, steady, fitted.noise, fixed=True, iterations=6, tolerance=1.0)
+    base = fit(held, steady, fitted.noise, free="states", iterations=6, tolerance=1.0)
     for one in fitted.attached:
         if one.records:
             without = [a for a in base.attached if a.name != one.name]
-            other = fit(held, without, fitted.noise, base, fixed=True, iterations=4, tolerance=1.0)
+            other = fit(held, without, fitted.noise, base, free="states", iterations=4, tolerance=1.0)
             base = other if other.deviance < base.deviance else base
     for one in fitted.attached:
         if one.effect.timed and one.effect.kind in _RECURRING:
             moved = replace(one, onsets=_onsets(base, one))
-            other = fit(held, [*base.attached, moved], fitted.noise, base, fixed=True, iterations=4, tolerance=1.0)
+            other = fit(held, [*base.attached, moved], fitted.noise, base, free="states", iterations=4, tolerance=1.0)
             base = other if other.deviance < base.deviance else base
     return base
 

@@ -84,7 +84,7 @@ def rotation_of_air(flight: Flight, attached: Sequence[Attached], sigma: float, 
 def reconstruct(flight: Flight, attached: Sequence[Attached] = (), sigma: float = 0.0, start: Fit | None = None) -> Fit:
     """Flight path reconstruction: trajectory and instrument effects, with forces free and turbulence `sigma`."""
     coloured = free_forces(flight) | (gusts(flight, sigma) if sigma > 0 else {})
-    return fit(flight, attached, flight.noise(coloured), start, fixed=True, iterations=5, tolerance=2.0)
+    return fit(flight, attached, flight.noise(coloured), start, free="effects", iterations=5, tolerance=2.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.events import SHARED, configuration_changes, further_records, moved_onsets, weak_members
+from casid.diagnosis.events import configuration_changes, further_records, moved_onsets, weak_members
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
@@ -90,12 +90,13 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it
     candidates = rank(Screen(state.evidence, exact=True), prints)
     cautious = rank(Screen(state.evidence), prints)
-    if not any(a.effect.kind == "configuration_change" for a in attached):
-        candidates = sorted([*candidates, *configuration_changes(state.evidence)], key=lambda c: -c.net)
+    switches = configuration_changes(state.evidence)
+    if any(a.effect.kind == "configuration_change" for a in attached):
+        switches = []
     intervals = dict(state.intervals)
     trials = []
     give_up, best_fit = np.inf, None
-    for candidate in _to_try(candidates, cautious):
+    for candidate in _to_try(candidates, cautious, switches):
         trial, fitted, interval = _try(state.evidence, candidate, kinematic, noise, give_up)
         if not trial.refuted:
             give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
@@ -108,7 +109,12 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     best = trials[0] if trials else None
     named = best is not None and best.net > GAIN and best.meaningful and not best.refuted
     equivalents = _equivalents(best, trials) if named and best is not None else ()
-    this = Round(candidates=tuple(candidates), trials=tuple(trials), equivalents=equivalents, named=named)
+    this = Round(
+        candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
+        trials=tuple(trials),
+        equivalents=equivalents,
+        named=named,
+    )
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
     best, fitted, interval = _settled(best, best_fit, noise)
@@ -122,10 +128,12 @@ def _order(trial: Trial) -> tuple[bool, float]:
     return trial.refuted or not trial.meaningful, -trial.net
 
 
-def _to_try(candidates: Sequence[Candidate], cautious: Sequence[Candidate]) -> list[Candidate]:
+def _to_try(
+    candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate]
+) -> list[Candidate]:
     """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
-    gain at all."""
-    chosen = _best_few(candidates, _TRIALS)
+    gain at all. A configuration change is scored in one record only, so it cannot be ranked with the others."""
+    chosen = [*_best_few(candidates, _TRIALS), *_best_few(switches, 1)]
     names = {c.name for c in chosen}
     return [*chosen, *(c for c in _best_few(cautious, _CAUTIOUS) if c.name not in names)]
 
@@ -151,7 +159,7 @@ def _try(
     base, attached = evidence.fit, candidate.attached
     interval: dict[str, tuple[float, float]] = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
-    if attached.effect.kind in SHARED:
+    if attached.effect.timed:
         wider = further_records(weigh(fitted), fitted.attached[-1])
         if len(wider.onsets) > len(attached.onsets):
             fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)

@@ -269,7 +269,7 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
     best: dict[bool, Candidate] = {}
     for values in effect.grid:
         mine = [p for p in prints if p.values is values]
-        for parts, chosen in _onset_sets(judge, mine, R, shared=effect.kind == "effectiveness_change"):
+        for parts, chosen in _onset_sets(judge, mine, R):
             keep = np.stack([_subset([r], R) for r in chosen])
             statistic, size, std, share = judge.score(parts, keep)
             dof = 1 + len(values)
@@ -289,10 +289,8 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
     return list(best.values())
 
 
-def _onset_sets(
-    judge: Screen, prints: Sequence[Fingerprint], R: int, shared: bool
-) -> list[tuple[list[Fingerprint], list[int]]]:
-    """(fingerprints at their best onsets, records) for single records and, when the size is shared, larger sets.
+def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
+    """(fingerprints at their best onsets, records) for single records and larger sets that share one size.
 
     Larger sets grow from each record by the record and onset that add most, all onsets then moved once more: the
     fitted derivatives hide a loss that is in most records, so that single records say little.
@@ -307,7 +305,7 @@ def _onset_sets(
     for first in range(R):
         parts, chosen = [best([prints[0]], [first], 0)[1]], [first]
         sets.append((list(parts), list(chosen)))
-        while shared and len(chosen) < R:
+        while len(chosen) < R:
             rest = [r for r in range(R) if r not in chosen]
             grown = [(*best([*parts, prints[0]], [*chosen, r], len(parts)), r) for r in rest]
             _, added, record = max(grown, key=lambda g: g[0])

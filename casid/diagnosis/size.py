@@ -15,8 +15,9 @@ _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficie
 
 
 def plausible(one: Attached, share: float) -> bool:
-    """Whether a fitted size is physically possible."""
-    return abs(one.values["value"]) <= one.effect.limit and share <= _LARGEST_SHARE / SHARE
+    """Whether a fitted size is physically possible; flaps and gear may exceed what the derivatives vary by."""
+    of_a_term = one.effect.kind in ("aero_term", "unsteady_aero")
+    return abs(one.values["value"]) <= one.effect.limit and (share <= _LARGEST_SHARE / SHARE or not of_a_term)
 
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:
