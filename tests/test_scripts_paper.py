@@ -53,6 +53,18 @@ def test_table5_is_exact_without_noise_and_the_same_every_time(tmp_path: Path, r
 
 
 @pytest.mark.slow
+def test_table5_does_not_show_what_was_compiled_before(
+    tmp_path: Path, run_script: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a machine that has compiled nothing yet and on one that has, with noise: the same to the last digit."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    noisy = ("--cases", "D", "--manoeuvres", "1", "--method", "multiple-open")
+    for name, jobs in (("first", "1"), ("again", "2")):
+        assert run_script("table5", *noisy, "--jobs", jobs, "--out", str(tmp_path / name)).returncode == 0
+    assert (tmp_path / "first" / "table5.csv").read_bytes() == (tmp_path / "again" / "table5.csv").read_bytes()
+
+
+@pytest.mark.slow
 def test_table5_killed_in_mid_run_resumes_to_the_same_table(tmp_path: Path, run_script: Run) -> None:
     cases = ("--cases", "A..D", "--manoeuvres", "1,2", "--method", "multiple-open", "--jobs", "1")
     assert results(run_script("table5", *cases, "--out", str(tmp_path / "whole")))[0] == 0

@@ -22,7 +22,7 @@ Finished = tuple[str, Any, float]
 _AHEAD = 2  # tasks per process that wait in its queue: enough to keep it busy, few to lose
 _DEATHS = 3  # of worker processes over one task before the task is to blame
 # BLAS threads cost more than they give on small matrices: a factor of ten when two processes share two cores
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_ONE_THREAD: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def run_campaign(
@@ -60,9 +60,11 @@ def run_campaign(
 
 
 def timed(work: Work, task: Task) -> tuple[Any, float]:
-    """(result, seconds) of one task."""
+    """(result, seconds) of one task, with everything compiled before it is used: then neither the load of the machine
+    nor what an earlier run has compiled can be seen in the last digits."""
     begin = time.perf_counter()
-    return work(task), time.perf_counter() - begin
+    with _environment({"CASID_COMPILE_FIRST": "1"}):
+        return work(task), time.perf_counter() - begin
 
 
 def _local(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished]:
@@ -94,7 +96,7 @@ class _WorkerLostError(Exception):
 
 def _pool(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished]:
     context = multiprocessing.get_context("spawn")
-    with _single_threaded(), ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker) as pool:
+    with _environment(_ONE_THREAD), ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker) as pool:
         waiting, running = iter(tasks.items()), dict[Future, str]()
 
         def fill() -> None:
@@ -117,10 +119,10 @@ def _pool(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished
 
 
 @contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Child processes that start within use one BLAS thread each."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Environment variables for this process, and for those that it starts, while within."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
         yield
     finally:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from casid.estimation.compiler import c_compiler, compile_library, library_path
+from casid.estimation.compiler import c_compiler, compile_first, compile_library, library_path
 from casid.estimation.emit import UnknownOperationError
 from casid.estimation.kernel_source import Sizes, kernel_source, sizes_of
 from casid.estimation.layout import Layout
@@ -134,7 +134,7 @@ class KernelOffer:
             _LOG.warning("model '%s' is estimated without the fast kernel: %s", self._name, error)
             self._settled = True
             return None
-        if self.spent >= price or library_path(source, FLAGS).exists():
+        if compile_first() or self.spent >= price or library_path(source, FLAGS).exists():
             self._kernel, self._settled = _compiled(source, sizes), True
         return self._kernel
 
