@@ -91,7 +91,8 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     statistic, r, onset, duration, sizes, stds = best
     strength = np.abs(sizes) / stds
     order = np.argsort(-strength)
-    members = [int(c) for c in order if strength[c] > max(4.0, _MEMBER * strength[order[0]])] or [int(order[0])]
+    strong = [int(c) for c in order if strength[c] > max(4.0, _MEMBER * strength[order[0]])] or [int(order[0])]
+    members = sorted(strong)
     values = {("value" if c == members[0] else coefficients[c]): float(sizes[c]) for c in members}
     attached = Attached(
         effect=configuration_change("+".join(coefficients[c] for c in members)),
