@@ -87,3 +87,26 @@ def test_the_script_writes_its_table_and_refuses_wrong_names(tmp_path):
     assert json.loads((out / "run.json").read_text(encoding="utf-8"))["command"][0] == "coverage.py"
     wrong = script("--condition", "clear", cwd=tmp_path)
     assert wrong.returncode == 2 and "did you mean 'clean'" in wrong.stderr and wrong.stderr.count("\n") == 1
+
+
+def test_intervals_of_an_aircraft_side_by_side_and_the_bootstrap_resumes(tmp_path):
+    """On one flight all kinds are of one size; a second run finds all draws done and writes the same numbers."""
+    command = [sys.executable, str(REPO / "scripts" / "intervals.py"), "--axes", "longitudinal", "--free", "Cm_*"]
+    command += ["--draws", "39", "--jobs", "0", "--input-noise", "delta_e=0.001", "--profile", "Cm_q"]
+    tables, names = [], []
+    for more in ([], ["--resume"]):
+        done = subprocess.run([*command, *more], capture_output=True, text=True, cwd=tmp_path, timeout=240)
+        assert done.returncode == 0, done.stderr
+        with (tmp_path / "out" / "intervals" / "intervals.csv").open(encoding="utf-8") as file:
+            tables.append(list(csv.DictReader(file)))
+        names = [row["parameter"] for row in tables[-1]]
+    assert "draws 39 of 39" in done.stdout and "draws 0 of 39" not in done.stdout
+    for before, after in zip(*tables, strict=True):  # compiled or not, an estimation is the same to rounding only
+        assert before.pop("parameter") == after.pop("parameter")
+        np.testing.assert_allclose(*([float(v) for v in t.values() if v] for t in (before, after)), rtol=1e-5)
+    pitch = tables[0][names.index("Cm_q")]
+    half = {k: float(pitch[f"{k} high"]) - float(pitch[f"{k} low"]) for k in ("Cramer-Rao", "profile", "bootstrap")}
+    assert all(0.5 < size / half["Cramer-Rao"] < 2.0 for size in half.values())
+    assert float(pitch["noisy inputs high"]) - float(pitch["noisy inputs low"]) >= half["Cramer-Rao"] * (1 - 1e-6)
+    wrong = subprocess.run([*command, "--input-noise", "delta_e"], capture_output=True, text=True, cwd=tmp_path)
+    assert wrong.returncode == 2 and "INPUT=SIGMA" in wrong.stderr

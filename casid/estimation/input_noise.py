@@ -29,6 +29,7 @@ from casid.estimation.transcription import MultipleShooting
 from casid.model.system import Model
 
 _DEFAULT_METHOD = MultipleShooting()
+_ENDLESS = 1e100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,8 +49,9 @@ class InputErrors:
 def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleShooting = _DEFAULT_METHOD) -> InputErrors:
     """Covariance of the estimates when inputs are measured with white noise of 1-sigma `sigma` (input -> value, SI).
 
-    Where the fit estimated the measurement noise, its residuals hold the effect of the inputs as well; then that of
-    the band above the motion is used, when it is smaller. `method` as in `relinearise`. Raises InputError for a name
+    Where the fit estimated the measurement noise, its residuals hold the effect of the inputs as well: then their mean
+    square less what the inputs are expected to cause counts as measurement noise, and never less than the noise of the
+    band above the motion. `method` as in `relinearise`. Raises InputError for a name
     that is no input or a negative sigma, EstimationError for a cost other than OutputError.
     """
     problem = fit.problem
@@ -66,8 +68,9 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
     spread = np.array([sigma.get(name, 0.0) for name in problem.model.inputs])
     measured = at.linear.hessian.copy()
     driven = np.zeros_like(measured)
-    lost = 1.0 - (_measurement_sigma(fit) * at.objective.output_weights) ** 2
-    rows, gains = _rows_and_gains(at)
+    slopes = _slopes(at)
+    lost = 1.0 - (_measurement_sigma(at, slopes, spread) * at.objective.output_weights) ** 2
+    rows, gains = _rows_and_gains(at, slopes)
     for r in range(len(problem.records)):
         grid = np.ix_(problem.columns(r), problem.columns(r))
         measured[grid] -= np.einsum("nof,nog,o->fg", rows[r], rows[r], lost)
@@ -104,24 +107,44 @@ def with_noisy_inputs(model: Model, *inputs: str) -> Model:
     )  # fmt: skip
 
 
-def _measurement_sigma(fit: Fit) -> np.ndarray:
-    """(outputs,) noise of the measurements alone."""
-    problem = fit.problem
+def _measurement_sigma(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
+    """(outputs,) 1-sigma of what is left of the residuals when noise `spread` (inputs,) is taken from them."""
+    fit, problem = at.fit, at.objective.problem
     sigma = np.array([fit.noise.get(name, 1.0) for name in problem.model.outputs])
     if isinstance(problem.noise, Mapping):
         return sigma
+    caused = _caused_variance(at, slopes, spread)
     for i, name in enumerate(problem.model.outputs):
         high = pooled_sigma([record[name] for record in problem.records if name in record])
-        sigma[i] = min(sigma[i], high) if np.isfinite(high) else sigma[i]
+        least = min(sigma[i], high) if np.isfinite(high) else sigma[i]
+        sigma[i] = max(least, np.sqrt(max(sigma[i] ** 2 - caused[i], 0.0)))
     return sigma
 
 
-def _rows_and_gains(at: AtFit) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _caused_variance(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
+    """(outputs,) mean variance of the outputs over the samples present, from input noise since a record's start."""
+    a, _, e0, e1, c, _, df = slopes
+    layout, n = at.objective.layout, a.shape[2]
+    gain, direct = (e0 + e1) * spread, df * spread
+    total, covariance = np.zeros(c.shape[2]), np.zeros((n, n))
+    for k in range(layout.segments):
+        if k in layout.first:
+            covariance = np.zeros((n, n))
+        for i in range(layout.length):
+            own = np.einsum("on,nm,om->o", c[k, i], covariance, c[k, i]) + (direct[k, i] ** 2).sum(axis=1)
+            total += layout.present[k, i] * own
+            # an unstable aircraft drifts without end, which its estimator follows: only finite numbers are needed
+            step = a[k, i] @ covariance @ a[k, i].T + gain[k, i] @ gain[k, i].T
+            covariance = np.clip(step, -_ENDLESS, _ENDLESS)
+    return total / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
+
+
+def _rows_and_gains(at: AtFit, slopes: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Per record: weighted sensitivities (N, outputs, f) of the outputs to the parameters with the states
     re-estimated, and derivatives (N, inputs, f) of the gradient with respect to every sample of the inputs."""
     objective, problem = at.objective, at.objective.problem
     layout, weights = objective.layout, objective.output_weights
-    a, b, e0, e1, c, d, df = _slopes(at)
+    a, b, e0, e1, c, d, df = slopes
     count, length = layout.segments, layout.length
     n, f = a.shape[2], b.shape[3]
     weighted = (weights * layout.present)[..., None]
