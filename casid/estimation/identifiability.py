@@ -54,7 +54,8 @@ class Direction:
         together = ", ".join(f"{name} {change:+.3g}" for name, change in self.change.items())
         price = "does not alter the fit" if self.singular_value == 0.0 else "alters the fit by one standard deviation"
         how = f"a change of {together}{' together' if len(names) > 1 else ''} {price}"
-        helped = self.help.sentence if self.help else "no manoeuvre tried would help; fix one, or give a prior"
+        advice = "; fix one, or give a prior" if self.cannot else ""
+        helped = self.help.sentence if self.help else f"no manoeuvre tried would help{advice}"
         return f"these data {able} {what}: {how}; {helped}"
 
 
