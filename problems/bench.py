@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import resource
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from statistics import linear_regression, median
+from statistics import linear_regression
 from typing import Any, NoReturn
 
 from casid.errors import InputError
@@ -28,6 +29,22 @@ def parser(doc: str | None) -> argparse.ArgumentParser:
     return made
 
 
+def processor_seconds() -> float:
+    """Processor time of this process and of the children it has waited for [s]: what else runs does not count."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+def processor_seconds_of(work: Callable[[], Any], repeats: int) -> list[float]:
+    """Processor time of each repetition [s]."""
+    found = []
+    for _ in range(repeats):
+        begin = processor_seconds()
+        work()
+        found.append(processor_seconds() - begin)
+    return found
+
+
 def seconds_of(work: Callable[[], Any], repeats: int) -> list[float]:
     """Wall-clock time of each repetition [s]."""
     found = []
@@ -36,12 +53,6 @@ def seconds_of(work: Callable[[], Any], repeats: int) -> list[float]:
         work()
         found.append(time.perf_counter() - begin)
     return found
-
-
-def in_turn(works: Sequence[Callable[[], Any]], repeats: int) -> list[float]:
-    """Median time of each [s], measured one after the other in every round, so that all see the same machine."""
-    rounds = [[seconds_of(work, 1)[0] for work in works] for _ in range(repeats)]
-    return [median(times) for times in zip(*rounds, strict=True)]
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float | None:

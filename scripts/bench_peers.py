@@ -2,8 +2,9 @@
 
 Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, opty, pyomo.dae against ours
 Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
-             prior (problems/peers.py). Theirs and ours in turn in one process, medians, building and standard errors
-             in. A peer that is not installed is said and left out (`pip install casid[bench]`, and ipopt).
+             prior (problems/peers.py). Theirs and ours in turn in one process, medians of processor time (all run on
+             one thread), building and standard errors in. A peer that is not installed is said and left out
+             (`pip install casid[bench]`; pyomo also needs the executable ipopt, Debian's coinor-ipopt).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 
@@ -12,20 +13,21 @@ Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends el
 
 from __future__ import annotations
 
-import time
 from statistics import median
 
 from casid.errors import InputError, run_script, unknown
 from casid.estimation import Fit, solve
-from problems.bench import parser, publish, seconds_of
+from problems.bench import parser, processor_seconds, processor_seconds_of, publish
 from problems.peers import TRUTH, our_problem, task
 from problems.peers_casadi import casadi_ipopt_gn
+from problems.peers_opty import opty
 from problems.peers_pyomo import pyomo
 from problems.peers_scipy import scipy_ivp, scipy_rk4
 
-PEERS = {"scipy_rk4": scipy_rk4, "scipy_ivp": scipy_ivp, "casadi_ipopt_gn": casadi_ipopt_gn, "pyomo": pyomo}
+PEERS = {"scipy_rk4": scipy_rk4, "scipy_ivp": scipy_ivp, "casadi_ipopt_gn": casadi_ipopt_gn, "opty": opty,
+         "pyomo": pyomo}  # fmt: skip
 # standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
-SAME = {"scipy_rk4": 1e-3, "casadi_ipopt_gn": 1e-3, "scipy_ivp": 0.05, "pyomo": 0.05}
+SAME = {"scipy_rk4": 1e-3, "casadi_ipopt_gn": 1e-3, "scipy_ivp": 0.05, "opty": 0.2, "pyomo": 0.05}
 OURS_PER_TURN, WARM = 5, 12
 
 
@@ -53,10 +55,10 @@ def _compare(name: str, repeats: int, fit: Fit) -> dict[str, str | float] | None
     theirs, ours, data = [], [], task()
     try:
         for _ in range(repeats):
-            ours += seconds_of(lambda: solve(our_problem()), OURS_PER_TURN)
-            begin = time.perf_counter()
+            ours += processor_seconds_of(lambda: solve(our_problem()), OURS_PER_TURN)
+            begin = processor_seconds()
             parameters, cost = PEERS[name](data)
-            theirs.append(time.perf_counter() - begin)
+            theirs.append(processor_seconds() - begin)
     except ModuleNotFoundError as error:
         print(f"{name}: {error}, left out")
         return None

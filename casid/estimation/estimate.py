@@ -118,7 +118,7 @@ def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
     if not np.isfinite(outcome.value.cost):
         return nothing
     try:
-        linear = objective.linearise(outcome.point, outcome.value)
+        linear = outcome.linear or objective.linearise(outcome.point, outcome.value)
         return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
     except np.linalg.LinAlgError:
         return nothing  # the iteration ended where sensitivities overflow

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.estimation.objective import Objective, Point, Step, Value, moved
+from casid.estimation.objective import Linearised, Objective, Point, Step, Value, moved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,8 @@ class GaussNewton:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """Where a solver stopped and why: status is "converged" or says in words what is the matter."""
+    """Where a solver stopped and why: status is "converged" or says in words what is the matter; `linear` is the
+    linearisation at the point when the solver has it."""
 
     point: Point
     value: Value
@@ -35,6 +36,7 @@ class Outcome:
     iterations: int
     stationarity: float
     limit_multipliers: np.ndarray
+    linear: Linearised | None = None
 
 
 _DEFECT = 1e-8
@@ -62,6 +64,7 @@ class _Iteration:
         self.noise_change = np.inf if self.estimate_noise else 0.0
         self.stationarity = np.inf
         self.multipliers = np.zeros(len(objective.lower))
+        self.linear: Linearised | None = None
 
     def run(self) -> Outcome:
         if not np.isfinite(self.value.cost):
@@ -85,7 +88,7 @@ class _Iteration:
             # maximum likelihood for the present parameters
             self.noise_change = objective.levels.relax(self.value.squares)
         try:
-            linear = objective.linearise(self.point, self.value)
+            self.linear = linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
             return f"failed: {error}"
         self.value = objective.weighed(self.point, self.value.trajectory, self.value.equations)
@@ -108,6 +111,7 @@ class _Iteration:
                     return "converged"  # what is left of the step is rounding
                 return "failed: no descent from a point that is not stationary"
         self.point, self.value = found
+        self.linear = None
         self.multipliers = step.limit_multipliers
         self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
         return ""
@@ -169,5 +173,5 @@ class _Iteration:
     def _outcome(self, status: str, iterations: int) -> Outcome:
         return Outcome(
             point=self.point, value=self.value, status=status, iterations=iterations,
-            stationarity=float(self.stationarity), limit_multipliers=self.multipliers,
+            stationarity=float(self.stationarity), limit_multipliers=self.multipliers, linear=self.linear,
         )  # fmt: skip
