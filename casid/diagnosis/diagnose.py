@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 from casid.diagnosis import kinematics
+from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.flight import Flight, prepare
@@ -139,6 +140,8 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
         if not (turbulent.named and remaining and remaining[0].net > 0.3 * turbulent.gain):
             break
         repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], 0.0, repaired)
+        if remaining[0].attached.effect.timed:
+            repaired, _ = at_peak(repaired, free="effects")
         turbulent = kinematics.turbulence(flight, repaired)
     return evidence, ranked, turbulent
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
-from casid.diagnosis.evidence import Evidence
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import ONSET_STEP, Candidate, Screen, fingerprints
 from casid.model import operators
@@ -17,6 +18,7 @@ from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
+_MOVES = 6
 _DROP_95 = 3.841  # chi-square, one degree of freedom
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
@@ -52,6 +54,19 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
         low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(times) - 1)
         intervals[record] = (float(times[low]), float(times[high]))
     return replace(one, onsets=onsets), intervals
+
+
+def at_peak(fitted: Fit, free: Literal["all", "effects"] = "all") -> tuple[Fit, Intervals]:
+    """The fit with the onsets of its last effect moved until they stay, and their intervals."""
+    interval: Intervals = {}
+    for _ in range(_MOVES):
+        before = fitted.attached[-1]
+        moved, interval = moved_onsets(weigh(fitted, discrepancy=free == "all"), before)
+        if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):
+            break
+        attached = [*fitted.attached[:-1], moved]
+        fitted = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+    return fitted, interval
 
 
 def _shifted(one: Attached, onset: float) -> Effect:

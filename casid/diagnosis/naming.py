@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.events import configuration_changes, further_records, moved_onsets, weak_members
+from casid.diagnosis.events import at_peak, configuration_changes, further_records, weak_members
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
@@ -24,7 +24,7 @@ GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of 
 KINEMATIC_GAIN = 50.0
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
-_TRIALS, _CAUTIOUS, _ROUNDS, _MOVES = 4, 2, 4, 6
+_TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
@@ -164,7 +164,7 @@ def _try(
         if len(wider.onsets) > len(attached.onsets):
             fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
     if attached.effect.timed and fitted.deviance < give_up:
-        fitted, interval = _at_peak(fitted, noise)
+        fitted, interval = at_peak(fitted)
     if attached.effect.kind == "configuration_change":
         fitted = _without_weak(base, fitted, noise)
     one = fitted.attached[-1]
@@ -194,24 +194,12 @@ def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
-def _at_peak(fitted: Fit, noise: NoiseModel) -> tuple[Fit, dict[str, tuple[float, float]]]:
-    """The fit with the onsets of its last effect moved until they stay, and their intervals."""
-    interval: dict[str, tuple[float, float]] = {}
-    for _ in range(_MOVES):
-        before = fitted.attached[-1]
-        moved, interval = moved_onsets(weigh(fitted), before)
-        if all(abs(moved.onsets[r] - t) < 0.05 for r, t in before.onsets.items()):
-            break
-        fitted = fit(fitted.flight, [*fitted.attached[:-1], moved], noise, fitted, iterations=6, tolerance=2.0)
-    return fitted, interval
-
-
 def _settled(trial: Trial, fitted: Fit, noise: NoiseModel) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
     """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
     before, interval = fitted.deviance, {}
     fitted = fit(fitted.flight, fitted.attached, noise, fitted, iterations=15, tolerance=0.3)
     if fitted.attached[-1].effect.timed:
-        fitted, interval = _at_peak(fitted, noise)
+        fitted, interval = at_peak(fitted)
     one, more = fitted.attached[-1], before - fitted.deviance
     candidate = replace(trial.candidate, attached=one)
     trial = replace(
