@@ -9,9 +9,11 @@ from estimation_cases import TRUTH, elevator, exact, flight, matrices, short_per
 
 from casid.estimation import Collocation, GaussNewton, MultipleShooting, Problem, SingleShooting, solve
 from casid.estimation.estimate import build_objective
+from casid.estimation.kernel import model_kernel
 from casid.estimation.kkt import BandedKKT
 from casid.estimation.objective import Point
 from casid.estimation.quadratic import parameter_step
+from casid.estimation.steps import stage_functions
 from casid.model.system import define_model
 from casid.records.record import Record
 
@@ -156,9 +158,13 @@ def test_collocation_integrates_with_order_two_d_minus_one():
     assert (np.abs(orders - 3.0) < 0.2).all(), orders
 
 
+@pytest.mark.parametrize("by_kernel", [False, True])
 @pytest.mark.parametrize("soft", [False, True])
-def test_banded_step_equals_a_dense_solution(soft):
+def test_banded_step_equals_a_dense_solution(soft, by_kernel):
     """Truth: the same optimality system, written out densely and solved by numpy."""
+    solver = model_kernel(stage_functions(short_period(), np.arange(5), ()), 0) if by_kernel else None
+    if by_kernel and solver is None:
+        pytest.skip("no C compiler on this machine")
     rng = np.random.default_rng(6)
     n, f, m = 3, 4, 6
     factors = rng.standard_normal((m, n + f + 2, n + f))
@@ -184,7 +190,7 @@ def test_banded_step_equals_a_dense_solution(soft):
     right[states + f :] = d.ravel()
     expected = np.linalg.solve(system, right)
     scale = np.array([100.0, 1.0, 0.01])
-    reduced = BandedKKT(m, n).solve(hessian, gradient, a, b, d, q if soft else None, scale)
+    reduced = BandedKKT(m, n).solve(hessian, gradient, a, b, d, q if soft else None, scale, solver)
     dp, _ = parameter_step(reduced.hessian, reduced.gradient, np.zeros((0, f)), np.zeros(0), np.zeros(0))
     found = np.concatenate([(reduced.ds0 - reduced.ds_p @ dp).ravel(), dp, (reduced.l0 - reduced.l_p @ dp).ravel()])
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())

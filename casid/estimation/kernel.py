@@ -7,6 +7,7 @@ import logging
 import platform
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -26,6 +27,15 @@ _COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.2, 1.2e-4  # s, measured with gcc on
 _SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Packed:
+    """Data of a layout as the kernel reads them: (blocks, L, stride, lanes), and (blocks,) the samples of each block of
+    segments after which there is nothing but padding."""
+
+    data: np.ndarray
+    live: np.ndarray
+
+
 class Kernel:
     """A compiled kernel: simulation and linearisation of segments, lanes at a time."""
 
@@ -33,10 +43,11 @@ class Kernel:
         loaded = ctypes.CDLL(library)
         self.sizes, self.lanes = sizes, int(loaded.lanes())
         self._simulate, self._linearise = loaded.simulate, loaded.linearise
+        self._banded = loaded.banded
         self._simulate.restype = self._linearise.restype = None
 
-    def pack(self, layout: Layout) -> np.ndarray:
-        """(blocks, L, stride, lanes) the data of a layout; the last block is filled up with the last segment."""
+    def pack(self, layout: Layout) -> Packed:
+        """The data of a layout; the last block is filled up with the last segment."""
         count, w = layout.segments, self.lanes
         blocks, m, o = -(-count // w), self.sizes.m, self.sizes.o
         packed = _aligned((blocks, layout.length, self.sizes.stride, w))
@@ -46,33 +57,45 @@ class Kernel:
         for first, values in parts:
             last = first + values.shape[2]
             packed[:, :, first:last] = values[which].transpose(0, 2, 3, 1)
-        return packed
+        used = np.zeros(count, dtype=ctypes.c_long)
+        segment, position = np.divmod(np.concatenate(layout.sample), layout.length)
+        np.maximum.at(used, segment, position + 1)
+        return Packed(data=packed, live=used[which].max(axis=1))
 
     def simulate(
-        self, packed: np.ndarray, nodes: np.ndarray, parameters: np.ndarray
+        self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """states (K, L, n), y (K, L, o), end (K, n), squares (K, o)."""
-        (count, n), length, o = nodes.shape, packed.shape[1], self.sizes.o
+        (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         states, y = np.empty((count, length, n)), np.empty((count, length, o))
         end, squares = np.empty((count, n)), np.empty((count, o))
-        _call(self._simulate, count, length, packed, nodes, parameters, states, y, end, squares)
+        _call(self._simulate, count, length, packed.live, packed.data, nodes, parameters, states, y, end, squares)
         return states, y, end, squares
 
     def linearise(
-        self, packed: np.ndarray, nodes: np.ndarray, parameters: np.ndarray, weights: np.ndarray,
+        self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray, weights: np.ndarray,
         intensity: np.ndarray, rows: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:  # fmt: skip
         """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), covariance (K, n, n)
         of process noise or None, and, when asked for, rows (K, L, o, n+f)."""
-        (count, n), length, o = nodes.shape, packed.shape[1], self.sizes.o
+        (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         nf = n + self.sizes.f
         hessian, gradient = np.empty((count, nf, nf)), np.empty((count, o, nf))
         transition, end = np.empty((count, n, nf)), np.empty((count, n))
         covariance = np.empty((count, n, n)) if self.sizes.v else None
-        jacobian = np.empty((count, length, o, nf) if rows else 0)
-        _call(self._linearise, count, length, packed, nodes, parameters, weights, intensity, hessian, gradient,
-              transition, end, covariance, jacobian if rows else None)  # fmt: skip
+        jacobian = np.zeros((count, length, o, nf) if rows else 0)
+        _call(self._linearise, count, length, packed.live, packed.data, nodes, parameters, weights, intensity,
+              hessian, gradient, transition, end, covariance, jacobian if rows else None)  # fmt: skip
         return hessian, gradient, transition, end, covariance, jacobian
+
+    def solve_banded(self, matrix: np.ndarray, right: np.ndarray) -> None:
+        """Solve in place, right (size, sides); row i of matrix (size, 3 band + 1) holds columns i-band ... i+2 band.
+
+        Raises numpy.linalg.LinAlgError when the matrix is singular.
+        """
+        size, width = matrix.shape
+        if _call(self._banded, size, (width - 1) // 3, ctypes.c_long(right.shape[1]), matrix, right):
+            raise np.linalg.LinAlgError("singular states and multipliers")
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -83,16 +106,16 @@ def _aligned(shape: tuple[int, ...]) -> np.ndarray:
     return held[first : first + size].reshape(shape)
 
 
-def _call(function, count: int, length: int, *arrays: np.ndarray | None) -> None:
-    pointers, kept = [], []
-    for array in arrays:
-        if array is None:
-            pointers.append(None)
+def _call(function, count: int, length: int, *arguments: np.ndarray | ctypes.c_long | None) -> int:
+    given, kept = [], []
+    for argument in arguments:
+        if not isinstance(argument, np.ndarray):
+            given.append(argument)
             continue
-        array = np.ascontiguousarray(array, dtype=float)
+        array = np.ascontiguousarray(argument)
         kept.append(array)
-        pointers.append(ctypes.c_void_p(array.ctypes.data))
-    function(ctypes.c_long(count), ctypes.c_long(length), *pointers)
+        given.append(ctypes.c_void_p(array.ctypes.data))
+    return function(ctypes.c_long(count), ctypes.c_long(length), *given)
 
 
 def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Kernel | None:

@@ -57,7 +57,7 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
         "#define STAGE_ARRAYS V " + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
         f"#define STAGES {names}", _along_outputs(C, D, s),
         _column("homogeneous", stages, s, []), _column("driven", stages, s, rows),
-        _drives(stages, rows), *([_COVARIANCE] if s.v else []), _BODY,
+        _drives(stages, rows), *([_COVARIANCE] if s.v else []), _BODY, _BANDED,
     ])  # fmt: skip
 
 
@@ -147,6 +147,50 @@ static inline void spread(V (*restrict P)[N], V (*restrict d)[4][DRIVEN], V dt, 
 }
 """
 
+# Gaussian elimination with partial pivoting, rows of matrix and right side side by side; row i of `a` holds the columns
+# i-band ... i+2*band. LAPACK's dgbsv, which does the same, spends its time on calls for rows this short.
+_BANDED = r"""
+#if defined(__GNUC__) && !defined(__clang__)
+__attribute__((optimize("O3"))) /* at -O2 gcc leaves loops of unknown length as scalars */
+#endif
+int banded(long size, long band, long sides, double *a, double *b)
+{
+    const long width = 3 * band + 1, reach = 2 * band + 1;
+    for (long j = 0; j < size; j++) {
+        const long last = j + band < size ? j + band : size - 1;
+        double *top = a + j * width + band, *right = b + j * sides;
+        long pivot = j;
+        for (long r = j + 1; r <= last; r++)
+            if (fabs(a[r * width + band + j - r]) > fabs(a[pivot * width + band + j - pivot])) pivot = r;
+        double *row = a + pivot * width + band + j - pivot;
+        if (!(fabs(row[0]) > 0.0)) return 1;
+        if (pivot != j) {
+            double *other = b + pivot * sides;
+            for (long c = 0; c < reach; c++) { double held = top[c]; top[c] = row[c]; row[c] = held; }
+            for (long c = 0; c < sides; c++) { double held = right[c]; right[c] = other[c]; other[c] = held; }
+        }
+        for (long r = j + 1; r <= last; r++) {
+            double *restrict below = a + r * width + band + j - r, *restrict side = b + r * sides;
+            const double factor = below[0] / top[0];
+            if (factor == 0.0) continue;
+            for (long c = 0; c < reach; c++) below[c] -= factor * top[c];
+            for (long c = 0; c < sides; c++) side[c] -= factor * right[c];
+        }
+    }
+    for (long j = size - 1; j >= 0; j--) {
+        const double *top = a + j * width + band;
+        double *restrict right = b + j * sides;
+        const long last = reach < size - j ? reach : size - j;
+        for (long k = 1; k < last; k++) {
+            const double *solved = right + k * sides;
+            for (long c = 0; c < sides; c++) right[c] -= top[k] * solved[c];
+        }
+        for (long c = 0; c < sides; c++) right[c] /= top[0];
+    }
+    return 0;
+}
+"""
+
 _BODY = r"""
 #define SEGMENT(l) (first + (l) < count ? first + (l) : count - 1)
 
@@ -164,24 +208,30 @@ static inline void scatter(double *to, const V *from, int width, long row, long 
         for (int i = 0; i < width; i++) to[((first + l) * rows + row) * width + i] = from[i][l];
 }
 
-/* states (count, length, N), y (count, length, O), end (count, N), squares (count, O) of present residuals */
-void simulate(long count, long length, const V *data, const double *nodes, const double *parameters,
+/* live (blocks): samples after which nothing but padding follows;
+   states (count, length, N), y (count, length, O), end (count, N), squares (count, O) of present residuals */
+void simulate(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,
               double *states, double *y, double *end, double *squares)
 {
-    for (long first = 0; first < count; first += W) {
+    for (long first = 0; first < count; first += W, data += length * STRIDE) {
+        const V *d = data;
         V x[N], p[Q], after[N], out[O], sum[O];
         gather(x, nodes, N, first, count);
         gather(p, parameters, Q, first, count);
         for (int i = 0; i < O; i++) sum[i] = (V){0};
-        for (long k = 0; k < length; k++, data += STRIDE) {
-            advance(x, data, data + M, data + 2 * M, p, after, out);
+        for (long k = 0; k < live[first / W]; k++, d += STRIDE) {
+            advance(x, d, d + M, d + 2 * M, p, after, out);
             scatter(states, x, N, k, length, first, count);
             scatter(y, out, O, k, length, first, count);
             for (int i = 0; i < O; i++) {
-                V r = (out[i] - data[2 * M + 1 + i]) * data[2 * M + 1 + O + i];
+                V r = (out[i] - d[2 * M + 1 + i]) * d[2 * M + 1 + O + i];
                 sum[i] += r * r;
             }
             for (int i = 0; i < N; i++) x[i] = after[i];
+        }
+        for (long k = live[first / W]; k < length; k++) {
+            scatter(states, x, N, k, length, first, count);
+            scatter(y, out, O, k, length, first, count);
         }
         scatter(end, x, N, 0, 1, first, count);
         scatter(squares, sum, O, 0, 1, first, count);
@@ -202,11 +252,12 @@ static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q
 
 /* hessian (count, NF, NF), gradient (count, O, NF), transition (count, N, NF), end (count, N),
    covariance (count, N, N) when NV, rows (count, length, O, NF) may be NULL */
-void linearise(long count, long length, const V *data, const double *nodes, const double *parameters,
+void linearise(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,
                const double *weights, const double *intensity, double *hessian, double *gradient,
                double *transition, double *end, double *covariance, double *rows)
 {
-    for (long first = 0; first < count; first += W) {
+    for (long first = 0; first < count; first += W, data += length * STRIDE) {
+        const V *d = data;
         V x[N], p[Q], after[N], out[O], r[O], S[NF][N], q[O][NF], g[O][NF], H[NF * (NF + 1) / 2];
         V drive[F + NV + 1][4][DRIVEN];
         STAGE_ARRAYS;
@@ -221,21 +272,21 @@ void linearise(long count, long length, const V *data, const double *nodes, cons
         V P[N][N];
         memset(P, 0, sizeof P);
 #endif
-        for (long k = 0; k < length; k++, data += STRIDE) {
-            derive(x, data, data + M, data + 2 * M, p, after, out, STAGES);
+        for (long k = 0; k < live[first / W]; k++, d += STRIDE) {
+            derive(x, d, d + M, d + 2 * M, p, after, out, STAGES);
             drives(drive, Q1, Q2, Q3, Q4);
             outputs(q, C, D, S);
             for (int i = 0; i < O; i++) {
-                V weight = data[2 * M + 1 + O + i] * weights[i];
-                r[i] = (out[i] - data[2 * M + 1 + i]) * weight;
+                V weight = d[2 * M + 1 + O + i] * weights[i];
+                r[i] = (out[i] - d[2 * M + 1 + i]) * weight;
                 for (int c = 0; c < NF; c++) q[i][c] *= weight;
             }
             if (rows) scatter(rows, q[0], O * NF, k, length, first, count);
             accumulate(H, g, q, r);
-            for (int c = 0; c < N; c++) homogeneous(S[c], 0, data[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
-            for (int c = 0; c < F; c++) driven(S[N + c], drive[c], data[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
+            for (int c = 0; c < N; c++) homogeneous(S[c], 0, d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
+            for (int c = 0; c < F; c++) driven(S[N + c], drive[c], d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
 #if NV
-            spread(P, drive, data[2 * M], intensity, F1, F2, F3, F4, E1, E2, E3, E4);
+            spread(P, drive, d[2 * M], intensity, F1, F2, F3, F4, E1, E2, E3, E4);
 #endif
             for (int i = 0; i < N; i++) x[i] = after[i];
         }

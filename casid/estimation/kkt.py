@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
+from casid.estimation.kernel import Kernel
+
 (_gbsv,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
 
@@ -39,24 +41,25 @@ class BandedKKT:
         i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
         step = 2 * n * np.arange(segments)
 
-        def place(first_row: np.ndarray, first_column: np.ndarray) -> np.ndarray:
-            """Flat position in LAPACK's band storage (column-major) of n x n blocks."""
+        def place(first_row: np.ndarray, first_column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Flat position of n x n blocks in the kernel's band storage (by rows) and in LAPACK's (by columns)."""
             r, c = first_row[:, None, None] + i, first_column[:, None, None] + j
-            return (2 * self.band + r - c + rows * c).ravel()
+            return (self.band + c - r + rows * r).ravel(), (2 * self.band + r - c + rows * c).ravel()
 
         tied = step[:-1]
-        self._h = place(step, step)
-        self._at, self._a = place(tied, tied + n), place(tied + n, tied)
-        self._q = place(tied + n, tied + n)
-        self._up, self._low = place(tied + n, tied + 2 * n), place(tied + 2 * n, tied + n)
-        self._matrix = np.zeros((rows, self.size), order="F")
+        self._places = (
+            place(step, step), place(tied + n, tied), place(tied, tied + n), place(tied + n, tied + 2 * n),
+            place(tied + 2 * n, tied + n), place(tied + n, tied + n),
+        )  # fmt: skip
+        self._band_storage = np.zeros(rows * self.size)
 
     def solve(
         self, hessian: np.ndarray, gradient: np.ndarray, a: np.ndarray, b: np.ndarray, defect: np.ndarray,
-        covariance: np.ndarray | None, scale: np.ndarray,
+        covariance: np.ndarray | None, scale: np.ndarray, kernel: Kernel | None = None,
     ) -> Reduced:  # fmt: skip
         """hessian (M, n+f, n+f), gradient (M, n+f); a (M-1, n, n), b (M-1, n, f), defect (M-1, n) and the covariance
-        (M-1, n, n) or None of the segments that have a successor; scale (n,) typical size of the states.
+        (M-1, n, n) or None of the segments that have a successor; scale (n,) typical size of the states. By the
+        kernel when one is given, else by LAPACK.
 
         Raises numpy.linalg.LinAlgError when the system is singular.
         """
@@ -65,21 +68,29 @@ class BandedKKT:
         diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
         so = 1.0 / max(float(np.median(diagonal.max(axis=1))), 1e-300)
         outer = scale[:, None] * scale
-        flat = self._matrix.ravel(order="K")
+        flat = self._band_storage
         flat[:] = 0.0
-        flat[self._h] = (hessian[:, :n, :n] * (so * outer)).ravel()
+        which = 0 if kernel is not None else 1
+        at_h, at_a, at_at, at_up, at_low, at_q = (place[which] for place in self._places)
+        flat[at_h] = (hessian[:, :n, :n] * (so * outer)).ravel()
         a_scaled = -a * (scale / scale[:, None])
-        flat[self._a], flat[self._at] = a_scaled.ravel(), a_scaled.transpose(0, 2, 1).ravel()
-        flat[self._up] = flat[self._low] = np.broadcast_to(np.eye(n), (m - 1, n, n)).ravel()
+        flat[at_a], flat[at_at] = a_scaled.ravel(), a_scaled.transpose(0, 2, 1).ravel()
+        flat[at_up] = flat[at_low] = np.broadcast_to(np.eye(n), (m - 1, n, n)).ravel()
         if covariance is not None:
-            flat[self._q] = (-covariance / (so * outer)).ravel()
+            flat[at_q] = (-covariance / (so * outer)).ravel()
         right = np.zeros((2 * m - 1, n, f + 1))
         right[0::2, :, 0] = -gradient[:, :n] * (so * scale)
         right[0::2, :, 1:] = hessian[:, :n, n:] * (so * scale[:, None])
         right[1::2, :, 0] = defect / scale
         right[1::2, :, 1:] = -b / scale[:, None]
         right = right.reshape(self.size, f + 1)
-        _, _, solution, info = _gbsv(self.band, self.band, self._matrix, right, overwrite_ab=1)
+        if kernel is not None:
+            solution = right.copy()
+            kernel.solve_banded(flat.reshape(self.size, -1), solution)
+            info = 0
+        else:
+            matrix = flat.reshape(self.size, -1).T
+            _, _, solution, info = _gbsv(self.band, self.band, matrix, right, overwrite_ab=1)
         if info != 0 or not np.isfinite(solution).all():
             raise np.linalg.LinAlgError("singular states and multipliers")
         border = right[:, 1:]

@@ -266,6 +266,7 @@ class Objective:
         return self.kkt[record].solve(
             blocks.hessian[own], blocks.gradient[own], blocks.a[tied], blocks.b[tied],
             blocks.end[tied] - point.nodes[following], covariance, self.scale,
+            self.dynamics.kernel if isinstance(self.dynamics, Shooting) else None,
         )  # fmt: skip
 
     def step(self, point: Point, value: Value, linear: Linearised, damping: float, concentrated: bool = False) -> Step:

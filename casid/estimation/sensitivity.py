@@ -18,7 +18,7 @@ import numpy as np
 
 from casid.estimation.compiler import Batch, Compilable
 from casid.estimation.feedback import SampledFeedback
-from casid.estimation.kernel import Kernel, KernelOffer
+from casid.estimation.kernel import Kernel, KernelOffer, Packed
 from casid.estimation.layout import Layout
 from casid.estimation.steps import cached, output_function, sample_derivatives, stage_functions, step_function
 from casid.model.system import Model
@@ -90,7 +90,7 @@ class Shooting:
         self.shape = (layout.segments, layout.length)
         self.noise_names = tuple(noise)
         self.intensity = np.array(list(noise.values()))
-        self._packed: np.ndarray | None = None
+        self._packed: Packed | None = None
         key = (tuple(free), self.noise_names, feedback)
         self._offer = cached(
             model, ("kernel", *key),
@@ -113,9 +113,14 @@ class Shooting:
         simulate = step.batch(("simulate", length, count), lambda f: f.mapaccum("simulate", length).map(count))
         return simulate, outputs.mapped(count * length), derivatives.mapped(count * length)
 
+    @property
+    def kernel(self) -> Kernel | None:
+        """The compiled kernel when there is one now."""
+        return self._offer.get()
+
     def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
         """nodes (K, n), parameters (K, model parameters)."""
-        kernel = self._offer.get()
+        kernel = self.kernel
         if kernel is not None:
             states, y, end, squares = kernel.simulate(self._packed_for(kernel), nodes, parameters)
             return Trajectory(states=states, y=y, end=end, squares=squares)
@@ -130,7 +135,7 @@ class Shooting:
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
         """Linearised along a trajectory; weights (o,) per output."""
-        kernel = self._offer.get()
+        kernel = self.kernel
         if kernel is not None:
             return self._kernel_blocks(kernel, trajectory, parameters, weights)
         begin = time.perf_counter()
@@ -156,7 +161,7 @@ class Shooting:
             a=transition[..., :n], b=transition[..., n:], end=end, covariance=covariance,
         )  # fmt: skip
 
-    def _packed_for(self, kernel: Kernel) -> np.ndarray:
+    def _packed_for(self, kernel: Kernel) -> Packed:
         """The data in the kernel's order."""
         if self._packed is None:
             self._packed = kernel.pack(self.layout)
