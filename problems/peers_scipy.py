@@ -31,7 +31,8 @@ def scipy_rk4(task: Task) -> tuple[np.ndarray, float]:
 
 
 def scipy_ivp(task: Task) -> tuple[np.ndarray, float]:
-    """The same with solve_ivp (RK45), inputs by interpolation."""
+    """The same with solve_ivp (RK45), inputs by interpolation. Finite differences of an adaptive integration need a
+    step well above its tolerance: with scipy's own step the estimation ends nowhere."""
 
     def simulate(x0: np.ndarray, p: np.ndarray) -> np.ndarray:
         def slope(t: float, x: np.ndarray) -> list[float]:
@@ -40,12 +41,25 @@ def scipy_ivp(task: Task) -> tuple[np.ndarray, float]:
         span = (task.t[0], task.t[-1])
         return solve_ivp(slope, span, x0, t_eval=task.t, rtol=1e-8, atol=1e-10, max_step=0.02).y.T
 
-    return _fit(task, simulate)
+    return _fit(task, simulate, step=1e-4)
 
 
-def _fit(task: Task, simulate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> tuple[np.ndarray, float]:
+def _fit(
+    task: Task, simulate: Callable[[np.ndarray, np.ndarray], np.ndarray], step: float | None = None
+) -> tuple[np.ndarray, float]:
+    """step of the finite differences: None is scipy's own, on the unknowns as they are; otherwise on the unknowns in
+    units of their size, all starting at one, because scipy takes it relative to their values."""
+    start = np.concatenate([task.x0, task.start])
+    size = np.concatenate([task.x0_std, np.maximum(np.abs(task.start), 0.01)])
+    first = start if step is None else np.ones(len(start))
+
+    def physical(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        both = z if step is None else start + size * (z - 1.0)
+        return both[:8], both[8:]
+
     def residuals(z: np.ndarray) -> np.ndarray:
-        return whitened(task, simulate(z[:8], z[8:]), z[:8])
+        x0, p = physical(z)
+        return whitened(task, simulate(x0, p), x0)
 
-    found = least_squares(residuals, np.concatenate([task.x0, task.start]), x_scale="jac", ftol=1e-10, xtol=1e-10)
-    return found.x[8:], float(found.cost)
+    found = least_squares(residuals, first, x_scale="jac", ftol=1e-10, xtol=1e-10, diff_step=step)
+    return physical(found.x)[1], float(found.cost)
