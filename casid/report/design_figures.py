@@ -42,7 +42,7 @@ def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequ
         axis.set_yticks(at, parameters)
         axis.invert_yaxis()
         axis.set_xlabel("scatter of the estimates over that of the standard 3-2-1-1")
-        axis.legend(loc="lower right")
+        drawn.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=len(ratios))
     return Picture(
         name=f"{name}_scatter", figure=drawn, title=f"What it gains, {name}",
         caption="Bars: measured in simulated flights. Marks: predicted by the bound.",
