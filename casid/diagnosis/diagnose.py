@@ -26,6 +26,8 @@ from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
 
 _REPAIRS = 3
+# a gust model is rough: a cause in turbulence must gain more than this part of what the turbulence does
+_OF_TURBULENCE = 0.01
 
 
 class Stages:
@@ -72,11 +74,11 @@ def diagnose(
     coloured = turbulence.named
     start = structured
     if coloured:
-        _, start = kinematics.rotation_of_air(flight, structured.attached, turbulence.sigma, structured)
-    noise = start.noise
+        start = kinematics.rotation_of_air(flight, turbulence, structured)
     baseline = weigh(start)
     stages.begin("naming")
-    naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, noise, report)
+    least = _OF_TURBULENCE * turbulence.gain if coloured else 0.0
+    naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, least, report)
     stages.begin("held-out records")
     steps = [structured, *([start] if coloured else []), *(r.winner for r in naming.rounds if r.named)]
     on_held = [judge_on(flight, held, step) for step in steps]
@@ -92,7 +94,7 @@ def diagnose(
     causes, minor = causes_of(
         naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
     )
-    verdict, sentence = verdict_of(causes, minor, still_missing(final, left), final)
+    verdict, sentence = verdict_of(causes, minor, still_missing(final, left, least), final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]
     extended = extended_aircraft(flight.aircraft, final, causes, structure)

@@ -14,6 +14,7 @@ import numpy as np
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
+from casid.estimation.innovations import NoiseModel
 from casid.model.path import MOMENTS, coefficient_names
 
 KINDS = (
@@ -26,7 +27,24 @@ WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
 _TURBULENCE_GAIN, _LEAST_TURBULENCE = 150.0, 0.15
 _ROTATIONS = (0.3, 1.0, 3.0)
+_LENGTHS = (0.4, 2.5)  # of the scale length
 _SIGMAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # m/s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turbulence:
+    """r.m.s. gust velocity [m/s] and scale length [m] by maximum likelihood of the kinematics, 1-sigma of the velocity,
+    and the drop of the deviance against calm air."""
+
+    sigma: float
+    std: float
+    gain: float
+    records: tuple[str, ...]
+    length: float = _SCALE_LENGTH
+
+    @property
+    def named(self) -> bool:
+        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE
 
 
 def available(flight: Flight) -> bool:
@@ -53,72 +71,77 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     return free
 
 
-def gusts(flight: Flight, sigma: float, rotation: float = 0.0) -> dict[str, tuple[float, float]]:
-    """Turbulence of r.m.s. velocity `sigma` [m/s] in three axes, as first-order Gauss-Markov processes.
+def gusts(
+    flight: Flight, sigma: float, rotation: float = 0.0, length: float = _SCALE_LENGTH
+) -> dict[str, tuple[float, float]]:
+    """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m] in three axes, as first-order Gauss-Markov
+    processes.
 
     `rotation` scales the rolling, pitching and yawing of the air over the span (MIL-F-8785C, 3.7.5: sigma_p =
     1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)), 1 for an aircraft small against the eddies.
     """
     record = flight.records[0]
     speed = float(np.nanmedian(record["V"])) if "V" in record else flight.aircraft.trim.get("V", 100.0)
-    processes = {name: (sigma, _SCALE_LENGTH / speed) for name in WIND}
+    processes = {name: (sigma, length / speed) for name in WIND}
     if rotation > 0.0:
-        length = float(np.sqrt(_SCALE_LENGTH * 2.0 * flight.aircraft.rate_length_lateral))
-        rolling = (rotation * 1.9 * sigma / length, length / (2.6 * speed))
+        mean = float(np.sqrt(length * 2.0 * flight.aircraft.rate_length_lateral))
+        rolling = (rotation * 1.9 * sigma / mean, mean / (2.6 * speed))
         processes |= {"gust_p": rolling, "gust_q": rolling, "gust_r": rolling}
     return processes
 
 
-def rotation_of_air(flight: Flight, attached: Sequence[Attached], sigma: float, start: Fit) -> tuple[float, Fit]:
-    """(scale of the rotation of the air, fit with it), by maximum likelihood of the full model on a grid."""
-    best = (0.0, fit(flight, attached, flight.noise(gusts(flight, sigma)), start))
+def rotation_of_air(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
+    """The fit of the full model in turbulence, the scale of the air's rotation by maximum likelihood on a grid."""
+
+    def noise(rotation: float) -> NoiseModel:
+        return flight.noise(gusts(flight, turbulent.sigma, rotation, turbulent.length))
+
+    best = fit(flight, start.attached, noise(0.0), start)
     for rotation in _ROTATIONS:
-        noise = flight.noise(gusts(flight, sigma, rotation))
-        trial = fit(flight, attached, noise, best[1], iterations=6, tolerance=2.0)
-        if trial.deviance > best[1].deviance:
+        trial = fit(flight, start.attached, noise(rotation), best, iterations=6, tolerance=2.0)
+        if trial.deviance > best.deviance:
             break
-        best = (rotation, trial)
+        best = trial
     return best
 
 
-def reconstruct(flight: Flight, attached: Sequence[Attached] = (), sigma: float = 0.0, start: Fit | None = None) -> Fit:
+def reconstruct(
+    flight: Flight, attached: Sequence[Attached] = (), sigma: float = 0.0, start: Fit | None = None,
+    length: float = _SCALE_LENGTH,
+) -> Fit:  # fmt: skip
     """Flight path reconstruction: trajectory and instrument effects, with forces free and turbulence `sigma`."""
-    coloured = free_forces(flight) | (gusts(flight, sigma) if sigma > 0 else {})
+    coloured = free_forces(flight) | (gusts(flight, sigma, 0.0, length) if sigma > 0 else {})
     return fit(flight, attached, flight.noise(coloured), start, free="effects", iterations=5, tolerance=2.0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Turbulence:
-    """r.m.s. gust velocity [m/s] by maximum likelihood of the kinematics, its 1-sigma, and the drop of the deviance
-    against calm air."""
-
-    sigma: float
-    std: float
-    gain: float
-    records: tuple[str, ...]
-
-    @property
-    def named(self) -> bool:
-        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE
-
-
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
-    """Fit the r.m.s. velocity of turbulence, forces free, on a grid that is refined once around its best value."""
-    deviance: dict[float, float] = {}
-    fitted = calm
+    """Fit r.m.s. velocity and scale length of turbulence, forces free, on a grid that is refined once at its best."""
+    fitted, deviance = calm, {}
+
+    def at(sigma: float, length: float) -> float:
+        nonlocal fitted
+        fitted = reconstruct(flight, calm.attached, sigma, fitted, length)
+        return fitted.deviance
+
     for sigma in _SIGMAS:
-        fitted = reconstruct(flight, calm.attached, sigma, fitted)
-        deviance[sigma] = fitted.deviance
+        deviance[sigma] = at(sigma, _SCALE_LENGTH)
         if deviance[sigma] > min(deviance.values()) + 20.0:
             break
+    best, length = min(deviance, key=lambda s: deviance[s]), _SCALE_LENGTH
+    if calm.deviance - deviance[best] < _TURBULENCE_GAIN:
+        gain = max(calm.deviance - deviance[best], 0.0)
+        return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
+    for factor in _LENGTHS:
+        # what the records feel is the strength of the process at short times, sigma^2 / length
+        value = at(best * factor**0.5, factor * _SCALE_LENGTH)
+        if value < min(deviance.values()):
+            best, length = best * (factor * _SCALE_LENGTH / length) ** 0.5, factor * _SCALE_LENGTH
+            deviance = {best: value}
+    for step in (2**-0.5, 2**0.5):
+        deviance[best * step] = at(best * step, length)
+    middle = best
     best = min(deviance, key=lambda s: deviance[s])
-    if deviance[best] > calm.deviance:
-        return Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
-    for sigma in (best / 2**0.5, best * 2**0.5):
-        fitted = reconstruct(flight, calm.attached, sigma, fitted)
-        deviance[sigma] = fitted.deviance
-    best = min(deviance, key=lambda s: deviance[s])
-    nearest = sorted(deviance, key=lambda s: abs(np.log(s / best)))[:3]
-    curve = np.polyfit(np.log(nearest), [deviance[s] for s in nearest], 2)
+    points = [middle * step for step in (2**-0.5, 1.0, 2**0.5)]
+    curve = np.polyfit(np.log(points), [deviance[p] for p in points], 2)
     std = best * float(np.sqrt(1.0 / curve[0])) if curve[0] > 0 else best
-    return Turbulence(sigma=best, std=std, gain=calm.deviance - deviance[best], records=flight.names)
+    return Turbulence(sigma=best, std=std, gain=calm.deviance - deviance[best], records=flight.names, length=length)

@@ -16,7 +16,6 @@ from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
 from casid.diagnosis.size import meaningful_share, plausible
-from casid.estimation.innovations import NoiseModel
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
 
@@ -44,15 +43,15 @@ class Naming:
 
 
 def name_causes(
-    baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel,
+    baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float,
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
-    """Greedy naming from the fitted baseline; stops when nothing in the catalogue gains `GAIN` and matters, or when
-    after a naming no anonymous input gains `_NOTHING_LEFT` any more."""
+    """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains `GAIN` (or
+    `least`, if that is more) and matters, or when after a naming no anonymous input gains `_NOTHING_LEFT` any more."""
     firm = state = _standing(baseline, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
-        state = _one_round(state, catalogue, kinematic, noise)
+        state = _one_round(state, catalogue, kinematic, max(GAIN, least))
         if not state.rounds[-1].named:
             break
         if _explains(firm.missing, state.missing):
@@ -83,7 +82,7 @@ def _explains(before: Sequence[MissingInput], after: Sequence[MissingInput]) -> 
     return left[station] < max(_EXPLAINED * gain, _NOTICEABLE)
 
 
-def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, noise: NoiseModel) -> Naming:
+def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float) -> Naming:
     attached = state.evidence.fit.attached
     taken = {a.effect.key for a in attached}
     prints = fingerprints(state.evidence, [e for e in catalogue if e.key not in taken])
@@ -97,7 +96,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     trials = []
     give_up, best_fit = np.inf, None
     for candidate in _to_try(candidates, cautious, switches):
-        trial, fitted, interval = _try(state.evidence, candidate, kinematic, noise, give_up)
+        trial, fitted, interval = _try(state.evidence, candidate, kinematic, give_up)
         if not trial.refuted:
             give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
         if interval:
@@ -107,7 +106,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
         if trials[0] is trial:
             best_fit = fitted
     best = trials[0] if trials else None
-    named = best is not None and best.net > GAIN and best.meaningful and not best.refuted
+    named = best is not None and best.net > least and best.meaningful and not best.refuted
     equivalents = _equivalents(best, trials) if named and best is not None else ()
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
@@ -117,7 +116,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     )
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
-    best, fitted, interval = _settled(best, best_fit, noise)
+    best, fitted, interval = _settled(best, best_fit)
     if interval:
         intervals[best.candidate.name] = interval
     this = replace(this, trials=(best, *this.trials[1:]))
@@ -154,9 +153,9 @@ def _best_few(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
 
 
 def _try(
-    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, noise: NoiseModel, give_up: float
+    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
 ) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
-    base, attached = evidence.fit, candidate.attached
+    base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
     interval: dict[str, tuple[float, float]] = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     if attached.effect.timed:
@@ -166,7 +165,7 @@ def _try(
     if attached.effect.timed and fitted.deviance < give_up:
         fitted, interval = at_peak(fitted)
     if attached.effect.kind == "configuration_change":
-        fitted = _without_weak(base, fitted, noise)
+        fitted = _without_weak(base, fitted)
     one = fitted.attached[-1]
     gain = evidence.deviance - weigh(fitted).deviance
     share = meaningful_share(fitted, one)
@@ -194,10 +193,10 @@ def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
-def _settled(trial: Trial, fitted: Fit, noise: NoiseModel) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
+def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
     """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
     before, interval = fitted.deviance, {}
-    fitted = fit(fitted.flight, fitted.attached, noise, fitted, iterations=15, tolerance=0.3)
+    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
     if fitted.attached[-1].effect.timed:
         fitted, interval = at_peak(fitted)
     one, more = fitted.attached[-1], before - fitted.deviance
@@ -208,7 +207,7 @@ def _settled(trial: Trial, fitted: Fit, noise: NoiseModel) -> tuple[Trial, Fit, 
     return trial, fitted, interval
 
 
-def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> Fit:
+def _without_weak(base: Fit, fitted: Fit) -> Fit:
     """A configuration change fitted again without the coefficients that do not take part."""
     one = fitted.attached[-1]
     weak = weak_members(fitted, one)
@@ -220,7 +219,7 @@ def _without_weak(base: Fit, fitted: Fit, noise: NoiseModel) -> Fit:
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    return fit(base.flight, [*base.attached, slim], noise, fitted, iterations=6, tolerance=3.0)
+    return fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0)
 
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
