@@ -94,7 +94,8 @@ def diagnose(
     causes, minor = causes_of(
         naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
     )
-    verdict, sentence = verdict_of(causes, minor, still_missing(final, left, least), final)
+    unexplained = still_missing(final, left, least)
+    verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]
     extended = extended_aircraft(flight.aircraft, final, causes, structure)
@@ -103,7 +104,7 @@ def diagnose(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
         held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(first),
-        missing_after=tuple(exact), kinematic=tuple(instruments), turbulence=turbulence,
+        missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments), turbulence=turbulence,
         detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
 

@@ -118,6 +118,7 @@ class Diagnosis:
     baseline, extended            on the records that were fitted; `held_out_*` on records never used
     missing_before, missing_after anonymous inputs: where something is missing, before and after naming, the structure
                                   taken as exact (the verdict allows for small terms besides)
+    unexplained                   what of it gains and matters still, small terms allowed for
     kinematic                     instrument and air causes scored with forces left free, empty when not available
     detectable                    cause name -> smallest size that these records would show
     seconds                       wall time per stage
@@ -137,6 +138,7 @@ class Diagnosis:
     held_out_extended: View | None
     missing_before: tuple[MissingInput, ...]
     missing_after: tuple[MissingInput, ...]
+    unexplained: tuple[MissingInput, ...]
     kinematic: tuple[Candidate, ...]
     turbulence: Turbulence
     detectable: Mapping[str, float]

@@ -153,9 +153,11 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
     return sorted(found, key=lambda c: -c.statistic)[:5]
 
 
-def still_missing(fit: Fit, missing: Sequence[MissingInput]) -> list[MissingInput]:
-    """Anonymous inputs that gain and matter still: where something enters that no cause of the catalogue explains."""
-    return [m for m in missing if m.gain > MISSING_GAIN and missing_share(fit, m.station, m.history) > MISSING_SHARE]
+def still_missing(fit: Fit, missing: Sequence[MissingInput], least: float) -> list[MissingInput]:
+    """Anonymous inputs that gain (`least`, if that is more than usual) and matter still: where something enters that no
+    cause of the catalogue explains."""
+    enough = max(MISSING_GAIN, least)
+    return [m for m in missing if m.gain > enough and missing_share(fit, m.station, m.history) > MISSING_SHARE]
 
 
 def verdict_of(

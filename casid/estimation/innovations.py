@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -137,6 +138,7 @@ def _evaluate_blocks(function: ca.Function, block: ca.Function, *arguments: np.n
         full[N * R :] = full[N * R - 1]
         inputs.append(full)
     results = [np.zeros((padded, *reversed(function.size_out(i)))) for i in range(function.n_out())]
+    buffer: Any
     buffer, run = block.buffer()
     for b in range(count):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)

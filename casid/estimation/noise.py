@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from scipy.special import comb
 
 _ORDER = 4
 _LEVELS = 30
@@ -20,7 +21,7 @@ def high_band_sigma(values: np.ndarray) -> float:
     if len(good) < 20 + _ORDER:
         return float("nan")
     differences = np.diff(good, _ORDER)
-    gain = np.sqrt(float(np.sum([comb(_ORDER, k) ** 2 for k in range(_ORDER + 1)])))
+    gain = math.sqrt(sum(math.comb(_ORDER, k) ** 2 for k in range(_ORDER + 1)))
     scale = np.median(np.abs(differences - np.median(differences)))
     return float(1.482602218505602 * scale / gain)
 

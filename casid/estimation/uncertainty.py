@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import null_space
 
 from casid.estimation.objective import Linearised, Objective, Value
@@ -109,13 +108,13 @@ def _coloured(rows: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     count = len(residuals)
     present = max(int(np.count_nonzero(residuals)), 1)
     lags = min(max(int(_LAGS * count), 1), count - 1)
-    size = next_fast_len(count + lags, real=True)  # long enough for products at `lags` not to wrap around
-    covariance = irfft(np.abs(rfft(residuals, size)) ** 2, size)[: lags + 1] / present
+    size = 1 << (count + lags - 1).bit_length()  # long enough for products at `lags` not to wrap around
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(residuals, size)) ** 2, size)[: lags + 1] / present
     covariance *= 1.0 - np.arange(lags + 1) / (lags + 1)
     kernel = np.zeros(size)
     kernel[: lags + 1] = covariance
     kernel[size - lags :] = covariance[:0:-1]
-    density = rfft(kernel).real / size
+    density = np.fft.rfft(kernel).real / size
     density[1 : (size + 1) // 2] *= 2.0  # of a real signal only half of the frequencies are computed
-    spectra = rfft(rows.T, size)  # along the last axis, which is contiguous
+    spectra = np.fft.rfft(rows.T, size)  # along the last axis, which is contiguous
     return (spectra.real * density) @ spectra.real.T + (spectra.imag * density) @ spectra.imag.T

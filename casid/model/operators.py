@@ -88,7 +88,7 @@ def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float = 0.0
     b = np.array([[0.0], [w0**2]])
     phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
     numerator, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, np.array([[0.0, 1.0]]), gamma1[1:2, :])
-    return signal.lfilter(numerator[0], denominator, y - y[0])
+    return np.asarray(signal.lfilter(numerator[0], denominator, y - y[0]))
 
 
 def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 
 from casid.diagnosis.naming import GAIN, KINEMATIC_GAIN
 from casid.diagnosis.result import Cause, Diagnosis, Trial
-from casid.diagnosis.verdict import still_missing
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import effect_name, place, quantity
@@ -109,7 +108,7 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     """What an anonymous input at each station gains, before naming and after."""
     before = {station: m.gain for station, m in seen.before.items()}
     after = {station: m.gain for station, m in seen.after.items()}
-    unexplained = [m.station for m in still_missing(diagnosis.extended.fit, diagnosis.missing_after)][:1]
+    unexplained = [m.station for m in diagnosis.unexplained][:1]
     order = sorted(before, key=lambda s: -before[s])
     figure = blank(0.36 * len(order) + 1.4)
     ax = figure.subplots()

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
-from casid.diagnosis.verdict import still_missing
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.heatmap import ambiguity, heatmap
 from casid.report.onset import onset
@@ -62,5 +61,5 @@ def _history_of(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Pic
 
 
 def _unexplained(diagnosis: Diagnosis) -> MissingInput | None:
-    left = still_missing(diagnosis.extended.fit, diagnosis.missing_after)
+    left = diagnosis.unexplained
     return left[0] if left else None
