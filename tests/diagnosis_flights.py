@@ -57,8 +57,9 @@ def flights(
     records = []
     for i in range(count):
         name, sign = f"m{i + 1}", _SIGNS[i % 4]
+        pitch = 0.035 * multistep(t, 1.0 + i, _3211, 0.5) + 0.04 * multistep(t, 15.0, _DOUBLET, 0.8)
         channels = {
-            "delta_e": level.delta_e + sign * (0.035 * multistep(t, 1.0 + i, _3211, 0.5) + 0.04 * multistep(t, 15.0, _DOUBLET, 0.8)),
+            "delta_e": level.delta_e + sign * pitch,
             "delta_a": sign * 0.04 * multistep(t, 5.0 + i, _3211, 0.4) - 0.05 * multistep(t, 16.5, _DOUBLET, 0.7),
             "delta_r": sign * 0.05 * multistep(t, 9.0 + i, _3211, 0.5) + 0.04 * multistep(t, 3.0, _DOUBLET, 0.8),
             "thrust": THRUST + sign * 2e3 * multistep(t, 8.0, _DOUBLET, 3.0),

@@ -1,4 +1,4 @@
-"""The diagnosis: what is hidden is found, clean data give no name, the unknown is refused, statistics are calibrated."""
+"""The diagnosis: what is hidden is found, clean data give no name, the unknown is refused, scores are calibrated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
-    actuator_lag, aero_term, effectiveness_change, gust, sensor_bias, sensor_delay, sensor_scale, unsteady_aero,
+    actuator_lag,
+    aero_term,
+    effectiveness_change,
+    gust,
+    sensor_bias,
+    sensor_delay,
+    sensor_scale,
+    unsteady_aero,
     vane_position,
 )  # fmt: skip
 from casid.model.dynamics import aircraft_model

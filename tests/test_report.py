@@ -240,7 +240,7 @@ def test_what_stays_unexplained_opens_the_page(diagnosis: Diagnosis) -> None:
     quiet, view = diagnosis.missing_after[0], diagnosis.baseline
     history = {name: (t, 0.02 * np.sin(t), 0.001 + 0.0 * t) for name, (t, _, _) in quiet.history.items()}
     loud = replace(quiet, station="dCl", gain=1e4, history=history)
-    plain = replace(diagnosis, verdict="unexplained", causes=(), extended=view, missing_after=(loud,))
+    plain = replace(diagnosis, verdict="unexplained", causes=(), extended=view, unexplained=(loud,))
     first = next(iter(pictures(plain).values()))
     assert first.name == "missing_history" and "rolling moment Cl" in first.title
 

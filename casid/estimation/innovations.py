@@ -137,7 +137,7 @@ def _evaluate_blocks(function: ca.Function, block: ca.Function, *arguments: np.n
         full[: N * R] = np.broadcast_to(argument, (N, R, n)).reshape(N * R, n)
         full[N * R :] = full[N * R - 1]
         inputs.append(full)
-    results = [np.zeros((padded, *reversed(function.size_out(i)))) for i in range(function.n_out())]
+    results: list[Any] = [np.zeros((padded, *reversed(function.size_out(i)))) for i in range(function.n_out())]
     buffer: Any
     buffer, run = block.buffer()
     for b in range(count):
