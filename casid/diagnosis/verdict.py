@@ -140,6 +140,8 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         series = np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
         left = unlike_derivatives(fit, coefficient, mean * factor * series)
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
+        if share > SHARE:
+            continue  # not small: it stands for something that is missing, and the verdict says where
         sentence = effect_sentence("aero_term", coefficient, term, mean * factor)
         found.append(
             Cause(

@@ -83,7 +83,7 @@ KINDS: Mapping[str, Kind] = _kinds(
          sentence="The effectiveness of the {label} changes by {percent} in mid-record."),
     Kind(kind="configuration_change", targets=COEFFICIENTS, joined=True, unit="1",
          quantity="step of the first coefficient at the onset; the others stand in the parameters",
-         sentence="The configuration changes in mid-record: {label} jump together, {target} by {size}."),
+         sentence="The configuration changes in mid-record: a jump of {label}, {target} by {size}."),
     Kind(kind="sensor_bias", targets=SENSOR_CHANNELS, unit=_UNIT_OF_CHANNEL, quantity="measured minus true",
          sentence="The measured {label} is off by {size}."),
     Kind(kind="sensor_scale", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="1",
