@@ -12,6 +12,7 @@ from casid.errors import InputError
 from casid.estimation.innovations import Batch, NoiseModel, evaluate, make_batch
 from casid.estimation.noise import denoise, pooled_sigma
 from casid.model.aircraft import Aircraft
+from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.path import (
     OUTPUTS,
@@ -78,7 +79,7 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
 
     Raises InputError when the records cannot feed any model, or hold nothing to be explained.
     """
-    axes = _axes(records)
+    axes = axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
     ready = tuple(flight_inputs(aircraft, record, axes) for record in records)
@@ -105,18 +106,6 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
 
 def _with_quiet_inputs(record: Record, input_sigma: dict[str, float]) -> Record:
     return record.with_channels(**{name[2:]: denoise(record[name[2:]], s) for name, s in input_sigma.items()})
-
-
-def _axes(records: Sequence[Record]) -> str:
-    has = {s for s in SURFACES if all(s in record for record in records)}
-    if has == set(SURFACES):
-        return "full"
-    if "delta_e" in has:
-        return "longitudinal"
-    if {"delta_a", "delta_r"} <= has:
-        return "lateral"
-    missing = sorted(set(SURFACES) - has)
-    raise InputError(f"record '{records[0].name}': input channels {', '.join(missing)} are missing")
 
 
 def _measured(record: Record, name: str) -> bool:
