@@ -9,16 +9,16 @@ import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 
 from casid.estimation.innovations import (
-    Filter,
     Linear,
     NoiseModel,
     PointFunctions,
+    _interval,
     inject,
-    kalman_filter,
     linearise,
     make_batch,
     residual_column,
 )
+from casid.estimation.kalman import Filter, kalman_filter
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
@@ -220,3 +220,43 @@ def test_a_shorter_record_beside_a_longer_one_gives_its_own_innovations():
     _, kalman, together = filtered(model, [whole, short], GUSTY)
     np.testing.assert_allclose(together[:200, 1], alone[:, 0], rtol=1e-9, atol=1e-9)
     assert not together[200:, 1].any() and not kalman.log_determinant[200:, 1].any()
+
+
+def test_compiled_recursions_equal_the_plain_ones_to_rounding() -> None:
+    """Three records of unequal length, one with held inputs, missing samples, coloured and white disturbances."""
+    records = [
+        gusty_flight(1, "m1", 400),
+        gusty_flight(2, "m2", 300),
+        replace(gusty_flight(3, "m3", 350), hold="linear"),
+    ]
+    gappy = records[1]["q"].copy()
+    gappy[[0, 7, 8, 120, 299]] = np.nan
+    records[1] = records[1].with_channels(q=gappy)
+    linear, fast, _ = filtered(gusty_short_period(), records, GUSTY)
+    plain = kalman_filter(linear, GUSTY, plain=True)
+    assert fast.kernel is not None and plain.kernel is None
+    for name in ("K", "inverse_root", "P", "log_determinant"):
+        np.testing.assert_allclose(getattr(fast, name), getattr(plain, name), rtol=1e-9, atol=1e-12, err_msg=name)
+    column, gusts = residual_column(linear), np.random.default_rng(4).standard_normal((400, 3, 37))
+    stations = [0, 1] * 18 + [0]
+    for got, expected in (
+        (fast.whiten(*column), plain.whiten(*column)),
+        (fast.whiten(linear.Dp, linear.Bp), plain.whiten(linear.Dp, linear.Bp)),
+        (fast.whiten_histories(stations, gusts), plain.whiten_histories(stations, gusts)),
+        (fast.smooth(*column), plain.smooth(*column)),
+    ):
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
+    records = [gusty_flight(1, "m1", 60), replace(gusty_flight(2, "m2", 40), hold="linear")]
+    model = gusty_short_period()
+    batch = make_batch(model, records)
+    X = np.random.default_rng(5).normal(0.0, 0.1, (60, 2, 2))
+    P = np.tile(model.nominal_vector(), (2, 1))
+    functions = PointFunctions(model, model.parameters)
+    linear = linearise(functions, batch, P, X)
+    _, *jacobians = functions.points(X, batch.U, P)
+    plain = _interval(*jacobians, batch.dt, batch.live, batch.held, linear.seen)
+    for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
+        np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)

@@ -10,17 +10,8 @@ import numpy as np
 
 from casid.diagnosis.flight import Flight, Regressors
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
-from casid.estimation.innovations import (
-    Batch,
-    Filter,
-    Linear,
-    NoiseModel,
-    PointFunctions,
-    inject,
-    kalman_filter,
-    linearise,
-    residual_column,
-)
+from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise, residual_column
+from casid.estimation.kalman import Filter, kalman_filter
 from casid.model.system import Model
 
 _LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size

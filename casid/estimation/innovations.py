@@ -1,9 +1,10 @@
-"""Innovations of a dynamic system under measurement, input and process noise: the whitened residual.
+"""A dynamic system linearised along its records, for the innovations: the whitened residual.
 
-The model is linearised about a nominal trajectory, the deviation from it goes through a time-varying Kalman filter, and
-what comes out of the filter is white with unit variance when the model is right. The filter is a fixed linear operator
-on (output residual, state defect), so residual, parameter sensitivities and any candidate's fingerprint go through it
-side by side. Without process noise it is output error; with unknown forces and moments, flight path reconstruction.
+The model is linearised about a nominal trajectory, the deviation from it goes through a time-varying Kalman filter (see
+`kalman`), and what comes out of the filter is white with unit variance when the model is right. The filter is a fixed
+linear operator on (output residual, state defect), so residual, parameter sensitivities and any candidate's fingerprint
+go through it side by side. Without process noise it is output error; with unknown forces and moments, flight path
+reconstruction.
 
 Legend: N samples (longest record), R records, n states with coloured disturbances, ny outputs, nw disturbances,
 nc columns. Arrays run (time, record, ...); shorter records are padded and masked.
@@ -11,18 +12,18 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from casid.estimation.filter_kernel import filter_kernel
 from casid.model.system import Model
 from casid.records.record import Record
 
 _BLOCK = 256  # points per call of a mapped CasADi function
-_INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,25 +194,31 @@ def linearise(
     W1 = np.where(batch.held[None, :, None], W[:-1], W[1:])
     after = functions.step(X[:-1], batch.U[:-1], U1, P, W[:-1], W1, batch.dt)
     output = functions.output(X, batch.U, P, W)
-    inside = (batch.live[1:])[..., None]
-    h = batch.dt[..., None, None]
+    seen = np.isfinite(batch.Z)
+    kernel = filter_kernel(nx, len(model.outputs))
+    interval = _interval if kernel is None else kernel.interval
+    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(by_x, by_p, by_w, batch.dt, batch.live, batch.held, seen)
+    return Linear(
+        model=model, free=functions.free, X=X, output=output, seen=seen,
+        residual=np.where(seen, batch.Z - output, 0.0),
+        defect=np.where(batch.live[1:, :, None], after - X[1:], 0.0),
+        A=A, Bp=Bp, Bw0=Bw0, Bw1=Bw1, C=C, Dp=Dp, Dw=Dw, dt=batch.dt,
+    )  # fmt: skip
+
+
+def _interval(by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
+    """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear`, as the compiled recursions compute them."""
+    nx = by_x.shape[3]
+    inside, h = live[1:, :, None, None], dt[..., None, None]
     J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
     A = np.eye(nx) + h / 2 * (J + K) + h**2 / 2 * (K @ J)
     Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
     Bp = h / 2 * (Fp0 + Fp1) + h**2 / 2 * (K @ Fp0)
-    Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw1)
-    held = batch.held[None, :, None, None]
-    Bw0, Bw1 = np.where(held, Bw0 + Bw1, Bw0), np.where(held, 0.0, Bw1)
-    inside4 = inside[..., None]
-    seen = np.isfinite(batch.Z)
-    return Linear(
-        model=model, free=functions.free, X=X, output=output, seen=seen,
-        residual=np.where(seen, batch.Z - output, 0.0), defect=np.where(inside, after - X[1:], 0.0),
-        A=np.where(inside4, A, np.eye(nx)), Bp=np.where(inside4, Bp, 0.0), Bw0=np.where(inside4, Bw0, 0.0),
-        Bw1=np.where(inside4, Bw1, 0.0), C=np.where(seen[..., None], by_x[:, :, nx:], 0.0),
-        Dp=np.where(seen[..., None], by_p[:, :, nx:], 0.0), Dw=np.where(seen[..., None], by_w[:, :, nx:], 0.0),
-        dt=batch.dt,
-    )  # fmt: skip
+    Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw0)
+    still = held[None, :, None, None]
+    Bw0, Bw1 = np.where(still, Bw0 + Bw1, Bw0), np.where(still, 0.0, Bw1)
+    intervals = (np.where(inside, A, np.eye(nx)), *(np.where(inside, B, 0.0) for B in (Bp, Bw0, Bw1)))
+    return (*intervals, *(np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_p, by_w)))
 
 
 def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -220,137 +227,6 @@ def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple
     Y = linear.Dw[..., index] * series[:, :, None, :]
     F = linear.Bw0[..., index] * series[:-1, :, None, :] + linear.Bw1[..., index] * series[1:, :, None, :]
     return Y, F
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Filter:
-    """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
-    (N, R, ny, ny), gain K (N, R, n, ny), prediction covariance P (N, R, n, n), log determinant per sample (N, R)."""
-
-    linear: Linear
-    A: np.ndarray
-    C: np.ndarray
-    K: np.ndarray
-    inverse_root: np.ndarray
-    P: np.ndarray
-    log_determinant: np.ndarray
-
-    def whiten(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
-
-        Y (N, R, ny, nc), F (N-1, R, nx, nc): response of the model to a unit of the column's cause, output and state
-        equation. The residual is the column (residual, -defect). In memory the records are apart."""
-        return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k])[0]
-
-    def whiten_histories(self, stations: Sequence[int], series: np.ndarray) -> np.ndarray:
-        """`whiten` of time histories (N, R, nc) that enter at disturbance `stations` (nc indices)."""
-        index, linear = np.asarray(stations, dtype=int), self.linear
-
-        def forced(k: int) -> np.ndarray:
-            now, after = linear.Bw0[k][..., index], linear.Bw1[k][..., index]
-            return now * series[k][:, None, :] + after * series[k + 1][:, None, :]
-
-        return self._run(len(index), lambda k: linear.Dw[k][..., index] * series[k][:, None, :], forced)[0]
-
-    def _run(
-        self, columns: int, output: Callable[[int], np.ndarray], forced: Callable[[int], np.ndarray], keep: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
-        N, R, ny, n = self.C.shape
-        nx = self.linear.A.shape[2]
-        white = np.empty((R, N, ny, columns))
-        states = np.empty((N if keep else 0, R, n, columns))
-        E = np.zeros((R, n, columns))
-        AK = self.A @ self.K[:-1]
-        for k in range(N):
-            if keep:
-                states[k] = E
-            e = self.C[k] @ E
-            e += output(k)
-            np.matmul(self.inverse_root[k], e, out=white[:, k])
-            if k < N - 1:
-                E = self.A[k] @ E
-                E -= AK[k] @ e
-                E[:, :nx] += forced(k)
-        return white.swapaxes(0, 1), states
-
-    def smooth(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Most likely deviation of the augmented state (N, R, n) given one column (Y, F) with nc = 1, by the
-        Bryson-Frazier backward recursion."""
-        white, states = self._run(1, lambda k: Y[k], lambda k: F[k], keep=True)
-        N, n = states.shape[0], states.shape[2]
-        deviation = np.empty(states.shape[:3])
-        costate = np.zeros((*states.shape[1:3], 1))
-        eye = np.eye(n)
-        for k in range(N - 1, -1, -1):
-            back = eye - self.K[k] @ self.C[k]
-            if k < N - 1:
-                costate = (self.A[k] @ back).swapaxes(1, 2) @ costate
-            costate = costate + (self.inverse_root[k] @ self.C[k]).swapaxes(1, 2) @ white[k]
-            deviation[k] = (self.P[k] @ costate - states[k])[..., 0]
-        return deviation
-
-
-def kalman_filter(linear: Linear, noise: NoiseModel) -> Filter:
-    """Covariance pass of the filter; it does not look at the data, only at which samples are seen."""
-    A, C, Q, R, P = _augmented(linear, noise)
-    N, records, ny, n = C.shape
-    K = np.empty((N, records, n, ny))
-    inverse_root = np.empty((N, records, ny, ny))
-    kept = np.empty((N, records, n, n))
-    log_determinant = np.empty((N, records))
-    for k in range(N):
-        kept[k] = P
-        PC = P @ C[k].swapaxes(1, 2)
-        S = C[k] @ PC
-        S += R[k]
-        root = np.linalg.cholesky(S)
-        inverse = np.linalg.inv(root)
-        inverse_root[k] = inverse
-        log_determinant[k] = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        W = PC @ inverse.swapaxes(1, 2)
-        K[k] = W @ inverse
-        if k < N - 1:
-            P = P - W @ W.swapaxes(1, 2)
-            P = A[k] @ P @ A[k].swapaxes(1, 2)
-            P += Q[k]
-            P = 0.5 * (P + P.swapaxes(1, 2))
-    return Filter(
-        linear=linear, A=A, C=C, K=K, inverse_root=inverse_root, P=kept,
-        log_determinant=log_determinant,
-    )  # fmt: skip
-
-
-def _augmented(linear: Linear, noise: NoiseModel) -> tuple[np.ndarray, ...]:
-    """A, C, Q, R of the model with its coloured disturbances as further states, and the initial covariance."""
-    model = linear.model
-    N, records, ny, nx = linear.C.shape
-    coloured = [model.disturbances.index(name) for name in noise.coloured]
-    white = [model.disturbances.index(name) for name in noise.white]
-    n = nx + len(coloured)
-    sigma = np.array([value for value, _ in noise.coloured.values()])
-    tau = np.array([value for _, value in noise.coloured.values()])
-    phi = np.exp(-linear.dt[..., None] / tau) if coloured else np.zeros((N - 1, records, 0))
-    A = np.zeros((N - 1, records, n, n))
-    A[..., :nx, :nx] = linear.A
-    A[..., :nx, nx:] = linear.Bw0[..., coloured] + linear.Bw1[..., coloured] * phi[..., None, :]
-    A[..., range(nx, n), range(nx, n)] = phi
-    C = np.concatenate([linear.C, linear.Dw[..., coloured]], axis=3)
-    G = (linear.Bw0 + linear.Bw1)[..., white] * np.array(list(noise.white.values()))
-    Q = np.zeros((N - 1, records, n, n))
-    Q[..., :nx, :nx] = G @ G.swapaxes(2, 3)
-    driven = sigma**2 * (1.0 - phi**2)
-    Q[..., range(nx, n), range(nx, n)] = driven
-    through = linear.Bw1[..., coloured] * driven[..., None, :]
-    Q[..., :nx, nx:] = through
-    Q[..., nx:, :nx] = through.swapaxes(2, 3)
-    Q[..., :nx, :nx] += through @ linear.Bw1[..., coloured].swapaxes(2, 3)
-    feed = linear.Dw[..., white] * np.array(list(noise.white.values()))
-    R = feed @ feed.swapaxes(2, 3)
-    variance = np.array([noise.measurement[name] ** 2 for name in model.outputs])
-    R[..., range(ny), range(ny)] += np.where(linear.seen, variance, 1.0)
-    P = np.zeros((records, n, n))
-    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sigma**2]
-    return A, C, Q, R, P
 
 
 def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:

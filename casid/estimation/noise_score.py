@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.innovations import Filter, Linear, NoiseModel, _augmented
+from casid.estimation.innovations import Linear, NoiseModel
+from casid.estimation.kalman import Filter, augmented
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,13 +26,13 @@ def unit_variances(linear: Linear, noise: NoiseModel, measurement: bool) -> list
         measurement=dict.fromkeys(noise.measurement, 0.0), white=dict.fromkeys(noise.white, 0.0),
         coloured={name: (0.0, tau) for name, (_, tau) in noise.coloured.items()},
     )  # fmt: skip
-    _, _, Q0, S0, P0 = _augmented(linear, silent)
+    _, _, Q0, S0, P0 = augmented(linear, silent)
     alone = [replace(silent, measurement={**silent.measurement, n: 1.0}) for n in linear.model.outputs if measurement]
     alone += [replace(silent, white={**silent.white, n: 1.0}) for n in noise.white]
     alone += [replace(silent, coloured={**silent.coloured, n: (1.0, tau)}) for n, (_, tau) in noise.coloured.items()]
     units = []
     for one in alone:
-        _, _, Q, S, P = _augmented(linear, one)
+        _, _, Q, S, P = augmented(linear, one)
         units.append(UnitVariance(Q=Q - Q0, S=S - S0, P=P - P0))
     return units
 
