@@ -107,24 +107,51 @@ int covariance(long N, long R, long n, long ny, const double *A, const double *C
     return 0;
 }
 
-typedef double tile[TILE];
+typedef double V __attribute__((vector_size(64)));
+typedef union { V v[2]; double d[TILE]; } tile;
 
-static inline void multiply(long rows, long inner, const double *a, const tile *b, tile *c, double sign)
+/* c += sign a b, a (rows, inner) by `stride`; of a lower triangle only what is not zero when `triangle` is set. Four
+   rows at a time, so that what is read of b serves four times. */
+static inline void multiply(long rows, long inner, const double *a, const tile *b, tile *c, double sign, int triangle)
 {
-    for (long i = 0; i < rows; i++) {
-        tile sum;
-        for (int l = 0; l < TILE; l++) sum[l] = c[i][l];
-        for (long j = 0; j < inner; j++) {
-            double f = sign * a[i * inner + j];
-            for (int l = 0; l < TILE; l++) sum[l] += f * b[j][l];
+    long i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        V s0 = c[i].v[0], s1 = c[i].v[1], s2 = c[i + 1].v[0], s3 = c[i + 1].v[1];
+        V s4 = c[i + 2].v[0], s5 = c[i + 2].v[1], s6 = c[i + 3].v[0], s7 = c[i + 3].v[1];
+        const double *r0 = a + i * inner, *r1 = r0 + inner, *r2 = r1 + inner, *r3 = r2 + inner;
+        long most = triangle ? i + 4 : inner;
+        for (long j = 0; j < most; j++) {
+            V x = b[j].v[0], y = b[j].v[1];
+            double f0 = sign * r0[j], f1 = sign * r1[j], f2 = sign * r2[j], f3 = sign * r3[j];
+            s0 += f0 * x, s1 += f0 * y, s2 += f1 * x, s3 += f1 * y;
+            s4 += f2 * x, s5 += f2 * y, s6 += f3 * x, s7 += f3 * y;
         }
-        for (int l = 0; l < TILE; l++) c[i][l] = sum[l];
+        c[i].v[0] = s0, c[i].v[1] = s1, c[i + 1].v[0] = s2, c[i + 1].v[1] = s3;
+        c[i + 2].v[0] = s4, c[i + 2].v[1] = s5, c[i + 3].v[0] = s6, c[i + 3].v[1] = s7;
+    }
+    for (; i < rows; i++) {
+        V s0 = c[i].v[0], s1 = c[i].v[1];
+        for (long j = 0; j < (triangle ? i + 1 : inner); j++) {
+            double f = sign * a[i * inner + j];
+            s0 += f * b[j].v[0], s1 += f * b[j].v[1];
+        }
+        c[i].v[0] = s0, c[i].v[1] = s1;
     }
 }
 
 static void load(long rows, long stride, long width, const double *from, tile *to)
 {
-    for (long i = 0; i < rows; i++) for (int l = 0; l < width; l++) to[i][l] = from[i * stride + l];
+    for (long i = 0; i < rows; i++) memcpy(to[i].d, from + i * stride, width * sizeof(double));
+}
+
+/* to = (added to) what time histories put into `rows` equations through column station[l] of by (rows, nw) */
+static void enter(long rows, long nw, long width, const long *station, const double *by, const double *series, tile *to,
+                  int add)
+{
+    for (long i = 0; i < rows; i++) for (int l = 0; l < width; l++) {
+        double value = by[i * nw + station[l]] * series[l];
+        to[i].d[l] = add ? to[i].d[l] + value : value;
+    }
 }
 
 /* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc), or, when Y is null, as time histories series
@@ -134,7 +161,6 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
             const double *Dw, const double *B0, const double *B1, double *white, double *states)
 {
     tile E[MOST], e[MOST], out[MOST], next[MOST];
-    double T[MOST * MOST];
     memset(e, 0, sizeof e); memset(next, 0, sizeof next);
     for (long r = 0; r < R; r++) for (long first = 0; first < nc; first += TILE) {
         long width = nc - first < TILE ? nc - first : TILE;
@@ -142,27 +168,23 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
             if (states) for (long i = 0; i < n; i++)
-                memcpy(states + (at * n + i) * nc + first, E[i], width * sizeof(double));
-            const double *now = series + at * nc + first, *after = now + R * nc;
-            const long *which = station + first;
+                memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
             if (Y) load(ny, nc, width, Y + at * ny * nc + first, e);
-            else for (long i = 0; i < ny; i++) for (int l = 0; l < width; l++)
-                e[i][l] = Dw[(at * ny + i) * nw + which[l]] * now[l];
-            multiply(ny, n, C + at * ny * n, E, e, 1.0);
-            for (long i = 0; i < ny; i++) {
-                const double *row = root + (at * ny + i) * ny;
-                memset(out[i], 0, sizeof out[i]);
-                for (long j = 0; j <= i; j++) for (int l = 0; l < TILE; l++) out[i][l] += row[j] * e[j][l];
-                memcpy(white + ((r * N + k) * ny + i) * nc + first, out[i], width * sizeof(double));
-            }
+            else enter(ny, nw, width, station + first, Dw + at * ny * nw, series + at * nc + first, e, 0);
+            multiply(ny, n, C + at * ny * n, E, e, 1.0, 0);
+            memset(out, 0, ny * sizeof(tile));
+            multiply(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
+            for (long i = 0; i < ny; i++)
+                memcpy(white + ((r * N + k) * ny + i) * nc + first, out[i].d, width * sizeof(double));
             if (k == N - 1) break;
             if (F) load(nx, nc, width, F + at * nx * nc + first, next);
-            else for (long i = 0; i < nx; i++) for (int l = 0; l < width; l++)
-                next[i][l] = B0[(at * nx + i) * nw + which[l]] * now[l]
-                           + B1[(at * nx + i) * nw + which[l]] * after[l];
-            for (long i = nx; i < n; i++) memset(next[i], 0, sizeof next[i]);
-            multiply(n, ny, K + at * n * ny, (const tile *)e, E, -1.0);
-            multiply(n, n, A + at * n * n, (const tile *)E, next, 1.0);
+            else {
+                enter(nx, nw, width, station + first, B0 + at * nx * nw, series + at * nc + first, next, 0);
+                enter(nx, nw, width, station + first, B1 + at * nx * nw, series + (at + R) * nc + first, next, 1);
+            }
+            memset(next + nx, 0, (n - nx) * sizeof(tile));
+            multiply(n, ny, K + at * n * ny, e, E, -1.0, 0);
+            multiply(n, n, A + at * n * n, E, next, 1.0, 0);
             memcpy(E, next, n * sizeof(tile));
         }
     }
