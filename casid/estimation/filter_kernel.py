@@ -18,6 +18,15 @@ _MOST = 64  # states, outputs; beyond that numpy does the work
 _SOURCE = r"""
 #include <math.h>
 #include <string.h>
+#ifdef __SSE__
+#include <xmmintrin.h>
+/* responses die out to numbers too small to be normal, which processors are slow with: to zero with them */
+#define BEGIN unsigned before = _mm_getcsr(); _mm_setcsr(before | 0x8040);
+#define END _mm_setcsr(before);
+#else
+#define BEGIN
+#define END
+#endif
 #define MOST 64
 #define TILE 16
 
@@ -161,6 +170,7 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
             const double *Dw, const double *B0, const double *B1, double *white, double *states)
 {
     tile E[MOST], e[MOST], out[MOST], next[MOST];
+    BEGIN
     memset(e, 0, sizeof e); memset(next, 0, sizeof next);
     for (long r = 0; r < R; r++) for (long first = 0; first < nc; first += TILE) {
         long width = nc - first < TILE ? nc - first : TILE;
@@ -188,6 +198,7 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
             memcpy(E, next, n * sizeof(tile));
         }
     }
+    END
 }
 
 /* Bryson-Frazier: deviation (N,R,n) from white (R,N,ny) and predicted states (N,R,n) of one column */
