@@ -41,7 +41,7 @@ def test_conditions_draw_the_noise_that_they_name():
     assert np.sqrt(np.mean(np.square(steps))) == pytest.approx(NOISE["q"], rel=0.2)
 
 
-@pytest.mark.parametrize(("kind", "runs"), [("cramer_rao", RUNS), ("profile", 25)])
+@pytest.mark.parametrize(("kind", "runs"), [("cramer_rao", RUNS), ("corrected", RUNS), ("profile", 25)])
 def test_clean_inputs_an_interval_contains_the_truth_as_often_as_it_says(kind, runs):
     """Each parameter within the binomial bounds of 95 % that one study in two thousand leaves (five parameters)."""
     row = coverage("clean", [kind], runs)[kind]
@@ -59,7 +59,7 @@ def test_noisy_surfaces_only_the_kinds_that_know_them_keep_their_promise():
 
 def test_coloured_noise_needs_the_correction():
     rows = coverage("coloured", ["cramer_rao", "corrected"], RUNS)
-    assert rows["cramer_rao"].share < 0.7 < 0.8 < rows["corrected"].share
+    assert rows["cramer_rao"].share < 0.7 < 0.87 < rows["corrected"].share
 
 
 def test_bootstrap_and_filter_give_an_interval_about_their_estimate():

@@ -12,6 +12,16 @@ def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
     return 1.0 / np.sqrt(np.maximum(diagonal, 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)))
 
 
+def inverse_along(free: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix in the directions `free` (parameters, directions), zero across them.
+
+    Raises numpy.linalg.LinAlgError where it is singular.
+    """
+    inner = free.T @ information @ free
+    scale = jacobi_scale(inner)
+    return free @ (scale[:, None] * np.linalg.inv(inner * np.outer(scale, scale)) * scale) @ free.T
+
+
 def parameter_step(
     hessian: np.ndarray, gradient: np.ndarray, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from casid.estimation.cost import EquationError
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.objective import Linearised, Objective, Point, Value
-from casid.estimation.quadratic import jacobi_scale
+from casid.estimation.quadratic import inverse_along
 from casid.estimation.transcription import MultipleShooting
 
 _DEFAULT_METHOD = MultipleShooting()
@@ -39,9 +39,7 @@ class AtFit:
         active limits. Raises numpy.linalg.LinAlgError when the parameters are not determined."""
         active = self.objective.rows[np.abs(self.fit.multipliers) > 0] if len(self.fit.multipliers) else ()
         free = null_space(active) if len(active) else np.eye(len(self.point.theta))
-        inner = free.T @ self.linear.hessian @ free
-        scale = jacobi_scale(inner)
-        return free @ (scale[:, None] * np.linalg.inv(inner * np.outer(scale, scale)) * scale) @ free.T
+        return inverse_along(free, self.linear.hessian)
 
 
 def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:

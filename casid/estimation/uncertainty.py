@@ -6,15 +6,16 @@ the parameters with the states re-estimated (u_i below), obtained from the same 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import null_space
 
 from casid.estimation.objective import Linearised, Objective, Value
-from casid.estimation.quadratic import jacobi_scale
+from casid.estimation.quadratic import inverse_along, jacobi_scale
+from casid.estimation.residual_colour import Piece, coloured_score, gathered
 
-_LAGS = 0.2  # of the record: lags of the residual autocorrelation that are used (Morelli and Klein)
 _RANK = 1e-12
 
 
@@ -32,9 +33,11 @@ def uncertainty(objective: Objective, value: Value, linear: Linearised, limit_mu
     """Both covariances at a solution.
 
     Cramer-Rao: inverse of the information; with weights that are not the inverse noise (range weights, combined cost)
-    the covariance that white residuals of the observed variance give. Corrected: the residuals' autocorrelation in
-    place of white noise (Maine and Iliff, NASA RP-1138; Morelli and Klein, J. Aircraft 34, 1997). Parameters held by
-    an active limit have no variance along it.
+    the covariance that white residuals of the observed variance give. Noise that was estimated is at its maximum of
+    likelihood, which does not count the parameters: with N samples of a channel and f parameters the variance is about
+    f/N too small. Corrected: the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138;
+    Morelli and Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
+    residual_colour); channels count as independent. Parameters held by an active limit have no variance along it.
     """
     information = linear.hessian
     names = objective.problem.parameters
@@ -49,8 +52,8 @@ def uncertainty(objective: Objective, value: Value, linear: Linearised, limit_mu
         confused = tuple(name for name, w in zip(names, weight, strict=True) if w > 0.1)
         infinite = np.full((len(names), len(names)), np.nan)
         return Uncertainty(covariance=infinite, corrected=infinite, confused=confused)
-    inverse = free @ (scale[:, None] * np.linalg.inv(inner * np.outer(scale, scale)) * scale) @ free.T
-    white, coloured = _score_covariances(objective, value, linear)
+    inverse = inverse_along(free, information)
+    white, coloured = _score_covariances(objective, value, linear, free)
     return Uncertainty(covariance=inverse @ white @ inverse, corrected=inverse @ coloured @ inverse, confused=confused)
 
 
@@ -58,32 +61,42 @@ def _free_directions(active: np.ndarray, count: int) -> np.ndarray:
     return null_space(active) if len(active) else np.eye(count)
 
 
-def _score_covariances(objective: Objective, value: Value, linear: Linearised) -> tuple[np.ndarray, np.ndarray]:
+def _score_covariances(
+    objective: Objective, value: Value, linear: Linearised, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Covariance of the gradient for white and for coloured residuals, (parameters, parameters) each."""
-    white, coloured = linear.hessian.copy(), linear.hessian.copy()
-    for rows, residuals, share, columns in _channels(objective, value, linear):
-        grid = np.ix_(columns, columns)
-        used = rows.T @ rows
-        white[grid] += (share - 1.0) * used
-        coloured[grid] += _coloured(rows, residuals) - used
-    return white, coloured
+    levels = objective.levels
+    expected = levels.share * (levels.rms(value.squares) / levels.sigma) ** 2 if levels.proportional else levels.share
+
+    def pieces() -> Iterator[Piece]:
+        for record in range(len(objective.problem.records)):
+            yield from _pieces(objective, value, linear, record)
+
+    sums = gathered(pieces())
+    white, prior = linear.hessian.copy(), linear.hessian.copy()
+    for channel, own in sums.items():
+        own.spread(white, own.inner(np.array([expected[channel] - 1.0])))
+        own.spread(prior, own.inner(np.array([-1.0])))
+    return white, prior + coloured_score(sums, pieces, prior, free)
 
 
-def _channels(objective: Objective, value: Value, linear: Linearised):
-    """(rows (N, f), weighted residuals (N,), their variance, columns) of each record and channel."""
-    problem = objective.problem
-    for r in range(len(problem.records)):
-        columns = problem.columns(r)
-        for rows, residuals, share in _record_channels(objective, value, linear, r):
-            for c in range(residuals.shape[1]):
-                seen = np.abs(rows[:, c]).sum(axis=1) > 0
-                variance = float((residuals[seen, c] ** 2).mean()) if seen.any() else 0.0
-                found = variance if objective.levels.proportional else share
-                yield rows[:, c], residuals[:, c], found, columns
+def _pieces(objective: Objective, value: Value, linear: Linearised, r: int) -> Iterator[Piece]:
+    """Every channel of a record, of the output and of the equation part."""
+    columns, channel = objective.problem.columns(r), 0
+    for rows, residuals, present in _parts(objective, value, linear, r):
+        for c in range(residuals.shape[1]):
+            if present[:, c].any():
+                seen = present[:, c]
+                yield Piece(
+                    channel=channel, record=r, columns=columns, rows=rows[seen, c], residuals=residuals[seen, c]
+                )
+            channel += 1
 
 
-def _record_channels(objective: Objective, value: Value, linear: Linearised, r: int):
-    """(rows (N, c, f), weighted residuals (N, c), share in the cost) of the output and of the equation part."""
+def _parts(
+    objective: Objective, value: Value, linear: Linearised, r: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """(rows (N, c, f), weighted residuals (N, c), present (N, c)) of the output and of the equation part."""
     if linear.blocks is not None and value.trajectory is not None:
         layout, n = objective.layout, len(objective.scale)
         own = layout.segments_of(r)
@@ -91,30 +104,12 @@ def _record_channels(objective: Objective, value: Value, linear: Linearised, r: 
         jacobian = linear.blocks.jacobian[own]
         rows = jacobian[..., n:] - jacobian[..., :n] @ linear.reduced[r].ds_p
         residuals = (value.trajectory.y - layout.z) * layout.present * objective.output_weights
-        residuals = residuals[own].reshape(-1, outputs)
         keep = layout.sample[r] - layout.sample[r][0]
-        yield rows.reshape(-1, outputs, rows.shape[2])[keep], residuals[keep], objective.part
+        yield (
+            rows.reshape(-1, outputs, rows.shape[2])[keep], residuals[own].reshape(-1, outputs)[keep],
+            layout.present[own].reshape(-1, outputs)[keep] > 0,
+        )  # fmt: skip
     if value.equations is not None:
-        residuals = np.nan_to_num(value.equations.residuals[r]) * objective.equation_weights
-        yield linear.equation_jacobian[r], residuals, objective.equation_share
-
-
-def _coloured(rows: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """(f, f) sum over i, j of rows_i R(i - j) rows_j' with the autocovariance R of the residuals.
-
-    The biased estimate under a triangular window is positive semidefinite, so that variances come out positive.
-    By Parseval's theorem: the sum over frequencies of the rows' spectra times that of R.
-    """
-    count = len(residuals)
-    present = max(int(np.count_nonzero(residuals)), 1)
-    lags = min(max(int(_LAGS * count), 1), count - 1)
-    size = 1 << (count + lags - 1).bit_length()  # long enough for products at `lags` not to wrap around
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(residuals, size)) ** 2, size)[: lags + 1] / present
-    covariance *= 1.0 - np.arange(lags + 1) / (lags + 1)
-    kernel = np.zeros(size)
-    kernel[: lags + 1] = covariance
-    kernel[size - lags :] = covariance[:0:-1]
-    density = np.fft.rfft(kernel).real / size
-    density[1 : (size + 1) // 2] *= 2.0  # of a real signal only half of the frequencies are computed
-    spectra = np.fft.rfft(rows.T, size)  # along the last axis, which is contiguous
-    return (spectra.real * density) @ spectra.real.T + (spectra.imag * density) @ spectra.imag.T
+        residuals = value.equations.residuals[r]
+        weighted = np.nan_to_num(residuals) * objective.equation_weights
+        yield linear.equation_jacobian[r], weighted, np.isfinite(residuals)

@@ -1,0 +1,213 @@
+"""Colour of the residuals: an autoregression per channel, and the score covariance that it gives.
+
+A fit takes from its residuals what its parameters can follow, just where the sensitivities have their power, so that
+the residuals' own autocovariance promises too much. The noise n = r - X d behind residuals r of sensitivities X has,
+for a given autoregression, the expected autocovariance sums
+
+    E[sum_i n_i n_(i+k)] = sum_i s_i s_(i+k) + trace(I^-1 sum_i x_i x_(i+k)'),    s = r - X I^-1 X' R^-1 r,
+
+with the information I = X' R^-1 X + prior; the next autoregression follows from them by the recursion of Levinson and
+Durbin. This is expectation and maximisation of the restricted likelihood (Patterson and Thompson, Biometrika 58, 1971;
+Cheang and Reinsel, JASA 95, 2000). For white noise it divides the sum of squares by samples less parameters. The order
+is that of least AIC. Initial states, which take few degrees of freedom and only at the start, are not counted.
+
+Everything is gathered from pieces of records in the order of time, and keeps no more of them than the last few rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
+from scipy.signal import lfilter
+
+from casid.estimation.quadratic import inverse_along
+
+_ORDER = 12  # highest of the autoregression
+_SAMPLES_PER_ORDER = 10
+_ROUNDS = 2  # of expectation and maximisation: what more would change is below one per cent of a standard deviation
+_BLOCK = 1024  # samples per product of matrices: they stay in the cache
+_PREDICTED = 1e-12  # of the variance: what an autoregression leaves of residuals without noise
+_LEAST = 1e-16  # variance of weighted residuals that is rounding
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Piece:
+    """Consecutive samples of one channel in one record, those that are missing left out: weighted sensitivities
+    rows (m, f) to the parameters `columns`, weighted residuals (m,)."""
+
+    channel: int
+    record: int
+    columns: np.ndarray
+    rows: np.ndarray
+    residuals: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Colour:
+    """Autoregression sum_j a_j n_(i-j) = e_i of the noise, a_0 = 1, with the variance of e."""
+
+    a: np.ndarray
+    variance: float
+
+    @property
+    def white(self) -> bool:
+        """Whether a sample says nothing of the next."""
+        return len(self.a) == 1
+
+
+def gathered(pieces: Iterable[Piece]) -> dict[int, ChannelSums]:
+    """Channel -> its sums, of pieces of which those of a record and channel come in the order of time."""
+    found: dict[int, ChannelSums] = {}
+    for piece in pieces:
+        found.setdefault(piece.channel, ChannelSums()).add(piece)
+    return found
+
+
+def coloured_score(
+    sums: Mapping[int, ChannelSums], pieces: Callable[[], Iterable[Piece]], prior: np.ndarray, free: np.ndarray
+) -> np.ndarray:
+    """(parameters, parameters) covariance of the gradient of 1/2 sum of squared residuals: sum of X' R X over channels.
+
+    sums    of the pieces that `pieces` gives when it is called
+    prior   (parameters, parameters) information besides the data's
+    free    (parameters, directions) in which the parameters can move
+    """
+    colours = _fitted(sums, prior, free)
+    total = np.zeros_like(prior)
+    for c, own in sums.items():
+        if colours[c].white:
+            own.spread(total, own.inner(np.array([colours[c].variance])))
+    if all(colour.white for colour in colours.values()):
+        return total
+    filters: dict[tuple[int, int], _Filter] = {}
+    for piece in pieces():
+        if not colours[piece.channel].white:
+            key = piece.channel, piece.record
+            if key not in filters:
+                filters[key] = _Filter(colours[piece.channel], piece.columns)
+            filters[key].add(piece.rows)
+    for run in filters.values():
+        total[np.ix_(run.columns, run.columns)] += run.score()
+    return total
+
+
+class ChannelSums:
+    """Of one channel: sums over samples of [x; r]_(i-k) [x; r]_i' for the lags k, by record, and the samples."""
+
+    def __init__(self) -> None:
+        self.columns: dict[int, np.ndarray] = {}
+        self.lagged: dict[int, np.ndarray] = {}
+        self._last: dict[int, np.ndarray] = {}
+        self.count = 0
+
+    def add(self, piece: Piece) -> None:
+        own = np.column_stack([piece.rows, piece.residuals])
+        width = own.shape[1]
+        if piece.record not in self.columns:
+            self.columns[piece.record] = piece.columns
+            self.lagged[piece.record] = np.zeros((_ORDER + 1, width, width))
+            self._last[piece.record] = np.zeros((_ORDER, width))
+        both = np.concatenate([self._last[piece.record], own])
+        for start in range(0, len(own), _BLOCK):
+            part = own[start : start + _BLOCK]
+            for k in range(_ORDER + 1):
+                behind = start + _ORDER - k
+                self.lagged[piece.record][k] += both[behind : behind + len(part)].T @ part
+        self._last[piece.record] = both[-_ORDER:]
+        self.count += len(own)
+
+    def inner(self, weights: np.ndarray) -> dict[int, np.ndarray]:
+        """By record, sum over the lags, both ways, of the sums times `weights` (lags,)."""
+        found = {}
+        for r, lagged in self.lagged.items():
+            one_way = np.tensordot(weights[1:], lagged[1 : len(weights)], 1)
+            found[r] = weights[0] * lagged[0] + one_way + one_way.T
+        return found
+
+    @property
+    def information(self) -> dict[int, np.ndarray]:
+        """By record, X' X with the gradient and the sum of squares as its last row and column."""
+        return {r: lagged[0] for r, lagged in self.lagged.items()}
+
+    def spread(self, total: np.ndarray, inner: dict[int, np.ndarray]) -> None:
+        """Add the parameters' part of `inner` to `total` (parameters, parameters)."""
+        for r, matrix in inner.items():
+            total[np.ix_(self.columns[r], self.columns[r])] += matrix[:-1, :-1]
+
+    def autocovariance(self, shift: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """(lags,) expected, of the noise, for parameters off by `shift` with `covariance`."""
+        found = np.zeros(_ORDER + 1)
+        for r, lagged in self.lagged.items():
+            columns = self.columns[r]
+            off = np.append(-shift[columns], 1.0)
+            found += lagged @ off @ off
+            found += np.tensordot(lagged[:, :-1, :-1], covariance[np.ix_(columns, columns)], 2)
+        return found / self.count
+
+
+def _fitted(sums: Mapping[int, ChannelSums], prior: np.ndarray, free: np.ndarray) -> dict[int, Colour]:
+    """Channel -> its autoregression."""
+    unmoved, exact = np.zeros(len(prior)), np.zeros_like(prior)
+    found = {c: autoregression(own.autocovariance(unmoved, exact), own.count) for c, own in sums.items()}
+    for _ in range(_ROUNDS):
+        information, gradient = prior.copy(), np.zeros(len(prior))
+        for c, own in sums.items():
+            a = found[c].a
+            both_ways = np.correlate(a, a, "full")[len(a) - 1 :]
+            inner = own.inner(both_ways / max(found[c].variance, _LEAST))
+            own.spread(information, inner)
+            for r, matrix in inner.items():
+                gradient[own.columns[r]] += matrix[:-1, -1]
+        covariance = inverse_along(free, information)
+        shift = covariance @ gradient
+        found = {c: autoregression(own.autocovariance(shift, covariance), own.count) for c, own in sums.items()}
+    return found
+
+
+def autoregression(autocovariance: np.ndarray, count: int) -> Colour:
+    """The autoregression of least AIC for an autocovariance (lags,) of `count` samples, by Levinson and Durbin."""
+    size = min(len(autocovariance) - 1, count // _SAMPLES_PER_ORDER)
+    c = autocovariance.tolist()
+    a, variance, best, least = [1.0], c[0], ([1.0], max(c[0], 0.0)), math.inf
+    for order in range(size + 1):
+        if order:
+            reflection = -sum(a[j] * c[order - j] for j in range(order)) / variance
+            a = [left + reflection * right for left, right in zip([*a, 0.0], [0.0, *a[::-1]], strict=True)]
+            variance *= 1.0 - reflection**2
+        if not variance > _PREDICTED * c[0]:
+            break
+        criterion = count * math.log(variance) + 2 * order
+        if criterion < least:
+            best, least = (a, variance), criterion
+    return Colour(a=np.array(best[0]), variance=best[1])
+
+
+class _Filter:
+    """X' R X of one channel and record: R = variance (A' A)^-1 with the filter A of the autoregression, so that it is
+    the Gram matrix of the rows run through 1/A, also of what rings on after the last."""
+
+    def __init__(self, colour: Colour, columns: np.ndarray) -> None:
+        self.colour, self.columns = colour, columns
+        order, width = len(colour.a) - 1, len(columns)
+        self._memory = np.zeros((order, width))
+        self._recent = np.zeros((order, width))
+        self._gram = np.zeros((width, width))
+
+    def add(self, rows: np.ndarray) -> None:
+        run, self._memory = lfilter([1.0], self.colour.a, rows, axis=0, zi=self._memory)
+        self._gram += run.T @ run
+        self._recent = np.concatenate([self._recent, run])[-len(self._recent) :]
+
+    def score(self) -> np.ndarray:
+        order = len(self._recent)
+        follow = np.eye(order, k=-1)
+        follow[0] = -self.colour.a[1:]
+        # sum over k >= 1 of the squares of the first state of follow^k
+        first = follow[:1].T @ follow[:1]
+        rings = solve_discrete_lyapunov(follow.T, first)
+        newest_first = self._recent[::-1]
+        return self.colour.variance * (self._gram + newest_first.T @ rings @ newest_first)

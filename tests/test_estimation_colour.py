@@ -1,0 +1,107 @@
+"""Colour of residuals. Truth: matrices written out, ordinary least squares, the Yule-Walker equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from casid.estimation.residual_colour import Colour, Piece, _Filter, autoregression, coloured_score, gathered
+
+A = np.array([1.0, -1.4, 0.7])
+
+
+def autocovariance(lags: int, a: np.ndarray = A, variance: float = 1.0) -> np.ndarray:
+    """(lags,) of an autoregression: its impulse response against itself."""
+    response = lfilter([1.0], a, np.r_[1.0, np.zeros(4000)])
+    return variance * np.array([response[: len(response) - k] @ response[k:] for k in range(lags)])
+
+
+def drawn(count: int, a: np.ndarray, seed: int) -> np.ndarray:
+    return lfilter([1.0], a, np.random.default_rng(seed).standard_normal(count + 500))[500:]
+
+
+def pieces_of(rows: np.ndarray, residuals: np.ndarray, size: int) -> list[Piece]:
+    """One channel of one record in pieces."""
+    columns = np.arange(rows.shape[1])
+    return [
+        Piece(channel=0, record=0, columns=columns, rows=rows[i : i + size], residuals=residuals[i : i + size])
+        for i in range(0, len(rows), size)
+    ]
+
+
+def test_levinson_solves_the_equations_of_yule_and_walker():
+    found = autoregression(autocovariance(9, variance=3.0), 10**6)
+    np.testing.assert_allclose(found.a[:3], A, atol=1e-9)
+    assert found.variance == pytest.approx(3.0, rel=1e-9)
+
+
+def test_white_noise_has_no_memory_and_residuals_without_noise_end_the_recursion():
+    white = autoregression(np.r_[2.0, np.zeros(8)], 1000)
+    assert white.white and white.variance == 2.0
+    assert autoregression(np.zeros(9), 1000).variance == 0.0
+    assert autoregression(np.ones(9), 1000).variance == 1.0  # a constant is predicted without error
+
+
+@pytest.mark.parametrize("a", [A, np.array([1.0, -0.99])])
+def test_the_score_is_that_of_the_covariance_matrix(a):
+    """Recursive filter and the ringing after the end against the sum over all pairs of samples."""
+    rows = np.random.default_rng(0).standard_normal((60, 3)).cumsum(axis=0)
+    run = _Filter(Colour(a=a, variance=2.5), np.arange(3))
+    for start, stop in ((0, 1), (1, 20), (20, 60)):
+        run.add(rows[start:stop])
+    expected = rows.T @ toeplitz(autocovariance(60, a, 2.5)) @ rows
+    np.testing.assert_allclose(run.score(), expected, rtol=1e-8)
+
+
+def test_pieces_give_what_the_whole_record_gives():
+    rows, noise = np.random.default_rng(1).standard_normal((700, 2)).cumsum(axis=0) / 10, drawn(700, A, 2)
+    nothing, free = np.zeros((2, 2)), np.eye(2)
+    scores = []
+    for size in (700, 700 // 3, 5):
+        parts = pieces_of(rows, noise, size)
+        scores.append(coloured_score(gathered(parts), lambda parts=parts: parts, nothing, free))
+    for score in scores[1:]:
+        np.testing.assert_allclose(score, scores[0], rtol=1e-9)
+
+
+def test_white_residuals_of_least_squares_have_the_variance_over_degrees_of_freedom():
+    """Fifteen parameters of sixty samples: the mean square is a quarter too small."""
+    rng, free, nothing = np.random.default_rng(0), np.eye(15), np.zeros((15, 15))
+    ratios = []
+    for _ in range(20):
+        rows, noise = rng.standard_normal((60, 15)), 3.0 * rng.standard_normal(60)
+        residuals = noise - rows @ np.linalg.lstsq(rows, noise, rcond=None)[0]
+        parts = pieces_of(rows, residuals, 60)
+        if autoregression(gathered(parts)[0].autocovariance(np.zeros(15), nothing), 60).white:
+            score = coloured_score(gathered(parts), lambda parts=parts: parts, nothing, free)
+            ratios.append(score[0, 0] / (rows.T @ rows)[0, 0] / (residuals @ residuals / 45))
+    # the fixed point of v = (rss + 15 v)/60 by two rounds from rss/60: 1 - 1/4^3 of it
+    assert len(ratios) > 5
+    np.testing.assert_allclose(ratios, 1 - 0.25**3, rtol=1e-9)
+
+
+def test_what_a_fit_absorbs_of_slow_noise_is_put_back():
+    """Regressors and noise in the same low band: mean of the variances over their true value, 300 draws."""
+    count, rng = 250, np.random.default_rng(3)
+    t = np.arange(count) / count
+    rows = np.column_stack([np.ones(count), *(np.cos(np.pi * k * t) for k in (1, 2, 3))])
+    project, a = np.linalg.pinv(rows), np.array([1.0, -0.9])
+    true = np.diagonal(project @ toeplitz(autocovariance(count, a)) @ project.T)
+    found = {"plain": [], "counted": []}
+    inverse = np.linalg.inv(rows.T @ rows)
+    for _ in range(300):
+        noise = drawn(count, a, int(rng.integers(1 << 30)))
+        residuals = noise - rows @ (project @ noise)
+        parts = pieces_of(rows, residuals, count)
+        sums = gathered(parts)
+        raw = autoregression(sums[0].autocovariance(np.zeros(4), np.zeros((4, 4))), count)
+        run = _Filter(raw, np.arange(4))
+        if not raw.white:
+            run.add(rows)
+            found["plain"].append(np.diagonal(inverse @ run.score() @ inverse))
+        score = coloured_score(sums, lambda parts=parts: parts, np.zeros((4, 4)), np.eye(4))
+        found["counted"].append(np.diagonal(inverse @ score @ inverse))
+    plain, counted = (np.sqrt(np.mean(v, axis=0) / true) for v in found.values())
+    assert (plain < 0.85).all() and (counted > plain + 0.08).all() and (counted < 1.1).all()
