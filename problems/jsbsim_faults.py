@@ -14,7 +14,8 @@ import numpy as np
 from scipy import signal
 
 from casid.errors import InputError
-from casid.model.vocabulary import SENSOR_GROUPS, check_effect, effect_unit
+from casid.model.causes import SENSOR_GROUPS
+from casid.model.vocabulary import check_effect, effect_unit
 from problems.jsbsim_airframe import FT, Airframe
 from problems.jsbsim_edit import Edit
 

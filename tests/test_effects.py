@@ -10,9 +10,9 @@ import pytest
 
 from casid.model import operators
 from casid.model.aircraft import EffectValue
-from casid.model.causes import configuration_change
+from casid.model.causes import configuration_change, effectiveness_change
 from casid.model.dynamics import aircraft_model
-from casid.model.effect import CAUSES, Effect
+from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
 from casid.model.path import OUTPUTS, disturbance_names
 from casid.model.vocabulary import KINDS, check_effect
@@ -59,7 +59,7 @@ def null_values(effect: Effect) -> dict[str, float]:
 def test_the_catalogue_covers_the_vocabulary():
     """Every kind that diagnosis may name has a definition, and every effect a valid kind, target, term and unit."""
     kinds = {effect.kind for effect in CATALOGUE}
-    assert kinds | {"turbulence"} == set(KINDS) == set(CAUSES)
+    assert kinds | {"turbulence"} == set(KINDS)
     for effect in CATALOGUE:
         check_effect(effect.kind, effect.target, effect.term)
         ways = [effect.change is not None, effect.series is not None, effect.output is not None]
@@ -192,7 +192,7 @@ def test_a_missing_term_adds_its_regressor_to_its_coefficient():
 def test_effectiveness_scales_the_surface_from_the_onset_on():
     t = np.arange(0.0, 10.0, 0.02)
     known = readings(t)
-    effect = CAUSES["effectiveness_change"]("delta_e")
+    effect = effectiveness_change("delta_e")
     assert effect.series is not None
     lost = effect.series(t, known, {"value": -0.3, "onset": 4.0})["d_delta_e"]
     assert not lost[t <= 4.0].any()

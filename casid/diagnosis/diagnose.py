@@ -113,12 +113,13 @@ def attached_effects(flight: Flight) -> list[Attached]:
     """The effects that the aircraft file already has, to be fitted further."""
     found = []
     for value in flight.aircraft.effects:
-        if value.kind == "turbulence":
+        effect = effect_of(value)
+        if effect.stochastic:
             continue
         onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in flight.names}
         found.append(
             Attached(
-                effect=effect_of(value), values={"value": value.value} | dict(value.parameters), onsets=onsets,
+                effect=effect, values={"value": value.value} | dict(value.parameters), onsets=onsets,
                 records=tuple(r for r in value.records if r in flight.names),
             )
         )  # fmt: skip
@@ -132,7 +133,7 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
         return None, [], none
     calm = kinematics.reconstruct(flight)
     evidence = weigh(calm, discrepancy=False)
-    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kind in kinematics.KINDS]
+    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic]
     ranked = screen(evidence, effects)
     turbulent, repaired = kinematics.turbulence(flight, calm), calm
     for _ in range(_REPAIRS):

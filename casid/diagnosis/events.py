@@ -166,6 +166,6 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
 
 def weak_members(fit: Fit, attached: Attached) -> Sequence[str]:
     """Coefficients of a fitted configuration change that are not significant (below 4 sigma)."""
-    names = attached.effect.target.split("+")
+    names = attached.effect.members
     slots = {c: attached.name + ("" if c == names[0] else f".{c}") for c in names}
     return [c for c, slot in slots.items() if abs(fit[slot]) < 4.0 * fit.std(slot)]

@@ -131,11 +131,18 @@ class Regressors:
         self.names = tuple(path.regressor)
         self._inputs = model.inputs
         self._quiet = make_batch(model, flight.quiet)
-        self._function = ca.Function("regressors", [model.x, model.u], [ca.vertcat(*path.regressor.values())])
+        self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
+        expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
+        self._function = ca.Function("regressors", [model.x, model.u], [expressions])
 
     def along(self, X: np.ndarray) -> dict[str, np.ndarray]:
-        """name -> (N, R): regressors of the trajectory X (N, R, nx), and the inputs, both from denoised inputs."""
+        """name -> (N, R): regressors of the trajectory X (N, R, nx), rates of the flow angles by differences included,
+        and the inputs, both from denoised inputs."""
         inputs = self._quiet.U
         values = evaluate(self._function, X, inputs)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
-        return table | {name: values[..., i] for i, name in enumerate(self.names)}
+        table |= {name: values[..., i] for i, name in enumerate(self.names)}
+        for angle, length in self._lengths.items():
+            rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._quiet.t.T, strict=True)]
+            table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]
+        return table

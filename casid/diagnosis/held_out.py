@@ -16,8 +16,6 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 
-_RECURRING = ("effectiveness_change", "configuration_change")
-
 
 def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[Record], list[Record]]:
     """(records to fit, records held back). Without `hold_out` the last record is held back, or of a single one its last
@@ -58,7 +56,7 @@ def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
             other = fit(held, without, fitted.noise, base, free="states", iterations=4, tolerance=1.0)
             base = other if other.deviance < base.deviance else base
     for one in fitted.attached:
-        if one.effect.timed and one.effect.kind in _RECURRING:
+        if one.effect.recurring:
             moved = replace(one, onsets=_onsets(base, one))
             other = fit(held, [*base.attached, moved], fitted.noise, base, free="states", iterations=4, tolerance=1.0)
             base = other if other.deviance < base.deviance else base

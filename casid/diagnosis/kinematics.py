@@ -17,10 +17,6 @@ from casid.diagnosis.hypothesis import Attached
 from casid.estimation.innovations import NoiseModel
 from casid.model.path import MOMENTS, coefficient_names
 
-KINDS = (
-    "sensor_bias", "sensor_scale", "sensor_delay", "sensor_lag", "vane_position", "accelerometer_position",
-    "gust", "wind_shear", "turbulence",
-)  # fmt: skip
 _FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a free specific force
 _MOMENT_TIME, _MOMENT_SIZE = 0.2, 1.0  # and of a free angular acceleration [rad/s2]
 WIND = ("wind_x", "wind_y", "wind_z")

@@ -11,7 +11,6 @@ from casid.diagnosis.events import at_peak, configuration_changes, further_recor
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.kinematics import KINDS as KINEMATIC_KINDS
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
@@ -90,7 +89,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     candidates = rank(Screen(state.evidence, exact=True), prints)
     cautious = rank(Screen(state.evidence), prints)
     switches = configuration_changes(state.evidence)
-    if any(a.effect.kind == "configuration_change" for a in attached):
+    if any(a.effect.members for a in attached):
         switches = []
     intervals = dict(state.intervals)
     trials = []
@@ -144,7 +143,7 @@ def _best_few(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
         effect = candidate.attached.effect
         if candidate.net < 0.3 * GAIN or len(chosen) == count:
             break
-        if effect.kind == "aero_term":
+        if effect.quasi_steady:
             per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
             if per_coefficient[effect.target] > 2:
                 continue
@@ -164,7 +163,7 @@ def _try(
             fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
     if attached.effect.timed and fitted.deviance < give_up:
         fitted, interval = at_peak(fitted)
-    if attached.effect.kind == "configuration_change":
+    if attached.effect.members:
         fitted = _without_weak(base, fitted)
     one = fitted.attached[-1]
     gain = evidence.deviance - weigh(fitted).deviance
@@ -211,11 +210,10 @@ def _without_weak(base: Fit, fitted: Fit) -> Fit:
     """A configuration change fitted again without the coefficients that do not take part."""
     one = fitted.attached[-1]
     weak = weak_members(fitted, one)
-    names = [c for c in one.effect.target.split("+") if c not in weak]
+    names = [c for c in one.effect.members if c not in weak]
     if not weak or not names:
         return fitted
-    first = one.effect.target.split("+")[0]
-    sizes = {c: one.values["value" if c == first else c] for c in names}
+    sizes = {c: one.values["value" if c == one.effect.members[0] else c] for c in names}
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
@@ -236,7 +234,7 @@ def _refuted(kinematic: Evidence, one: Attached) -> bool:
 def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:
     """(predicted, achieved) drop of the kinematic deviance by a cause of the size found in the full model."""
     effect = one.effect
-    if effect.kind not in KINEMATIC_KINDS or effect.kind == "turbulence":
+    if not effect.kinematic or effect.stochastic:
         return 0.0, 0.0
     further = dict(one.values) if not effect.linear else {k: v for k, v in one.values.items() if k != "value"}
     size = one.values["value"] if effect.linear else 1.0

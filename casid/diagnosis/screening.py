@@ -25,8 +25,6 @@ from casid.model.terms import parse_term
 _CHUNK = 96
 ONSET_STEP = 1.0
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
-# causes that may differ from record to record: instruments and loading change between flights, aerodynamics do not
-_BY_RECORD = ("mass", "cg_offset", "inertia", "thrust_asymmetry", "sensor_bias", "sensor_scale")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,7 +101,7 @@ class Screen:
         return left, match - step, float(np.sqrt(left / square)) if square > 0 else 0.0
 
     def _own_term(self, effect: Effect) -> int | None:
-        return self._terms.get((effect.target, effect.term or "")) if effect.kind == "aero_term" else None
+        return self._terms.get((effect.target, effect.regressor)) if effect.regressor else None
 
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
         """(statistic, size, its 1-sigma, surviving share); zero statistic for what derivatives imitate fully."""
@@ -128,7 +126,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
                 rows.append((effect, values, None))
                 continue
             rows += [(effect, values, float(onset)) for onset in onsets]
-    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.change is not None and e.kind != "aero_term"])
+    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.change is not None and not e.quasi_steady])
     found: list[Fingerprint] = []
     for at in range(0, len(rows), _CHUNK):
         chunk = rows[at : at + _CHUNK]
@@ -170,8 +168,8 @@ def _white(
     direct: list[tuple[int, np.ndarray, np.ndarray]] = []
     still = np.zeros(base.linear.defect.shape)
     for j, (effect, values, onset) in enumerate(rows):
-        if effect.kind == "aero_term":
-            series = parse_term(effect.term or "0").evaluate(base.known)
+        if effect.quasi_steady:
+            series = parse_term(effect.regressor or "0").evaluate(base.known)
             histories.append((j, disturbances.index(f"d{effect.target}"), np.broadcast_to(series, (N, R))))
         elif effect.change is not None:
             if effect.name in symbolic:
@@ -233,7 +231,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     effect = prints[0].effect
     R = len(prints[0].square)
     subsets = [np.ones(R)]
-    if effect.kind in _BY_RECORD:
+    if effect.by_record:
         subsets += [_subset(c, R) for size in range(1, R) for c in combinations(range(R), size)]
     best: Candidate | None = None
     for one in prints:
@@ -275,7 +273,7 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
             dof = 1 + len(values)
             tries = float(len(mine)) ** len(chosen) * 2.0**R * len(effect.grid)
             net = statistic - dof * judge.price - 2.0 * np.log(tries)
-            sign = size > 0.0 and effect.kind == "effectiveness_change"
+            sign = size > 0.0 and effect.either_sign
             if sign not in best or net > best[sign].net:
                 first = {r.name: r.t[0] for r in judge.base.flight.records}
                 starts = {

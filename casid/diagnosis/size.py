@@ -16,27 +16,21 @@ _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficie
 
 def plausible(one: Attached, share: float) -> bool:
     """Whether a fitted size is physically possible; flaps and gear may exceed what the derivatives vary by."""
-    of_a_term = one.effect.kind in ("aero_term", "unsteady_aero")
+    of_a_term = one.effect.regressor is not None
     return abs(one.values["value"]) <= one.effect.limit and (share <= _LARGEST_SHARE / SHARE or not of_a_term)
 
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:
-    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
-    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, or half of that when
-    it makes a derivative vary by `CHANGE`."""
+    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, for an oscillation
+    `SHARE` of the variation of its channel, or for what adds to a coefficient `SHARE` of that coefficient's variation,
+    as far as derivatives cannot imitate it, or half of that when it makes a derivative vary by `CHANGE`."""
     effect, value = one.effect, one.values["value"]
-    if effect.kind in ("mass", "inertia"):
-        inertia = fitted.flight.aircraft.inertia
-        whole = fitted.flight.aircraft.mass if effect.kind == "mass" else getattr(
-            inertia, "Ixx" if effect.target == "Ixz" else effect.target
-        )  # fmt: skip
-        return abs(value) / (SHARE * whole)
-    if effect.kind == "structural_mode":
-        i = fitted.model.outputs.index(effect.target)
-        measured = fitted.batch.Z[..., i]
-        return abs(value) * 0.05 / (SHARE * float(np.nanstd(measured)))
-    if effect.meaningful is not None:
-        return abs(value) / effect.meaningful if effect.meaningful > 0 else 1.0
+    if effect.amplitude is not None:
+        measured = fitted.batch.Z[..., fitted.model.outputs.index(effect.target)]
+        return abs(value) * effect.amplitude / (SHARE * float(np.nanstd(measured)))
+    smallest = effect.smallest_that_matters(fitted.flight.aircraft)
+    if smallest is not None:
+        return abs(value) / smallest if smallest > 0 else 1.0
     share = _coefficient_share(fitted, one)
     return max(share / SHARE, min(2.0 * share / SHARE, _derivative_change(fitted, one) / CHANGE))
 
@@ -44,9 +38,9 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
 def _derivative_change(fitted: Fit, one: Attached) -> float:
     """How much a product term makes a fitted derivative vary over the records, relative to that derivative: alpha*beta
     in Cl is a dihedral effect that depends on the angle of attack."""
-    if one.effect.kind != "aero_term" or one.effect.term is None:
+    if one.effect.regressor is None:
         return 0.0
-    factors, largest = dict(parse_term(one.effect.term).factors), 0.0
+    factors, largest = dict(parse_term(one.effect.regressor).factors), 0.0
     for variable, power in factors.items():
         derivative = fitted.derivatives.get(f"{one.effect.target}_{variable}", 0.0)
         rest = {v: n - (v == variable) for v, n in factors.items() if n - (v == variable) > 0}
@@ -61,35 +55,13 @@ def _derivative_change(fitted: Fit, one: Attached) -> float:
 def _coefficient_share(fitted: Fit, one: Attached) -> float:
     """r.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
     size, live = variation(fitted), fitted.batch.live
-    if one.effect.kind == "configuration_change":
-        names = one.effect.target.split("+")
+    if one.effect.series is not None:
         W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
-        shares = []
-        for name in names:
-            series = W[..., fitted.model.disturbances.index(f"d{name}")]
-            shares.append(float(np.std(series[live])) / max(size[name], 1e-12))
-        return max(shares)
-    if one.effect.kind == "unsteady_aero":
-        return _unsteady_share(fitted, one, size)
-    term = one.effect.term or "0"
-    series = one.values["value"] * np.broadcast_to(_term_series(fitted, term), live.shape)
-    left = unlike_derivatives(fitted, one.effect.target, series)
+        series = {c: W[..., fitted.model.disturbances.index(f"d{c}")] for c in size}
+        return max(float(np.std(series[c][live])) / max(size[c], 1e-12) for c in size)
+    series = one.values["value"] * parse_term(one.effect.regressor or "0").evaluate(fitted.known)
+    left = unlike_derivatives(fitted, one.effect.target, np.broadcast_to(series, live.shape))
     return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
-
-
-def _unsteady_share(fitted: Fit, one: Attached, size: dict[str, float]) -> float:
-    lateral = one.effect.target in ("CY", "Cl", "Cn")
-    angle = "beta" if lateral else "alpha"
-    aircraft = fitted.flight.aircraft
-    length = aircraft.rate_length_lateral if lateral else aircraft.rate_length_pitch
-    V = fitted.linear.output[..., fitted.model.outputs.index("V")] if "V" in fitted.model.outputs else 100.0
-    rate = np.gradient(fitted.known[angle], axis=0) / fitted.batch.dt.mean() * length / V
-    left = unlike_derivatives(fitted, one.effect.target, one.values["value"] * rate)
-    return float(np.std(left[fitted.batch.live])) / max(size[one.effect.target], 1e-12)
-
-
-def _term_series(fitted: Fit, term: str) -> np.ndarray:
-    return parse_term(term).evaluate(fitted.known)
 
 
 def missing_share(fitted: Fit, station: str, history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:

@@ -19,9 +19,10 @@ from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, missing_share
 from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.causes import aero_term
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
-from casid.model.vocabulary import effect_sentence, effect_unit
+from casid.model.vocabulary import effect_sentence
 
 MISSING_GAIN, MISSING_SHARE = 150.0, 0.05
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
@@ -47,7 +48,7 @@ def causes_of(
     named = [r for r in naming.rounds if r.named]
     causes, minor = [], []
     if turbulence.named:
-        (causes if kept >= 0 else minor).append(_turbulence(turbulence, held_gains[0]))
+        (causes if kept >= 0 else minor).append(_turbulence(turbulence, final.flight.aircraft, held_gains[0]))
     for i, (round_, held) in enumerate(zip(named, held_gains[1:], strict=True)):
         if i < kept:
             causes.append(_cause(_as_in(final, round_.trials[0]), naming, round_.equivalents, held))
@@ -117,14 +118,14 @@ def _sentence(one: Attached, value: float, records: int) -> str:
     return text
 
 
-def _turbulence(turbulence: Turbulence, held: float | None) -> Cause:
+def _turbulence(turbulence: Turbulence, aircraft: Aircraft, held: float | None) -> Cause:
     effect = turbulence_effect("")
     return Cause(
-        kind="turbulence", target="", term=None, value=turbulence.sigma, std=turbulence.std, unit=effect.unit,
+        kind=effect.kind, target=effect.target, term=None, value=turbulence.sigma, std=turbulence.std, unit=effect.unit,
         records=turbulence.records, onset_s=None, statistic=turbulence.gain, dof=1,
         p_value=float(0.5 * stats.chi2.sf(turbulence.gain, 1)), held_out_gain=held, indistinguishable_from=(),
-        sentence=effect_sentence("turbulence", "", None, turbulence.sigma), parameters={}, meaningful=True,
-        share=turbulence.sigma / (effect.meaningful or 1.0),
+        sentence=effect_sentence(*effect.key, turbulence.sigma), parameters={}, meaningful=True,
+        share=turbulence.sigma / (effect.smallest_that_matters(aircraft) or 1.0),
     )  # fmt: skip
 
 
@@ -142,11 +143,12 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
         if share > SHARE:
             continue  # not small: it stands for something that is missing, and the verdict says where
-        sentence = effect_sentence("aero_term", coefficient, term, mean * factor)
+        effect = aero_term(coefficient, term)
+        sentence = effect_sentence(*effect.key, mean * factor)
         found.append(
             Cause(
-                kind="aero_term", target=coefficient, term=term, value=mean * factor, std=std * factor,
-                unit=effect_unit("aero_term", coefficient, term), records=fit.batch.names, onset_s=None,
+                kind=effect.kind, target=coefficient, term=term, value=mean * factor, std=std * factor,
+                unit=effect.unit, records=fit.batch.names, onset_s=None,
                 statistic=(mean / std) ** 2, dof=1, p_value=float(stats.chi2.sf((mean / std) ** 2, 1)),
                 held_out_gain=None, indistinguishable_from=(), parameters={}, meaningful=False, share=share / SHARE,
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
@@ -225,7 +227,8 @@ def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:
     return {
         c.name: float(_DETECTABLE * c.std)
         for c in candidates
-        if c.attached.effect.kind not in ("aero_term", "configuration_change")
+        if not c.attached.effect.quasi_steady
+        and not c.attached.effect.members
         and c.attached.effect.linear
         and np.isfinite(c.std)
     }

@@ -79,7 +79,7 @@ class EffectValue:
     """A known effect and its size: one `[[effects]]` table.
 
     target      "" for a kind that has none
-    term        canonical name of the monomial, for `aero_term`; else None
+    term        canonical name of the monomial, for a kind that needs one; else None
     value       in `unit` (SI), which is filled in from the vocabulary; meaning and sign: `vocabulary.KINDS`
     std         1-sigma of the value; 0 when it is exact
     records     names of the records concerned; empty: all
@@ -192,8 +192,8 @@ class Aircraft:
         values["terms"] = self._checked_terms(values["derivatives"])
         values["effects"] = tuple(self.effects)
         for effect in values["effects"]:
-            if KINDS[effect.kind].joined or effect.kind in ("aero_term", "unsteady_aero"):
-                for coefficient in effect.target.split("+"):
+            if KINDS[effect.kind].of_coefficients:
+                for coefficient in KINDS[effect.kind].parts(effect.target):
                     self._check_coefficient(coefficient, f"effect '{effect.kind}'")
         for name, value in values.items():
             object.__setattr__(self, name, value)

@@ -48,7 +48,7 @@ class Applied:
     def unseen_by_equations(self) -> tuple[str, ...]:
         """Effects of the file that the equation-error form of the model does not have."""
         effects = [effect_of(e) for e in self.aircraft.effects if e.value != 0.0]
-        lags = [n for n in self.model.parameters if n.startswith("sensor_lag")]
+        lags = [e.name for e in effects if e.instrument is not None and e.name in self.model.parameters]
         return (*(e.name for e in effects if e.change is not None and e.station not in _IN_EQUATIONS), *lags)
 
     def readings(self, record: Record, outputs: np.ndarray) -> np.ndarray:
@@ -117,22 +117,22 @@ def apply_effects(
     histories = [_histories(timed, record) for record in bare_records]
     stations = sorted({station for history in histories for station in history})
     model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks))
-    model = with_sensor_lags(model, [(effect_of(v), v.value) for v in lags])
+    model = with_instruments(model, [(effect_of(v), v.value) for v in lags])
     ready = []
     for record, history in zip(bare_records, histories, strict=True):
         added = {station: history.get(station, np.zeros(len(record))) for station in stations}
         added |= {name: np.full(len(record), float(_concerns(value, record.name))) for name, value in masks.items()}
         ready.append(record.with_channels(**added))
-    turbulence = [v.value for v in aircraft.effects if v.kind == "turbulence"]
+    turbulence = [v.value for v in aircraft.effects if effect_of(v).stochastic]
     return Applied(
         aircraft=aircraft, axes=axes, model=model, records=tuple(ready), turbulence=max(turbulence, default=0.0),
         _undone=tuple(undone),
     )  # fmt: skip
 
 
-def with_sensor_lags(model: Model, lags: Sequence[tuple[Effect, float]]) -> Model:
-    """The model with first-order lags on channels: one state per channel, what its instrument reads; the time constant
-    is a parameter under the effect's name, `sensor_lag(alpha)`."""
+def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Model:
+    """The model with slow instruments (`Effect.instrument`): one state per channel, what its instrument reads; the
+    value is a parameter under the effect's name, `sensor_lag(alpha)`."""
     slow = {c: effect for effect, _ in lags for c in group_channels(effect.target) if c in model.outputs}
     if not slow:
         return model
@@ -141,7 +141,8 @@ def with_sensor_lags(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
     rates, h = [], ca.SX(model.h)
     for i, (channel, effect) in enumerate(slow.items()):
         row = model.outputs.index(channel)
-        rates.append((h[row] - reading[i]) / T[names.index(effect.name)])
+        assert effect.instrument is not None
+        rates.append(effect.instrument(h[row], reading[i], {"value": T[names.index(effect.name)]}))
         h[row] = reading[i]
 
     def guess(record: Record) -> np.ndarray:
@@ -157,7 +158,7 @@ def with_sensor_lags(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
         x=ca.vertcat(model.x, reading), p=ca.vertcat(model.p, T), f=ca.vertcat(model.f, *rates), h=h, guess=guess,
         nominal={**model.nominal, **{e.name: value for e, value in lags}},
         state_scale={**model.state_scale, **{f"{c}_read": scale_of(c) for c in slow}},
-        units={**model.units, **dict.fromkeys(names, "s")},
+        units={**model.units, **{e.name: e.unit for e, _ in lags}},
     )  # fmt: skip
 
 
@@ -198,18 +199,15 @@ def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
             symbolic.append(value)
         elif effect.series is not None:
             timed.append(value)
-        elif effect.kind == "sensor_lag" and value.value > 0.0 and not value.records:
-            # a time constant below the sampling interval cannot be told from a delay, and would need a finer step
-            if value.value >= dt:
-                lags.append(value)
-            else:
-                undone.append(replace(value, kind="sensor_delay"))
-        elif effect.output is not None:
-            if effect.kind == "sensor_lag" and value.value != 0.0:
+        elif effect.instrument is not None and value.value != 0.0:
+            if value.value < 0.0 or value.records:
                 raise InputError(
                     f"aircraft '{aircraft.name}': effect {effect.name} cannot act; a lag needs a positive time "
                     f"constant and holds for all records, got {value.value} in {list(value.records) or 'all records'}"
                 )
+            # a time constant below the sampling interval would need a finer step
+            (lags if value.value >= dt else undone).append(value)
+        elif effect.output is not None:
             undone.append(value)
     return symbolic, timed, lags, undone
 
@@ -240,10 +238,8 @@ def _series(value: EffectValue, record: Record) -> dict[str, np.ndarray]:
 
 
 def _values(value: EffectValue, effect: Effect) -> dict[str, float]:
-    """The numbers that an effect's functions take; a configuration change without a duration is a switch."""
-    values = {"value": value.value, **value.parameters}
-    if effect.kind == "configuration_change":
-        values = {"duration": 0.0, **dict.fromkeys(effect.target.split("+")[1:], 0.0), **values}
+    """The numbers that an effect's functions take. Raises InputError when the file leaves out one that it may not."""
+    values = {"value": value.value, **effect.defaults, **value.parameters}
     for name in effect.grid[0] if effect.grid else ():
         if name not in values:
             raise InputError(
@@ -266,23 +262,13 @@ def _only_where_present(effect: Effect) -> Effect:
 def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -> Record:
     """The record as instruments without these delays and oscillations would have given it, latest effect first."""
     for value in reversed(undone):
-        if not _concerns(value, record.name):
-            continue
         effect = effect_of(value)
-        if effect.kind == "sensor_delay":
-            channels = [c for c in group_channels(effect.target) if c in record]
-            record = record.with_channels(**{c: _earlier(record.t, record[c], value.value) for c in channels})
-        elif effect.target in record:
-            assert effect.output is not None
-            rung = effect.output(record.t, record.channels, _values(value, effect))[effect.target]
-            record = record.with_channels(**{effect.target: 2.0 * record[effect.target] - rung})
+        if not _concerns(value, record.name) or not any(channel in record for channel in effect.reads):
+            continue
+        values, read = _values(value, effect), record.channels
+        if effect.undo is not None:
+            record = record.with_channels(**effect.undo(record.t, read, values))
+        elif effect.output is not None:
+            twice = effect.output(record.t, read, values)
+            record = record.with_channels(**{c: 2.0 * read[c] - series for c, series in twice.items()})
     return record
-
-
-def _earlier(t: np.ndarray, series: np.ndarray, delay: float) -> np.ndarray:
-    """(N,) series(t + delay), linear between samples; missing where a neighbour is, and beyond the record."""
-    wanted = t + delay
-    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
-    share = (wanted - t[after - 1]) / (t[after] - t[after - 1])
-    moved = (1.0 - share) * series[after - 1] + share * series[after]
-    return np.where((wanted >= t[0]) & (wanted <= t[-1]), moved, np.nan)

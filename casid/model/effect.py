@@ -1,4 +1,4 @@
-"""What an effect is, and the register of causes.
+"""What an effect is, what a kind of cause is, and the register of causes.
 
 A cause is one `@cause` function that returns an `Effect`: an extra piece at one station of the signal path. It enters
 in one of three ways, and simulation, estimation, screening, extension of the aircraft file and the generator of hidden
@@ -7,21 +7,29 @@ effects all use the same definition:
 change   symbolic: it changes the path at `station`; its value is a parameter of the model, 0 = absent
 series   a time history at a disturbance station of the path, computed from the record (a lagged surface, a gust)
 output   an operator on what an instrument reads (delay, lag)
+
+Whatever else there is to know of a cause stands in its definition too; nothing outside compares names of kinds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from casid.model.path import SignalPath
-from casid.model.vocabulary import effect_unit
+from casid.model.terms import COEFFICIENTS, parse_term
+from casid.signals import unit_of
+
+if TYPE_CHECKING:
+    from casid.model.aircraft import Aircraft
 
 Values = Mapping[str, float]
 Series = Mapping[str, np.ndarray]
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,23 +39,58 @@ class Effect:
     linear       the value is an amplitude that enters linearly at its null 0, so a score gives its size;
                  otherwise (lag, dead zone) sizes of `grid` are tried
     grid         values of the further parameters (and of "value" when not linear) that a screening tries
+    defaults     further parameters that an aircraft file may leave out
     timed        it begins at an onset [s] of its own in every record concerned
-    meaningful   the smallest size that matters to an engineer, in `unit` (None: judged by its part of a coefficient)
+
+    How its size is judged:
+    meaningful   the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it;
+                 None: judged by its part of a coefficient, or of a channel
     limit        the largest plausible size, in `unit`
+    amplitude    typical deflection of what drives an oscillation of the channel `target`: the value times this is
+                 judged by its part of the variation of that channel
+
+    What a diagnosis asks:
+    reads        it shows in these channels alone: one of them must be measured
+    covered_by   a channel whose own effect of this kind includes this one, when it is measured
+    kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
+    by_record    it may be in some records and not in others: instruments and loading change between flights
+    recurring    an event that other records may repeat
+    either_sign  a gain early and a loss late resemble each other: both signs are tried
+    regressor    term that the value multiplies in the coefficient `target`
+    members      coefficients that change together, the first by the value, the others by parameters of their names
+    enters       disturbance station at which an unknown time history would stand for it
+
+    What a model that has it needs:
+    instrument   (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
+    undo         inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds
+                 does not depend on the reading it is added to, and is subtracted
     """
 
     kind: str
-    target: str
+    target: str = ""
     term: str | None = None
     linear: bool = True
     grid: tuple[Mapping[str, float], ...] = ({},)
+    defaults: Mapping[str, float] = field(default_factory=dict)
     timed: bool = False
-    meaningful: float | None = None
+    meaningful: float | Callable[[Aircraft], float] | None = None
     limit: float = np.inf
+    amplitude: float | None = None
+    reads: tuple[str, ...] = ()
+    covered_by: str | None = None
+    kinematic: bool = False
+    by_record: bool = False
+    recurring: bool = False
+    either_sign: bool = False
+    regressor: str | None = None
+    members: tuple[str, ...] = ()
+    enters: str | None = None
     station: str | None = None
     change: Callable[[SignalPath, Any], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
+    undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
+    instrument: Callable[[Any, Any, Mapping[str, Any]], Any] | None = None
 
     @property
     def name(self) -> str:
@@ -58,23 +101,92 @@ class Effect:
     @property
     def unit(self) -> str:
         """SI unit of the value."""
-        return effect_unit(self.kind, self.target, self.term)
+        return KINDS[self.kind].unit_for(self.target, self.term)
 
     @property
     def key(self) -> tuple[str, str, str | None]:
         return self.kind, self.target, self.term
 
+    @property
+    def stochastic(self) -> bool:
+        """Whether it is process noise, and nothing deterministic."""
+        return self.change is None and self.series is None and self.output is None
 
-CAUSES: dict[str, Callable[..., Effect]] = {}
-TARGETS: dict[str, tuple[str, ...]] = {}
+    @property
+    def quasi_steady(self) -> bool:
+        """Whether it is a term of the present regressors, and of no rate of them."""
+        return self.regressor is not None and "dot" not in self.regressor
+
+    def smallest_that_matters(self, aircraft: Aircraft) -> float | None:
+        """`meaningful` for this aircraft."""
+        return self.meaningful(aircraft) if callable(self.meaningful) else self.meaningful
 
 
-def cause(kind: str, targets: Iterable[str]) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Register a cause: the decorated function makes its Effect for a target (and a term)."""
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """One kind of cause.
+
+    make        the Effect for a target (none: "") and, where it `needs_term`, a term
+    targets     valid targets; empty: it has none
+    quantity    what its value is, with sign
+    unit        SI unit of the value; fields channel and term stand for the units of those
+    sentence    template; fields label, term, size, percent, target
+    title       template of its short name; fields words (the kind), label, term, target
+    joined      the target is a set of `targets` that change together, written `CL+CD`
+    optional    the target may be left out
+    candidates  the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
+    """
+
+    kind: str
+    make: Callable[..., Effect]
+    targets: tuple[str, ...]
+    quantity: str
+    unit: str
+    sentence: str
+    title: str
+    needs_term: bool = False
+    joined: bool = False
+    optional: bool = False
+    candidates: Callable[[Aircraft], Iterable[Effect]]
+
+    @property
+    def of_coefficients(self) -> bool:
+        """Whether its targets are aerodynamic coefficients, of which an aircraft has six."""
+        return bool(self.targets) and set(self.targets) <= set(COEFFICIENTS)
+
+    def parts(self, target: str | None) -> list[str]:
+        """What a target names: `CL+CD` two coefficients; nothing when it is left out."""
+        if not target:
+            return []
+        return target.split("+") if self.joined else [target]
+
+    def unit_for(self, target: str | None, term: str | None = None) -> str:
+        """SI unit of the value at a valid target and term."""
+        return self.unit.format(channel=unit_of(target or ""), term=parse_term(term).unit if term else "")
+
+
+KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
+
+
+def cause(
+    kind: str, *, targets: Iterable[str] = (), unit: str, quantity: str, sentence: str, title: str = "{label}: {words}",
+    needs_term: bool = False, joined: bool = False, optional: bool = False,
+    candidates: Callable[[Aircraft], Iterable[Effect]] | None = None,
+) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:  # fmt: skip
+    """Register a kind of cause, see `Kind`: the decorated function makes its Effect for a target (and a term).
+
+    `candidates` are one effect for every target when they are not given.
+    """
+    valid = tuple(targets)
 
     def register(make: Callable[..., Effect]) -> Callable[..., Effect]:
-        CAUSES[kind] = make
-        TARGETS[kind] = tuple(targets)
+        def one_for_each_target(aircraft: Aircraft) -> Iterable[Effect]:
+            return (make(target) for target in valid or ("",))
+
+        KINDS[kind] = Kind(
+            kind=kind, make=make, targets=valid, unit=unit, quantity=quantity, sentence=sentence, title=title,
+            needs_term=needs_term, joined=joined, optional=optional, candidates=candidates or one_for_each_target,
+        )  # fmt: skip
         return make
 
     return register

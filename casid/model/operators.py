@@ -14,6 +14,15 @@ def delay(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
     return np.interp(t - tau, t, y)
 
 
+def earlier(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
+    """y(t + tau), linear between samples; missing (NaN) where a neighbour is, and beyond the series."""
+    wanted = t + tau
+    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
+    share = (wanted - t[after - 1]) / (t[after] - t[after - 1])
+    moved = (1.0 - share) * y[after - 1] + share * y[after]
+    return np.where((wanted >= t[0]) & (wanted <= t[-1]), moved, np.nan)
+
+
 def lag(t: np.ndarray, y: np.ndarray, time_constant: float) -> np.ndarray:
     """First-order lag, exact for an input that is linear between samples; none for a time constant of 0."""
     T = abs(time_constant)

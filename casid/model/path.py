@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from casid.model.aircraft import Aircraft
 from casid.model.terms import derivative_term, parse_term
+
+if TYPE_CHECKING:
+    from casid.model.aircraft import Aircraft
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 INPUTS = ("delta_e", "delta_a", "delta_r", "thrust", "rho")

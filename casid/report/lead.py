@@ -6,12 +6,13 @@ from collections.abc import Iterable
 
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
+from casid.model.effects import effect_of
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.heatmap import ambiguity, heatmap
 from casid.report.onset import onset
 from casid.report.reconstruction import Reconstruction, reconstruct
 from casid.report.residuals import gain, histories, residuals
-from casid.report.shape import missing_history, shape, station_of, wind
+from casid.report.shape import missing_history, shape, wind
 from casid.report.style import Picture, settings
 
 
@@ -33,10 +34,11 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
 
 def _lead(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     for cause in diagnosis.causes[:1]:
-        if cause.kind == "turbulence":
+        effect = effect_of(cause)
+        if effect.stochastic:
             return wind(diagnosis)
         choice = [shape(diagnosis, cause, seen.before), onset(diagnosis, cause)]
-        if cause.kind in ("gust", "wind_shear"):
+        if (effect.enters or "").startswith("wind"):
             choice.insert(0, _history_of(diagnosis, cause, seen))
         return next((picture for picture in choice if picture is not None), residuals(diagnosis))
     unexplained = _unexplained(diagnosis)
@@ -56,7 +58,7 @@ def _further(diagnosis: Diagnosis, seen: Reconstruction) -> Iterable[Picture | N
 
 
 def _history_of(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Picture | None:
-    found = seen.before.get(station_of(cause) or "")
+    found = seen.before.get(effect_of(cause).enters or "")
     return missing_history(diagnosis, found, curve=True) if found is not None else None
 
 

@@ -73,8 +73,8 @@ def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] |
 def onset_profiles(base: Fit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Record -> (times of onset [s], statistic of the cause if it began then), from a fit that does not have it."""
     effect = attached.effect
-    if effect.kind == "configuration_change":
-        effect = configuration_change(effect.target.split("+")[0])
+    if effect.members:
+        effect = configuration_change(effect.members[0])
     effect = replace(effect, grid=({key: attached.values[key] for key in effect.grid[0]},))
     evidence = weigh(base)
     judge, names = Screen(evidence), base.batch.names

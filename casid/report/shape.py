@@ -10,6 +10,7 @@ from casid.diagnosis.fit import Fit
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.estimation.innovations import residual_column
+from casid.model.effects import effect_of
 from casid.model.terms import parse_term
 from casid.report.reconstruction import derivatives_beside
 from casid.report.style import (
@@ -30,28 +31,20 @@ _STEPS = 11
 _MAX_RECORDS = 3
 
 
-def station_of(cause: Cause) -> str | None:
-    """The station of the signal path at which a cause enters directly, when an anonymous input stands there."""
-    if cause.kind in ("aero_term", "unsteady_aero", "configuration_change"):
-        return f"d{cause.target.split('+')[0]}"
-    return f"wind_{cause.target}" if cause.kind in ("gust", "wind_shear") else None
-
-
 def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]) -> Picture | None:
     """The reconstructed missing coefficient against the regressor of the named term, with the named curve over it.
 
     `before`: anonymous inputs by station, before naming. The changes of the other derivatives that came with
     the term are taken off it, so that the term alone is left. None for a cause that is no aerodynamic term.
     """
-    if cause.kind not in ("aero_term", "unsteady_aero"):
-        return None
-    missing = before.get(station_of(cause) or "")
-    if missing is None:
+    effect = effect_of(cause)
+    missing = before.get(effect.enters or "")
+    if effect.regressor is None or missing is None:
         return None
     fit = diagnosis.extended.fit
-    own = cause.value * _regressor(fit, cause)
+    own = cause.value * _series(fit, effect.regressor)
     others = named_series(diagnosis, missing) - own
-    variable, label, scale = _abscissa(fit, cause)
+    variable, label, scale = _abscissa(fit, effect.regressor)
     figure = blank(4.4)
     ax = figure.subplots()
     points = []
@@ -66,7 +59,14 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
     x, y, error = _binned(cloud)
     ax.errorbar(x, y, error, fmt="o", color=MEASURED, ms=6, capsize=3, zorder=4, label="their mean in steps, ±2σ")
     line = np.linspace(cloud[:, 0].min(), cloud[:, 0].max(), 200)
-    ax.plot(line, cause.value * _power(cause, line / scale), color=BASELINE, lw=2.5, zorder=3, label="the named term")
+    ax.plot(
+        line,
+        cause.value * _power(effect.regressor, line / scale),
+        color=BASELINE,
+        lw=2.5,
+        zorder=3,
+        label="the named term",
+    )
     ax.set_xlabel(label)
     ax.set_ylabel(f"missing {place(missing.station)}")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=1.3)
@@ -165,50 +165,30 @@ def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
         if owner == coefficient and name in beside and "dot" not in term:
             total += (value - beside[name]) * parse_term(term).evaluate(after.known)
     for one in after.attached:
-        if one.effect.kind in ("aero_term", "unsteady_aero") and one.effect.target == coefficient:
-            total += one.values["value"] * _series(after, one.effect.kind, coefficient, one.effect.term)
+        if one.effect.regressor is not None and one.effect.target == coefficient:
+            total += one.values["value"] * _series(after, one.effect.regressor)
     return total
 
 
-def _series(fit: Fit, kind: str, coefficient: str, term: str | None) -> np.ndarray:
-    if kind == "aero_term":
-        return np.broadcast_to(parse_term(term or "0").evaluate(fit.known), fit.batch.live.shape)
-    lateral = coefficient in ("CY", "Cl", "Cn")
-    aircraft, angle = fit.flight.aircraft, fit.known["beta" if lateral else "alpha"]
-    length = aircraft.rate_length_lateral if lateral else aircraft.rate_length_pitch
-    outputs = fit.model.outputs
-    speed = fit.linear.output[..., outputs.index("V")] if "V" in outputs else aircraft.trim.get("V", 100.0)
-    rate = np.stack(
-        [np.gradient(angle[:, r], fit.batch.t[:, r] + _ties(fit, r)) for r in range(angle.shape[1])], axis=1
-    )
-    return rate * length / speed
+def _series(fit: Fit, term: str) -> np.ndarray:
+    return np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
 
 
-def _ties(fit: Fit, r: int) -> np.ndarray:
-    """Padding behind a record's end repeats its last time stamp; make it grow, so that it can be divided by."""
-    return np.where(fit.batch.live[:, r], 0.0, np.arange(len(fit.batch.t)) * fit.flight.records[r].dt)
-
-
-def _regressor(fit: Fit, cause: Cause) -> np.ndarray:
-    return _series(fit, cause.kind, cause.target, cause.term)
-
-
-def _abscissa(fit: Fit, cause: Cause) -> tuple[np.ndarray, str, float]:
+def _abscissa(fit: Fit, regressor: str) -> tuple[np.ndarray, str, float]:
     """(series, axis label, factor to what is shown): the one variable of the term, or the term itself."""
-    if cause.kind == "unsteady_aero":
-        angle = "beta" if cause.target in ("CY", "Cl", "Cn") else "alpha"
-        return _regressor(fit, cause), f"dimensionless rate of {angle} [1]", 1.0
-    term = parse_term(cause.term or "0")
+    term = parse_term(regressor)
     if len(term.factors) == 1:
         variable = term.factors[0][0]
+        if variable.endswith("dot"):
+            return _series(fit, variable), f"dimensionless rate of {variable[:-3]} [1]", 1.0
         unit = unit_of(variable) if variable not in ("p", "q", "r") else "1"
         factor, shown = shown_unit(unit)
-        return np.broadcast_to(fit.known[variable], fit.batch.live.shape), f"{variable} [{shown}]", factor
-    return _regressor(fit, cause), f"{pretty_term(term.name)} [rad{'²³'[term.degree - 2]}]", 1.0
+        return _series(fit, variable), f"{variable} [{shown}]", factor
+    return _series(fit, regressor), f"{pretty_term(term.name)} [rad{'²³'[term.degree - 2]}]", 1.0
 
 
-def _power(cause: Cause, x: np.ndarray) -> np.ndarray:
-    factors = parse_term(cause.term).factors if cause.term else ()
+def _power(regressor: str, x: np.ndarray) -> np.ndarray:
+    factors = parse_term(regressor).factors
     return x ** factors[0][1] if len(factors) == 1 else x
 
 

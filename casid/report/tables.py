@@ -176,7 +176,7 @@ def unseen(diagnosis: Diagnosis) -> str:
     by_kind: dict[str, list[str]] = {}
     for name, size in diagnosis.detectable.items():
         effect = effects.get(name)
-        if effect is None or effect.kind == "configuration_change":
+        if effect is None or effect.members:
             continue  # a set of coefficients has no one size
         label = f"{effect.target} " if effect.target else ""
         by_kind.setdefault(effect.kind, []).append(f"{label}{quantity(size, effect.unit)}")

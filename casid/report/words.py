@@ -6,8 +6,8 @@ import math
 import re
 
 from casid.model.effect import Effect
+from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
-from casid.signals import label_of
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _PLACES = {"wind_x": "wind along x", "wind_y": "wind along y", "wind_z": "wind along z"}
@@ -19,18 +19,7 @@ _COEFFICIENTS = {
 
 def cause_name(kind: str, target: str | None, term: str | None) -> str:
     """Short name of a cause: "Cm: alpha²", "elevator: actuator lag", "wind shear along x"."""
-    if kind == "aero_term":
-        return f"{target}: {pretty_term(term or '')}"
-    words = kind.replace("_", " ").replace("cg ", "c.g. ")
-    if not target:
-        return words
-    if kind in ("gust", "wind_shear", "cg_offset", "accelerometer_position"):
-        return f"{words} along {target}"
-    if kind == "inertia":
-        return f"inertia {target}"
-    if kind in ("configuration_change", "unsteady_aero"):
-        return f"{target.replace('+', ', ')}: {words}"
-    return f"{'inertial unit' if target == 'inertial' else label_of(target)}: {words}"
+    return effect_title(kind, target, pretty_term(term) if term else None)
 
 
 def effect_name(effect: Effect) -> str:

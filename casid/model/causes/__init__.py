@@ -1,0 +1,53 @@
+"""The causes: every way in which reality may differ from the aircraft file, each defined once, by where it enters."""
+
+from casid.model.causes.aerodynamics import aero_term, configuration_change, unsteady_aero
+from casid.model.causes.air import gust, turbulence, wind_shear
+from casid.model.causes.controls import (
+    actuator_lag,
+    backlash,
+    dead_zone,
+    effectiveness_change,
+    input_delay,
+    rate_limit,
+)
+from casid.model.causes.instruments import (
+    SENSOR_GROUPS,
+    accelerometer_position,
+    group_channels,
+    sensor_bias,
+    sensor_delay,
+    sensor_lag,
+    sensor_scale,
+    structural_mode,
+    vane_position,
+)
+from casid.model.causes.loading import cg_offset, inertia, mass, thrust_asymmetry, thrust_line
+
+__all__ = [
+    "SENSOR_GROUPS",
+    "accelerometer_position",
+    "actuator_lag",
+    "aero_term",
+    "backlash",
+    "cg_offset",
+    "configuration_change",
+    "dead_zone",
+    "effectiveness_change",
+    "group_channels",
+    "gust",
+    "inertia",
+    "input_delay",
+    "mass",
+    "rate_limit",
+    "sensor_bias",
+    "sensor_delay",
+    "sensor_lag",
+    "sensor_scale",
+    "structural_mode",
+    "thrust_asymmetry",
+    "thrust_line",
+    "turbulence",
+    "unsteady_aero",
+    "vane_position",
+    "wind_shear",
+]

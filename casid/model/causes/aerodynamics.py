@@ -1,0 +1,95 @@
+"""Causes that enter as coefficients: missing terms, unsteady aerodynamics, an unrecorded change of configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from casid.model import operators
+from casid.model.effect import Effect, Series, Values, cause
+from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
+from casid.model.terms import COEFFICIENTS, parse_term
+from casid.signals import SURFACES
+
+if TYPE_CHECKING:
+    from casid.model.aircraft import Aircraft
+
+_VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
+_LATERAL = ("CY", "Cl", "Cn")
+
+
+def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
+    """Every polynomial and cross term of second and third order, every first-order term and Mach, on the six
+    coefficients, that the aircraft file does not have."""
+    terms = [*_VARIABLES, "mach"]
+    for degree in (2, 3):
+        terms += [parse_term("*".join(v)).name for v in combinations_with_replacement(_VARIABLES, degree)]
+    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
+    coefficients = coefficient_names(aircraft.force_axes)
+    return (aero_term(c, term) for c in coefficients for term in terms if (c, term) not in present)
+
+
+@cause(
+    "aero_term", targets=COEFFICIENTS, needs_term=True, candidates=_missing_terms, unit="{term}",
+    quantity="factor of the term", title="{target}: {term}",
+    sentence="The {label} depends on {term} with a factor of {size}, a term that the model does not have.",
+)  # fmt: skip
+def aero_term(coefficient: str, term: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.coefficient[coefficient] += value * evaluate(term, path)
+
+    return Effect(
+        kind="aero_term", target=coefficient, term=term, regressor=term, enters=f"d{coefficient}",
+        station="coefficients", change=change,
+    )  # fmt: skip
+
+
+def _missing_rates(aircraft: Aircraft) -> Iterable[Effect]:
+    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
+    effects = (unsteady_aero(c) for c in coefficient_names(aircraft.force_axes))
+    return (e for e in effects if (e.target, e.regressor) not in present)
+
+
+@cause(
+    "unsteady_aero", targets=COEFFICIENTS, candidates=_missing_rates, unit="1/rad", title="{target}: {words}",
+    quantity="derivative in the dimensionless rate of the angle of attack",
+    sentence="The {label} depends on how fast the angle of attack changes ({size}), which the model leaves out.",
+)  # fmt: skip
+def unsteady_aero(coefficient: str) -> Effect:
+    rate = "betadot" if coefficient in _LATERAL else "alphadot"
+
+    def change(path: SignalPath, value: Any) -> None:
+        path.coefficient[coefficient] += value * path.regressor[rate]
+
+    return Effect(
+        kind="unsteady_aero", target=coefficient, regressor=rate, enters=f"d{coefficient}", station="coefficients",
+        change=change, limit=60.0,
+    )  # fmt: skip
+
+
+def _sought_as_a_set(aircraft: Aircraft) -> Iterable[Effect]:
+    """None: which coefficients switch together is found by a search of its own, see `diagnosis.events`."""
+    return ()
+
+
+@cause(
+    "configuration_change", targets=COEFFICIENTS, joined=True, candidates=_sought_as_a_set, unit="1",
+    quantity="step of the first coefficient at the onset; the others stand in the parameters",
+    title="{target}: {words}",
+    sentence="The configuration changes in mid-record: a jump of {label}, {target} by {size}.",
+)  # fmt: skip
+def configuration_change(coefficients: str) -> Effect:
+    names = tuple(coefficients.split("+"))
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        moved = operators.transition(t, values["onset"], values.get("duration", 0.0))
+        return {f"d{name}": values["value" if name == names[0] else name] * moved for name in names}
+
+    return Effect(
+        kind="configuration_change", target=coefficients, members=names, enters=f"d{names[0]}", timed=True,
+        recurring=True, grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
+        defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)}, series=series,
+    )  # fmt: skip

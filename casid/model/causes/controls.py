@@ -1,0 +1,92 @@
+"""Causes between the recorded command and the surface that acts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from casid.model import operators
+from casid.model.effect import Effect, Series, Values, cause
+from casid.signals import SURFACES
+
+_DEG = np.pi / 180.0
+
+
+def _surface_operator(
+    kind: str, surface: str, sizes: Iterable[float], operate: Callable, meaningful: float, limit: float
+) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        recorded = known[surface]
+        return {f"d_{surface}": operate(t, recorded, values["value"]) - recorded}
+
+    return Effect(
+        kind=kind, target=surface, linear=False, grid=tuple({"value": v} for v in sizes), series=series,
+        meaningful=meaningful, limit=limit,
+    )  # fmt: skip
+
+
+@cause(
+    "actuator_lag", targets=SURFACES, unit="s", quantity="time constant",
+    sentence="The {label} follows its command with a lag of {size} that the model does not have.",
+)  # fmt: skip
+def actuator_lag(surface: str) -> Effect:
+    return _surface_operator("actuator_lag", surface, (0.03, 0.06, 0.12, 0.25), operators.lag, 0.01, 1.0)
+
+
+@cause(
+    "input_delay", targets=SURFACES, unit="s", quantity="delay of the surface behind its record",
+    sentence="The {label} follows its command {size} late.",
+)  # fmt: skip
+def input_delay(surface: str) -> Effect:
+    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2), operators.delay, 0.01, 0.5)
+
+
+@cause(
+    "rate_limit", targets=SURFACES, unit="rad/s", quantity="largest rate of the surface",
+    sentence="The {label} cannot move faster than {size}.",
+)  # fmt: skip
+def rate_limit(surface: str) -> Effect:
+    sizes = np.array([3.0, 5.0, 8.0, 12.0, 20.0]) * _DEG
+    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, 60.0 * _DEG)
+
+
+@cause(
+    "dead_zone", targets=SURFACES, unit="rad", quantity="half width around zero without any answer",
+    sentence="The {label} does not answer to a command below {size}.",
+)  # fmt: skip
+def dead_zone(surface: str) -> Effect:
+    def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
+        return operators.dead_zone(y, width, float(np.median(y)))
+
+    return _surface_operator(
+        "dead_zone", surface, np.array([0.2, 0.4, 0.8, 1.5]) * _DEG, operate, 0.1 * _DEG, 5.0 * _DEG
+    )
+
+
+@cause(
+    "backlash", targets=SURFACES, unit="rad", quantity="half the free play",
+    sentence="The {label} has a free play of plus and minus {size}.",
+)  # fmt: skip
+def backlash(surface: str) -> Effect:
+    def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
+        return operators.backlash(y, width)
+
+    return _surface_operator(
+        "backlash", surface, np.array([0.2, 0.4, 0.8, 1.5]) * _DEG, operate, 0.1 * _DEG, 5.0 * _DEG
+    )
+
+
+@cause(
+    "effectiveness_change", targets=(*SURFACES, "thrust"), unit="1",
+    quantity="relative change from the onset on; -0.3: 30 % are lost",
+    sentence="The effectiveness of the {label} changes by {percent} in mid-record.",
+)  # fmt: skip
+def effectiveness_change(surface: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        return {f"d_{surface}": values["value"] * operators.step(t, values["onset"]) * known[surface]}
+
+    return Effect(
+        kind="effectiveness_change", target=surface, timed=True, recurring=True, either_sign=True, series=series,
+        meaningful=0.03, limit=1.5,
+    )  # fmt: skip

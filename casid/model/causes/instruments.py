@@ -1,0 +1,153 @@
+"""Causes in the instruments: errors of what they read, and of where they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from casid.model import operators
+from casid.model.effect import Effect, Series, Values, cause
+from casid.model.path import SignalPath
+from casid.signals import unit_of
+
+SENSOR_CHANNELS = (
+    "V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", "altitude",
+)  # fmt: skip
+# Channels that share one cause. `q` includes qdot; the inertial unit is all that it measures.
+SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot")}
+)
+_RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
+_RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
+_DEG = np.pi / 180.0
+_BIAS_MATTERS = {
+    "m/s": 0.2, "rad": 0.1 * _DEG, "rad/s": 0.03 * _DEG, "m/s2": 0.03, "rad/s2": 0.1 * _DEG, "m": 5.0,
+}  # fmt: skip
+
+
+def group_channels(target: str) -> tuple[str, ...]:
+    """Channels that share one instrument fault: a channel, a rate with its derivative, or the inertial unit."""
+    return SENSOR_GROUPS.get(target) or _RATE_WITH_DERIVATIVE.get(target, (target,))
+
+
+@cause(
+    "sensor_bias", targets=SENSOR_CHANNELS, unit="{channel}", quantity="measured minus true",
+    sentence="The measured {label} is off by {size}.",
+)  # fmt: skip
+def sensor_bias(channel: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.output[channel] += value
+
+    return Effect(
+        kind="sensor_bias", target=channel, reads=(channel,), kinematic=True, by_record=True, station="sensors",
+        change=change, meaningful=_BIAS_MATTERS[unit_of(channel)],
+    )  # fmt: skip
+
+
+@cause(
+    "sensor_scale", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="1",
+    quantity="relative error of the scale; 0.1: 10 % too large",
+    sentence="The measured {label} has a scale error of {percent}.",
+)  # fmt: skip
+def sensor_scale(target: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        for name in group_channels(target):
+            path.output[name] *= 1.0 + value
+
+    return Effect(
+        kind="sensor_scale", target=target, reads=SENSOR_GROUPS.get(target, (target,)),
+        covered_by=_RATE_OF.get(target), kinematic=True, by_record=True, station="sensors", change=change,
+        meaningful=0.01, limit=0.6,
+    )  # fmt: skip
+
+
+def _slow_reading(kind: str, target: str, operate: Callable, instrument: Callable | None = None) -> Effect:
+    def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
+        return {c: operate(t, readings[c], values["value"]) for c in group_channels(target) if c in readings}
+
+    def undo(t: np.ndarray, read: Series, values: Values) -> dict[str, np.ndarray]:
+        return {c: operators.earlier(t, read[c], values["value"]) for c in group_channels(target) if c in read}
+
+    return Effect(
+        kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
+        kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)), output=output,
+        undo=undo, instrument=instrument, meaningful=0.01, limit=1.0,
+    )  # fmt: skip
+
+
+@cause(
+    "sensor_delay", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="s", quantity="delay",
+    sentence="The measured {label} comes {size} late.",
+)  # fmt: skip
+def sensor_delay(target: str) -> Effect:
+    return _slow_reading("sensor_delay", target, operators.delay)
+
+
+@cause(
+    "sensor_lag", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="s", quantity="time constant",
+    sentence="The measured {label} lags with a time constant of {size}.",
+)  # fmt: skip
+def sensor_lag(target: str) -> Effect:
+    # shorter than a sampling interval a lag cannot be told from a delay, and `undo` takes it for one
+    return _slow_reading(
+        "sensor_lag", target, operators.lag, lambda true, read, values: (true - read) / values["value"]
+    )
+
+
+_DRIVEN_BY = {
+    "alpha": "delta_e", "q": "delta_e", "ax": "delta_e", "az": "delta_e", "qdot": "delta_e",
+    "p": "delta_a", "pdot": "delta_a",
+    "beta": "delta_r", "r": "delta_r", "ay": "delta_r", "rdot": "delta_r",
+}  # fmt: skip
+
+
+@cause(
+    "structural_mode", targets=_DRIVEN_BY, unit="{channel}/rad",
+    quantity="gain from the surface that excites it; the frequency stands in the parameters",
+    sentence="The {label} carries a lightly damped oscillation, excited with a gain of {size}.",
+)  # fmt: skip
+def structural_mode(channel: str) -> Effect:
+    drive = _DRIVEN_BY[channel]
+
+    def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
+        ringing = operators.mode(t, readings[drive], values["frequency_hz"])
+        return {channel: readings[channel] + values["value"] * ringing}
+
+    grid = tuple({"frequency_hz": f} for f in (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0))
+    return Effect(
+        kind="structural_mode", target=channel, reads=(channel,), covered_by=_RATE_OF.get(channel), grid=grid,
+        output=output, amplitude=0.05,
+    )  # fmt: skip
+
+
+@cause(
+    "vane_position", targets=("alpha", "beta"), unit="m",
+    quantity="true minus assumed position of the vane, forward positive",
+    sentence="The vane of the {label} stands {size} further forward than it is corrected for.",
+)  # fmt: skip
+def vane_position(channel: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.sensor_position[f"{channel}_vane"][0] += value
+
+    return Effect(
+        kind="vane_position", target=channel, reads=(channel,), kinematic=True, station="wind", change=change,
+        meaningful=0.3, limit=30.0,
+    )  # fmt: skip
+
+
+@cause(
+    "accelerometer_position", targets=("x", "y", "z"), unit="m", title="{words} along {target}",
+    quantity="true minus assumed position, body axes",
+    sentence="The accelerometer stands {size} along body {target} from where the aircraft file has it.",
+)  # fmt: skip
+def accelerometer_position(axis: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.sensor_position["accelerometer"]["xyz".index(axis)] += value
+
+    return Effect(
+        kind="accelerometer_position", target=axis, reads=("ax", "ay", "az"), kinematic=True, station="wind",
+        change=change, meaningful=0.1, limit=20.0,
+    )  # fmt: skip

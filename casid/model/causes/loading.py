@@ -1,0 +1,80 @@
+"""Causes in mass properties and propulsion."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from casid.model.effect import Effect, cause
+from casid.model.path import SignalPath
+
+if TYPE_CHECKING:
+    from casid.model.aircraft import Aircraft
+
+_MATTERS = 0.02  # part of the mass or of an inertia
+
+
+@cause(
+    "cg_offset", targets=("x", "y", "z"), unit="m", title="{words} along {target}",
+    quantity="true minus assumed position, body axes",
+    sentence="The centre of gravity lies {size} along body {target} from where the aircraft file has it.",
+)  # fmt: skip
+def cg_offset(axis: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.cg["xyz".index(axis)] += value
+
+    return Effect(
+        kind="cg_offset", target=axis, by_record=True, station="wind", change=change, meaningful=0.02, limit=3.0
+    )
+
+
+@cause(
+    "mass", unit="kg", quantity="true minus assumed mass",
+    sentence="The mass differs by {size} from that of the aircraft file.",
+)  # fmt: skip
+def mass(target: str = "") -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.mass += value
+
+    def matters(aircraft: Aircraft) -> float:
+        return _MATTERS * aircraft.mass
+
+    return Effect(kind="mass", by_record=True, station="mass", change=change, meaningful=matters)
+
+
+@cause(
+    "inertia", targets=("Ixx", "Iyy", "Izz", "Ixz"), unit="kg m2", title="inertia {target}",
+    quantity="true minus assumed inertia",
+    sentence="The inertia {target} differs by {size} from that of the aircraft file.",
+)  # fmt: skip
+def inertia(component: str) -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.inertia[component] += value
+
+    def matters(aircraft: Aircraft) -> float:
+        return _MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
+
+    return Effect(kind="inertia", target=component, by_record=True, station="mass", change=change, meaningful=matters)
+
+
+@cause(
+    "thrust_asymmetry", unit="m", quantity="y at which the total thrust acts, right positive",
+    sentence="The thrust acts {size} to the right of the plane of symmetry.",
+)  # fmt: skip
+def thrust_asymmetry(target: str = "") -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.moment[2] -= value * path.surface["thrust"]
+
+    return Effect(
+        kind="thrust_asymmetry", by_record=True, station="moments", change=change, meaningful=0.05, limit=20.0
+    )
+
+
+@cause(
+    "thrust_line", unit="m", quantity="true minus assumed z of the thrust line, down positive",
+    sentence="The thrust line lies {size} lower than the aircraft file has it.",
+)  # fmt: skip
+def thrust_line(target: str = "") -> Effect:
+    def change(path: SignalPath, value: Any) -> None:
+        path.moment[1] += value * path.surface["thrust"]
+
+    return Effect(kind="thrust_line", station="moments", change=change, meaningful=0.05, limit=10.0)
