@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import binom
 
 from casid.estimation import Problem, solve
-from problems.coverage import KINDS_OF, NOISE, SURFACE_NOISE, TRUTH, flight, measured, run, short_period, table, tasks
+from problems.coverage import CONDITIONS, NOISE, SURFACE_NOISE, TRUTH, flight, measured, run, short_period, table, tasks
 
 REPO = Path(__file__).resolve().parent.parent
 RUNS = 60
@@ -26,12 +26,12 @@ def coverage(condition: str, kinds: list[str], runs: int, draws: int = 59) -> di
 
 def test_the_flight_obeys_its_equations():
     """Without noise the estimates are the truth, up to the error of a fourth-order step, dt^4 times the dynamics."""
-    fit = solve(Problem(short_period(), [flight()], free=["*"], noise=NOISE))
+    fit = solve(Problem(short_period(), [flight().record], free=["*"], noise=NOISE))
     np.testing.assert_allclose(list(fit.values.values()), list(TRUTH.values()), rtol=1e-5)
 
 
 def test_conditions_draw_the_noise_that_they_name():
-    truth = flight()
+    truth = flight().record
     surfaces, coloured = measured("surfaces", 0), measured("coloured", 0)
     assert np.std(surfaces["delta_e"] - truth["delta_e"]) == pytest.approx(SURFACE_NOISE, rel=0.15)
     np.testing.assert_array_equal(coloured["delta_e"], truth["delta_e"])
@@ -67,7 +67,7 @@ def test_bootstrap_and_filter_give_an_interval_about_their_estimate():
         found = run({"condition": condition, "seed": 1, "kinds": [kind], "draws": 39})[kind]
         assert all(low < value < high for value, low, high in found.values())
         assert all(abs(truth - found[n][0]) < 2 * (found[n][2] - found[n][1]) for n, truth in TRUTH.items())
-    assert "input_noise" not in KINDS_OF["clean"]
+    assert "input_noise" not in CONDITIONS["clean"].kinds
 
 
 def script(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -82,7 +82,8 @@ def test_the_script_writes_its_table_and_refuses_wrong_names(tmp_path):
     assert done.returncode == 0, done.stderr
     with (out / "coverage.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [row["interval"] for row in rows] == ["Cramer-Rao", "corrected for coloured residuals"]
+    assert list(dict.fromkeys(row["interval"] for row in rows)) == ["Cramer-Rao", "corrected for coloured residuals"]
+    assert {row["parameter"] for row in rows} == set(TRUTH)
     assert {row["runs"] for row in rows} == {"3"}
     assert json.loads((out / "run.json").read_text(encoding="utf-8"))["command"][0] == "coverage.py"
     wrong = script("--condition", "clear", cwd=tmp_path)
