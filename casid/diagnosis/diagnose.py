@@ -14,7 +14,7 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.naming import name_causes
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
@@ -87,9 +87,9 @@ def diagnose(
     lost = next((i for i, g in enumerate(gains) if g is not None and g < 0.0), len(gains))
     final, held_final = steps[lost], on_held[lost]
     stages.begin("missing inputs")
-    same = final is naming.evidence.fit
-    left, exact = (naming.missing, naming.missing_exact) if same else _missing(final)
-    first = exact if final is calm else _missing(calm)[1]
+    left = naming.missing if final is naming.evidence.fit else missing_inputs(weigh(final))
+    exact = missing_inputs(weigh(final, discrepancy=False))
+    first = exact if final is start else missing_inputs(weigh(start, discrepancy=False))
     stages.begin("verdict")
     causes, minor = causes_of(
         naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
@@ -148,11 +148,6 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
             repaired, _ = at_peak(repaired, free="effects")
         turbulent = kinematics.turbulence(flight, repaired)
     return evidence, ranked, turbulent
-
-
-def _missing(fitted: Fit) -> list[list[MissingInput]]:
-    """Anonymous inputs with small terms allowed for, and with the structure taken as exact."""
-    return missing_inputs(weigh(fitted), weigh(fitted, discrepancy=False))
 
 
 def _view(fitted: Fit) -> View:

@@ -18,7 +18,6 @@ from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
-_MOVES = 6
 _DROP_95 = 3.841  # chi-square, one degree of freedom
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
@@ -56,10 +55,10 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     return replace(one, onsets=onsets), intervals
 
 
-def at_peak(fitted: Fit, free: Literal["all", "effects"] = "all") -> tuple[Fit, Intervals]:
-    """The fit with the onsets of its last effect moved until they stay, and their intervals."""
+def at_peak(fitted: Fit, moves: int = 6, free: Literal["all", "effects"] = "all") -> tuple[Fit, Intervals]:
+    """The fit with the onsets of its last effect moved until they stay, `moves` times at most, and their intervals."""
     interval: Intervals = {}
-    for _ in range(_MOVES):
+    for _ in range(moves):
         before = fitted.attached[-1]
         moved, interval = moved_onsets(weigh(fitted, discrepancy=free == "all"), before)
         if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
+from scipy.linalg import blas
 
 from casid.diagnosis.fit import Fit, scaled_inverse
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
@@ -53,7 +54,7 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     for r in range(len(fit.batch.names)):
         slots = fit.columns[:, r].reshape(fit.white[:, r].size, k)
         by_record.append(np.hstack([slots, small[:, r].reshape(len(slots), -1)]) if small is not None else slots)
-    information = sum(flat.T @ flat for flat in by_record) + np.zeros((k + len(terms),) * 2)
+    information = sum(_gram(flat) for flat in by_record) + np.zeros((k + len(terms),) * 2)
     information[range(k), range(k)] += fit.prior_weight
     information[range(k, len(information)), range(k, len(information))] += 1.0
     gradient = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(k + len(terms))
@@ -75,6 +76,14 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     )
 
 
+def _gram(columns: np.ndarray) -> np.ndarray:
+    """columns' columns, at half the cost of the product."""
+    if not columns.shape[1]:
+        return np.zeros((0, 0))
+    half = blas.dsyrk(1.0, columns.T)
+    return half + np.triu(half, 1).T
+
+
 def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
     """coefficient -> (N, R) its value along the records, by the fitted derivatives and terms."""
     values = fit.derivatives
@@ -91,7 +100,7 @@ def variation(fit: Fit) -> dict[str, float]:
 
 
 def unlike_derivatives(fit: Fit, coefficient: str, series: np.ndarray) -> np.ndarray:
-    """(N, R) what is left of a time history of a coefficient after regression on its fitted terms."""
+    """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms."""
     live = fit.batch.live
     present = [
         np.broadcast_to(parse_term(term).evaluate(fit.known), live.shape)[live]
@@ -99,7 +108,7 @@ def unlike_derivatives(fit: Fit, coefficient: str, series: np.ndarray) -> np.nda
         if c == coefficient and "dot" not in term
     ]
     basis = np.stack([np.ones(int(live.sum())), *present], axis=1)
-    left = np.zeros(live.shape)
+    left = np.zeros(series.shape)
     left[live] = series[live] - basis @ np.linalg.lstsq(basis, series[live], rcond=None)[0]
     return left
 
@@ -110,22 +119,24 @@ def _small_terms(fit: Fit) -> tuple[list[tuple[str, str]], np.ndarray, np.ndarra
     attached = {(a.effect.target, a.effect.term) for a in fit.attached}
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)} | attached
     size = variation(fit)
-    terms, series, factor = [], [], []
+    terms: list[tuple[str, str]] = []
+    series: list[np.ndarray] = []
+    factors: list[float] = []
     for coefficient in coefficient_names(aircraft.force_axes):
-        if f"d{coefficient}" not in _moved(fit):
+        if f"d{coefficient}" not in _moved(fit) or size[coefficient] <= 0.0:
             continue
-        for term in _symmetric_terms(coefficient):
-            if (coefficient, term) in present:
-                continue
-            values = np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
-            spread = float(np.std(unlike_derivatives(fit, coefficient, values)[fit.batch.live]))
-            if spread > 1e-12 and size[coefficient] > 0.0:
+        allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
+        along = [np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape) for term in allowed]
+        left = unlike_derivatives(fit, coefficient, np.stack(along, axis=2))
+        spread = np.std(left[fit.batch.live], axis=0)
+        for term, values, own in zip(allowed, along, spread, strict=True):
+            if own > 1e-12:
                 terms.append((coefficient, term))
                 series.append(values)
-                factor.append(SMALL * size[coefficient] / spread)
+                factors.append(SMALL * size[coefficient] / float(own))
     if not terms:
         return [], np.zeros((*fit.batch.live.shape, 0)), np.zeros(0)
-    return terms, np.stack(series, axis=2), np.array(factor)
+    return terms, np.stack(series, axis=2), np.array(factors)
 
 
 def _moved(fit: Fit) -> set[str]:

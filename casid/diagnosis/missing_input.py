@@ -40,19 +40,18 @@ def stations(fit: Fit) -> list[str]:
     return [f"d{c}" for c in coefficient_names(fit.flight.aircraft.force_axes) if c[1] in letters] + winds
 
 
-def missing_inputs(*evidences: Evidence) -> list[list[MissingInput]]:
-    """For each evidence of one fit (small terms marginalised, or structure exact), all stations, largest gain first."""
-    fit = evidences[0].fit
-    rows = [_one_station(fit, station, evidences) for station in stations(fit)]
-    return [sorted((row[i] for row in rows), key=lambda m: -m.gain) for i in range(len(evidences))]
+def missing_inputs(evidence: Evidence) -> list[MissingInput]:
+    """An unknown input at each station, largest gain first."""
+    found = [_one_station(evidence, station) for station in stations(evidence.fit)]
+    return sorted(found, key=lambda m: -m.gain)
 
 
 def _hats(t: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(t[..., None] - nodes) / _SPACING)
 
 
-def _one_station(fit: Fit, station: str, evidences: Sequence[Evidence]) -> list[MissingInput]:
-    """The station under each evidence; whitening the nodes is the expensive part, and the same for all."""
+def _one_station(evidence: Evidence, station: str) -> MissingInput:
+    fit = evidence.fit
     index = fit.model.disturbances.index(station)
     longest = max(record.duration for record in fit.flight.records)
     nodes = np.arange(0.0, longest + _SPACING, _SPACING)
@@ -60,7 +59,7 @@ def _one_station(fit: Fit, station: str, evidences: Sequence[Evidence]) -> list[
     series = np.where(fit.batch.live[..., None], _hats(since, nodes), 0.0)
     white = fit.filter.whiten_histories([index] * len(nodes), series)
     by_record = [white[:, r].reshape(-1, len(nodes)) for r in range(len(fit.batch.names))]
-    return [_most_likely(evidence, station, nodes, by_record) for evidence in evidences]
+    return _most_likely(evidence, station, nodes, by_record)
 
 
 def _most_likely(evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray]) -> MissingInput:

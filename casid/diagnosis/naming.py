@@ -23,6 +23,7 @@ KINEMATIC_GAIN = 50.0
 _REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
+_TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
@@ -31,12 +32,11 @@ _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Naming:
-    """Where the naming stands: the current model's evidence, what it still misses with small terms allowed for and, in
-    `missing_exact`, with the structure taken as exact, the rounds so far, onset intervals by cause name."""
+    """Where the naming stands: evidence of the current model, what it still misses, the rounds so far, and onset
+    intervals by cause name."""
 
     evidence: Evidence
     missing: tuple[MissingInput, ...]
-    missing_exact: tuple[MissingInput, ...]
     rounds: tuple[Round, ...]
     intervals: dict[str, dict[str, tuple[float, float]]]
 
@@ -64,10 +64,7 @@ def name_causes(
 
 
 def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) -> Naming:
-    missing, exact = missing_inputs(evidence, weigh(evidence.fit, discrepancy=False))
-    return Naming(
-        evidence=evidence, missing=tuple(missing), missing_exact=tuple(exact), rounds=rounds, intervals=intervals
-    )
+    return Naming(evidence=evidence, missing=tuple(missing_inputs(evidence)), rounds=rounds, intervals=intervals)
 
 
 def _explains(before: Sequence[MissingInput], after: Sequence[MissingInput]) -> bool:
@@ -162,7 +159,7 @@ def _try(
         if len(wider.onsets) > len(attached.onsets):
             fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
     if attached.effect.timed and fitted.deviance < give_up:
-        fitted, interval = at_peak(fitted)
+        fitted, interval = at_peak(fitted, _TRIAL_MOVES)
     if attached.effect.members:
         fitted = _without_weak(base, fitted)
     one = fitted.attached[-1]
