@@ -7,6 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from casid.errors import InputError
 from casid.estimation import EquationError, MultipleShooting, Problem, solve
@@ -88,6 +89,53 @@ def test_a_symbolic_effect_of_some_records_acts_in_those_alone():
     assert az[1] / az[0] == pytest.approx(10500.0 / 11300.0, rel=1e-12)
 
 
+def test_a_lag_of_the_aerodynamics_vanishes_with_its_time_constant():
+    """The memory of a lag far shorter than the motion is the rate itself: the alpha-dot derivative without one."""
+    flown = {}
+    for name, further in (("memory", {"time_constant": 0.02}), ("long", {"time_constant": 0.3}), ("none", {})):
+        effect = EffectValue(kind="unsteady_aero", target="Cm", value=-15.0, parameters=further)
+        flown[name] = fly(do328().with_effects([effect]))["q"]
+    plain = plain_flight()["q"]
+    change = np.abs(flown["none"] - plain).max()
+    assert change > 1e-3
+    assert np.abs(flown["memory"] - flown["none"]).max() < 0.1 * change
+    assert np.abs(flown["long"] - flown["none"]).max() > 0.3 * change
+
+
+def test_a_lag_of_the_aerodynamics_can_be_estimated_and_written(tmp_path):
+    """Size and time constant from half and double their true values, derivatives known."""
+    truth = EffectValue(kind="unsteady_aero", target="Cm", value=-15.0, parameters={"time_constant": 0.3})
+    guess = replace(truth, value=-7.0, parameters={"time_constant": 0.6})
+    read = fly(do328().with_effects([truth]))
+    guessed = do328().with_effects([guess])
+    applied = apply_effects(guessed, [read], outputs=("alpha", "q", "az"))
+    assert applied.unseen_by_equations == ("unsteady_aero(Cm, lagged)",)
+    fit = solve(Problem(applied.model, applied.records, free=["unsteady_aero*"]), MultipleShooting())
+    assert fit.converged, fit.status
+    written = with_estimates(guessed, fit.values, {n: e.std for n, e in fit.parameters.items()})
+    written.write(tmp_path / "extended.toml")
+    (effect,) = Aircraft.read(tmp_path / "extended.toml").effects
+    assert effect.value == pytest.approx(-15.0, rel=1e-2)
+    assert effect.parameters["time_constant"] == pytest.approx(0.3, rel=1e-2)
+
+
+def test_heading_and_altitude_are_states_where_an_effect_is_about_them():
+    """psi and altitude integrate (q sin phi + r cos phi)/cos theta and the vertical velocity; a scale acts on what is
+    read of them."""
+    scaled = do328().with_effects([EffectValue(kind="sensor_scale", target="psi", value=0.1)])
+    start = plain_flight().with_channels(psi=np.full(len(T), 0.5), altitude=np.full(len(T), 3000.0))
+    plain, read = fly(do328(), start), fly(scaled, start)
+    rate = (plain["q"] * np.sin(plain["phi"]) + plain["r"] * np.cos(plain["phi"])) / np.cos(plain["theta"])
+    psi = 0.5 + cumulative_simpson(rate, x=T, initial=0.0)
+    np.testing.assert_allclose(read["psi"], 1.1 * psi, atol=1e-6)
+    assert np.ptp(psi) > 0.01
+    delayed = do328().with_effects([EffectValue(kind="sensor_delay", target="altitude", value=0.2)])
+    climb = plain["V"] * np.sin(plain["theta"] - plain["alpha"])  # wings nearly level: the flight path angle
+    lost = np.interp(T - 0.2, T, cumulative_simpson(climb, x=T, initial=0.0))
+    assert np.abs(fly(delayed, start)["altitude"] - 3000.0 - lost).max() < 0.05 * np.ptp(lost)
+    assert np.array_equal(plain["psi"], start["psi"]), "heading is no output where nothing asks for it"
+
+
 @pytest.mark.parametrize("kind, value", [("sensor_delay", 0.1), ("sensor_lag", 0.15)])
 def test_slow_instruments_are_undone_or_modelled(kind, value):
     """What the delayed or lagged instrument read explains the flight as well as the perfect one did."""
@@ -142,6 +190,10 @@ def test_what_cannot_act_is_said():
     twice = do328().with_effects([EffectValue(kind="mass", value=v) for v in (100.0, 200.0)])
     with pytest.raises(InputError, match="stands twice"):
         apply_effects(twice, [plain])
+    instant = {"time_constant": 0.0}
+    no_lag = do328().with_effects([EffectValue(kind="unsteady_aero", target="Cm", value=1.0, parameters=instant)])
+    with pytest.raises(InputError, match="'time_constant' must be positive, got 0.0"):
+        apply_effects(no_lag, [plain])
     backwards = do328().with_effects([EffectValue(kind="sensor_lag", target="q", value=-0.1)])
     with pytest.raises(InputError, match="positive time constant"):
         apply_effects(backwards, [plain])

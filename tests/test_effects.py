@@ -14,14 +14,14 @@ from casid.model.causes import configuration_change, effectiveness_change
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
-from casid.model.path import OUTPUTS, disturbance_names
+from casid.model.path import OUTPUTS, STATES, disturbance_names
 from casid.model.vocabulary import KINDS, check_effect
 from problems.do328 import do328
 
 AIRCRAFT = replace(do328(), accelerometer=(1.0, 0.2, -0.3), alpha_vane=(6.0, 0.5, 0.2), beta_vane=(6.0, 0.0, -0.5))
 CATALOGUE = (*catalogue(AIRCRAFT, OUTPUTS), configuration_change("CL+CD+Cm"))
 SYMBOLIC = [e for e in CATALOGUE if e.change is not None]
-SERIES = [e for e in CATALOGUE if e.series is not None]
+SERIES = [e for e in CATALOGUE if e.series is not None]  # those with a state of their own are among both
 OUTPUT = [e for e in CATALOGUE if e.output is not None]
 MIXED = {
     "u": 140.0, "v": 3.0, "w": 6.0, "p": 0.2, "q": -0.1, "r": 0.15, "phi": 0.3, "theta": 0.1,
@@ -29,10 +29,13 @@ MIXED = {
 }  # fmt: skip
 
 
+LAGGED = 0.02  # rad, flow angle behind a lag
+
+
 def response(effects) -> tuple[ca.Function, np.ndarray, dict[str, int]]:
     """(p) -> [f; h] at one mixed flight point, nominal p, and where every parameter stands."""
     model = aircraft_model(AIRCRAFT, effects=effects)
-    x, u = ([MIXED[name] for name in names] for names in (model.states, model.inputs))
+    x, u = ([MIXED.get(name, LAGGED) for name in names] for names in (model.states, model.inputs))
     calm = np.zeros(len(model.disturbances))
     inner = ca.Function("inner", [model.x, model.u, model.p, model.w], [ca.vertcat(model.f, model.h)])
     outer = ca.Function("response", [model.p], [inner(x, u, model.p, calm)])
@@ -41,16 +44,15 @@ def response(effects) -> tuple[ca.Function, np.ndarray, dict[str, int]]:
 
 def readings(t: np.ndarray) -> dict[str, np.ndarray]:
     """Something on every channel, recorded inputs included."""
-    names = (*OUTPUTS, "delta_e", "delta_a", "delta_r", "thrust")
+    names = (*OUTPUTS, "delta_e", "delta_a", "delta_r", "thrust", "alphadot", "betadot")
     return {name: 0.2 * np.sin((2.0 + 0.1 * i) * t + i) for i, name in enumerate(names)}
 
 
 def null_values(effect: Effect) -> dict[str, float]:
     """Its value absent, its further parameters somewhere: a rate limit is absent when it is infinite."""
     absent = np.inf if effect.kind == "rate_limit" else 0.0
-    further = {k: v for k, v in effect.grid[0].items() if k != "value"} if effect.grid else {}
-    members = dict.fromkeys(effect.target.split("+")[1:], 0.0) if effect.kind == "configuration_change" else {}
-    return {"value": absent, **further, **members} | ({"onset": 3.0} if effect.timed else {})
+    further = {k: effect.grid[0][k] for k in effect.further}
+    return {"value": absent, **effect.defaults, **further} | ({"onset": 3.0} if effect.timed else {})
 
 
 # -- the whole catalogue -----------------------------------------------------------------------------------------------
@@ -62,7 +64,7 @@ def test_the_catalogue_covers_the_vocabulary():
     assert kinds | {"turbulence"} == set(KINDS)
     for effect in CATALOGUE:
         check_effect(effect.kind, effect.target, effect.term)
-        ways = [effect.change is not None, effect.series is not None, effect.output is not None]
+        ways = [effect.symbolic, effect.series is not None, effect.output is not None]
         assert sum(ways) == 1, effect.name
     assert len({effect.name for effect in CATALOGUE}) == len(CATALOGUE)
 
@@ -70,7 +72,9 @@ def test_the_catalogue_covers_the_vocabulary():
 def test_symbolic_effects_change_nothing_at_their_null():
     plain, p, _ = response(())
     extended, at_null, _ = response(SYMBOLIC)
-    np.testing.assert_allclose(extended(at_null).full(), plain(p).full(), rtol=1e-12, atol=1e-14)
+    own = sum(len(effect.states) for effect in SYMBOLIC)
+    rates_and_outputs = np.delete(extended(at_null).full(), len(STATES) + np.arange(own), axis=0)
+    np.testing.assert_allclose(rates_and_outputs, plain(p).full(), rtol=1e-12, atol=1e-14)
 
 
 def test_every_symbolic_effect_changes_something_at_a_size():
@@ -108,7 +112,7 @@ def test_every_series_and_output_effect_changes_something_at_every_size_of_its_g
             assert produce is not None
             for name, series in produce(t, known, values).items():
                 reference = 0.0 if effect.series is not None else known[name]
-                if effect.kind == "configuration_change" and name != "dCL":
+                if effect.members and name != f"d{effect.members[0]}":
                     continue  # its further coefficients have own sizes, zero here
                 assert np.abs(series - reference).max() > 1e-4, (effect.name, further)
 
@@ -186,6 +190,16 @@ def test_a_missing_term_adds_its_regressor_to_its_coefficient():
     before, after = changed("aero_term(Cm:alpha^2)", 3.0)
     V = np.linalg.norm([140.0, 3.0, 6.0])
     moment = 0.5 * 0.9 * V**2 * 40.0 * 2.04 * 3.0 * np.arctan2(6.0, 140.0) ** 2
+    assert (after["qdot"] - before["qdot"]) * 158e3 == pytest.approx(moment, rel=1e-9)
+
+
+def test_lagged_aerodynamics_follow_the_rate_of_the_lagged_angle():
+    """Cm = value (alpha - alpha_lagged)/T c/V, and the lag itself moves at (alpha - alpha_lagged)/T, T = 0.1 s."""
+    before, after = changed("unsteady_aero(Cm, lagged)", -8.0)
+    V = np.linalg.norm([140.0, 3.0, 6.0])
+    rate = (np.arctan2(6.0, 140.0) - LAGGED) / 0.1
+    assert after["alpha_lagged_Cmdot/dt"] == before["alpha_lagged_Cmdot/dt"] == pytest.approx(rate, rel=1e-12)
+    moment = 0.5 * 0.9 * V**2 * 40.0 * 2.04 * -8.0 * rate * AIRCRAFT.rate_length_pitch / V
     assert (after["qdot"] - before["qdot"]) * 158e3 == pytest.approx(moment, rel=1e-9)
 
 

@@ -90,7 +90,7 @@ class _Work:
         self.flight, self.noise = flight, noise
         self.model = flight.model([a.effect for a in attached])
         self.batch = flight.batch(self.model)
-        symbolic = [a.name for a in attached if a.effect.change is not None]
+        symbolic = [a.name for a in attached if a.effect.symbolic]
         aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
         names = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "states": []}[free]
         self.functions = PointFunctions(self.model, names)
@@ -123,7 +123,7 @@ class _Work:
             if slot.attached is None:
                 P[:, self.model.parameters.index(slot.name)] = value
         for one in attached:
-            if one.effect.change is not None:
+            if one.effect.symbolic:
                 index = self.model.parameters.index(one.name)
                 if one.name not in {slot.name for slot in self.slots}:
                     P[:, index] = one.values["value"]
@@ -262,7 +262,7 @@ def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: d
     """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
     batch, model = work.batch, work.model
     Y, F = [linear.Dp], [linear.Bp]
-    symbolic = {a.name: a for a in attached if a.effect.change is not None}
+    symbolic = {a.name: a for a in attached if a.effect.symbolic}
     for i, slot in enumerate(s for s in work.slots if s.attached is None):
         if slot.name in symbolic:
             mask = np.array([symbolic[slot.name].concerns(record) for record in batch.names])

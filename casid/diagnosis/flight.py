@@ -59,9 +59,10 @@ class Flight:
 
     def model(self, effects: Sequence = ()) -> Model:
         """The aircraft model of this flight, with symbolic `effects` among its parameters."""
-        key = tuple(effect.name for effect in effects)
+        symbolic = [effect for effect in effects if effect.symbolic]
+        key = tuple(effect.name for effect in symbolic)
         if key not in self._models:
-            self._models[key] = aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=effects)
+            self._models[key] = aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic)
         return self._models[key]
 
     def batch(self, model: Model) -> Batch:

@@ -41,7 +41,7 @@ class Attached:
     @property
     def numeric(self) -> tuple[str, ...]:
         """Values that are estimated by differences, because they enter a time series and not the symbols."""
-        return tuple(self.values) if self.effect.change is None else ()
+        return () if self.effect.symbolic else tuple(self.values)
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
         return replace(self, values=dict(self.values) | dict(values))

@@ -219,7 +219,9 @@ def _without_weak(base: Fit, fitted: Fit) -> Fit:
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     reach = max(_EQUIVALENT[0], _EQUIVALENT[1] * best.gain)
-    return tuple(t for t in trials if t is not best and not t.refuted and t.meaningful and best.net - t.net < reach)
+    key = best.candidate.attached.effect.key  # a variant of the best is no other cause
+    others = [t for t in trials if t.candidate.attached.effect.key != key]
+    return tuple(t for t in others if not t.refuted and t.meaningful and best.net - t.net < reach)
 
 
 def _refuted(kinematic: Evidence, one: Attached) -> bool:

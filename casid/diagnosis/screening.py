@@ -126,7 +126,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
                 rows.append((effect, values, None))
                 continue
             rows += [(effect, values, float(onset)) for onset in onsets]
-    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.change is not None and not e.quasi_steady])
+    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     found: list[Fingerprint] = []
     for at in range(0, len(rows), _CHUNK):
         chunk = rows[at : at + _CHUNK]
@@ -171,7 +171,7 @@ def _white(
         if effect.quasi_steady:
             series = parse_term(effect.regressor or "0").evaluate(base.known)
             histories.append((j, disturbances.index(f"d{effect.target}"), np.broadcast_to(series, (N, R))))
-        elif effect.change is not None:
+        elif effect.symbolic:
             if effect.name in symbolic:
                 direct.append((j, *symbolic[effect.name]))
         elif effect.series is not None:

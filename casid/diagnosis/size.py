@@ -58,7 +58,10 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
     if one.effect.series is not None:
         W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
         series = {c: W[..., fitted.model.disturbances.index(f"d{c}")] for c in size}
-        return max(float(np.std(series[c][live])) / max(size[c], 1e-12) for c in size)
+        series = {c: values for c, values in series.items() if values.any()}
+        if not one.effect.members:  # what switches may exceed what derivatives can do
+            series = {c: unlike_derivatives(fitted, c, values) for c, values in series.items()}
+        return max((float(np.std(v[live])) / max(size[c], 1e-12) for c, v in series.items()), default=0.0)
     series = one.values["value"] * parse_term(one.effect.regressor or "0").evaluate(fitted.known)
     left = unlike_derivatives(fitted, one.effect.target, np.broadcast_to(series, live.shape))
     return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)

@@ -20,12 +20,10 @@ from casid.model.causes import group_channels
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
-from casid.model.path import aerodynamic_parameters
+from casid.model.path import INTEGRALS, aerodynamic_parameters
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.signals import SURFACES, scale_of
-
-_IN_EQUATIONS = ("coefficients", "mass")  # stations of which the equation-error form knows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,7 +47,7 @@ class Applied:
         """Effects of the file that the equation-error form of the model does not have."""
         effects = [effect_of(e) for e in self.aircraft.effects if e.value != 0.0]
         lags = [e.name for e in effects if e.instrument is not None and e.name in self.model.parameters]
-        return (*(e.name for e in effects if e.change is not None and e.station not in _IN_EQUATIONS), *lags)
+        return (*(e.name for e in effects if e.change is not None and not e.in_equations), *lags)
 
     def readings(self, record: Record, outputs: np.ndarray) -> np.ndarray:
         """(N, outputs) what the instruments of this aircraft read when the model's outputs are `outputs`."""
@@ -96,13 +94,16 @@ def apply_effects(
 ) -> Applied:
     """Model and records of an aircraft file, its effects in force.
 
-    axes     see `axes_of`, the default; outputs  default: every modelled channel that some record has
+    axes     see `axes_of`, the default; outputs  default: every modelled channel that some record has, heading and
+             altitude only when an effect is about them
     Raises InputError when a record cannot feed the model, when nothing that it models is measured, and for two
     symbolic effects of one kind and target.
     """
     axes = axes or axes_of(records)
     bare = aircraft_model(aircraft, axes=axes, effects=())
-    chosen = tuple(outputs) if outputs is not None else _measured(bare, records)
+    asked = {channel for value in aircraft.effects for channel in effect_of(value).reads}
+    modelled = (*bare.outputs, *(name for name in INTEGRALS if name in asked))
+    chosen = tuple(outputs) if outputs is not None else _measured(modelled, records)
     dt = min(record.dt for record in records)
     symbolic, timed, lags, undone = _sorted(aircraft, dt)
     masks: dict[str, EffectValue] = {}
@@ -173,16 +174,15 @@ def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping
         name = effect_of(effect).name
         if name in values:
             effect = replace(effect, value=values[name], std=std[name])
-        effects.append(effect)
+        parameters = {key: values.get(f"{name}.{key}", value) for key, value in effect.parameters.items()}
+        effects.append(replace(effect, parameters=parameters))
     return replace(aircraft.with_derivatives(derivatives).with_terms(terms), effects=tuple(effects))
 
 
-def _measured(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
-    found = tuple(o for o in model.outputs if any(o in r and np.isfinite(r[o]).any() for r in records))
+def _measured(outputs: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:
+    found = tuple(o for o in outputs if any(o in r and np.isfinite(r[o]).any() for r in records))
     if not found:
-        raise InputError(
-            f"record '{records[0].name}': nothing to compare with; expected some of {', '.join(model.outputs)}"
-        )
+        raise InputError(f"record '{records[0].name}': nothing to compare with; expected some of {', '.join(outputs)}")
     return found
 
 
@@ -196,6 +196,12 @@ def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
             if effect.name in names:
                 raise InputError(f"aircraft '{aircraft.name}': effect {effect.name} stands twice; keep one of the two")
             names.add(effect.name)
+            for key in effect.further if effect.states else ():
+                if not value.parameters.get(key, effect.grid[0][key]) > 0.0:
+                    raise InputError(
+                        f"aircraft '{aircraft.name}': effect {effect.name} cannot act; its parameter '{key}' must be "
+                        f"positive, got {value.parameters[key]}"
+                    )
             symbolic.append(value)
         elif effect.series is not None:
             timed.append(value)
@@ -256,7 +262,9 @@ def _only_where_present(effect: Effect) -> Effect:
     """The effect scaled by an input that is 1 in records that have it and 0 in the others."""
     change, mask = effect.change, _mask(effect)
     assert change is not None
-    return replace(effect, change=lambda path, value: change(path, value * path.inputs[mask]))
+    return replace(
+        effect, change=lambda path, values: change(path, {**values, "value": values["value"] * path.inputs[mask]})
+    )
 
 
 def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -> Record:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 
 import casadi as ca
@@ -14,6 +15,7 @@ from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.path import (
     INPUTS,
+    INTEGRALS,
     OUTPUTS,
     STATES,
     SignalPath,
@@ -53,9 +55,11 @@ def _filled(record: Record, name: str, default: float) -> np.ndarray:
     return values if good.all() else np.interp(record.t, record.t[good], values[good])
 
 
-def state_guess(aircraft: Aircraft, states: Sequence[str] = STATES) -> Callable[[Record], np.ndarray]:
-    """First guess of the trajectory (N, states) from measured air data, rates and attitude; what is not measured is
-    taken from trim."""
+def state_guess(
+    aircraft: Aircraft, states: Sequence[str] = STATES, further: Mapping[str, str] = MappingProxyType({})
+) -> Callable[[Record], np.ndarray]:
+    """First guess of the trajectory (N, states + further) from measured air data, rates and attitude; what is not
+    measured is taken from trim. `further` states start as the channels that are given for them."""
     trim = aircraft.trim
 
     def guess(record: Record) -> np.ndarray:
@@ -69,7 +73,8 @@ def state_guess(aircraft: Aircraft, states: Sequence[str] = STATES) -> Callable[
         for name in ("p", "q", "r", "phi"):
             table[name] = _filled(record, name, 0.0)
         table["theta"] = _filled(record, "theta", trim.get("theta", float(alpha[0])))
-        return np.stack([table[name] for name in states], axis=1)
+        table |= {s: _filled(record, channel, trim.get(channel, 0.0)) for s, channel in further.items()}
+        return np.stack([table[name] for name in (*states, *further)], axis=1)
 
     return guess
 
@@ -86,37 +91,43 @@ def aircraft_model(
 
     axes      "full", or "longitudinal" (u w q theta move) or "lateral" (v p r phi move); the states that do not move
               are then inputs with the names of `STATES`, see `flight_inputs`
-    outputs   channels that are modelled; default all that the axes move
+    outputs   channels that are modelled; default all that the axes move. "psi" and "altitude" become states too
     effects   symbolic effects to be parameters of the model; default those of the aircraft file
     known     disturbances that become inputs, because their time history is given
 
     Parameters: the derivatives and terms of the file, `bias_<output>` (nominal 0), and one per effect, under
-    `Effect.name` (nominal: the file's value, or 0). Raises InputError for unknown axes or outputs.
+    `Effect.name` (nominal: the file's value, or 0), with its further ones under `name.parameter`. States of effects
+    stand behind those of the aircraft. Raises InputError for unknown axes or outputs.
     """
     if axes not in MOVING:
         raise unknown("axes", axes, MOVING)
     moving = MOVING[axes]
     chosen = tuple(outputs) if outputs is not None else _FRAME_OUTPUTS[axes]
+    valid = (*_FRAME_OUTPUTS[axes], *INTEGRALS)
     for name in chosen:
-        if name not in _FRAME_OUTPUTS[axes]:
-            raise unknown("output", name, _FRAME_OUTPUTS[axes], f"{axes} model of '{aircraft.name}'")
-    values = {effect_of(e).name: e.value for e in aircraft.effects}
+        if name not in valid:
+            raise unknown("output", name, valid, f"{axes} model of '{aircraft.name}'")
+    values = _effect_values(aircraft)
     chosen_effects = [effect_of(e) for e in aircraft.effects] if effects is None else list(effects)
     symbolic = [e for e in chosen_effects if e.change is not None]
     derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
-    nominal = derivatives | {f"bias_{o}": 0.0 for o in OUTPUTS} | {e.name: values.get(e.name, 0.0) for e in symbolic}
+    asked = {*chosen, *(channel for e in symbolic for channel in e.reads)}
+    further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in symbolic for s, c in e.states.items()}
+    nominal = derivatives | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
+    nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
     given = tuple(known)
     disturbances = tuple(d for d in disturbance_names(aircraft.force_axes) if d not in given)
     inputs = (*INPUTS, *(s for s in STATES if s not in moving), *given)
     x, u, p, w = (
         ca.SX.sym(letter, len(names))
-        for letter, names in (("x", moving), ("u", inputs), ("p", nominal), ("w", disturbances))
+        for letter, names in (("x", (*moving, *further)), ("u", inputs), ("p", nominal), ("w", disturbances))
     )
+    named_states = dict(zip((*moving, *further), ca.vertsplit(x), strict=True))
     named_inputs = dict(zip(inputs, ca.vertsplit(u), strict=True))
     path = fly(
         SignalPath(
             aircraft=aircraft,
-            state={s: x[moving.index(s)] if s in moving else named_inputs[s] for s in STATES},
+            state={s: named_inputs[s] for s in STATES if s not in moving} | named_states,
             inputs=named_inputs,
             parameter=dict(zip(nominal, ca.vertsplit(p), strict=True)),
             disturbance=dict(zip(disturbances, ca.vertsplit(w), strict=True)) | {d: named_inputs[d] for d in given},
@@ -125,10 +136,11 @@ def aircraft_model(
     )
     relative = aircraft.relative_uncertainty or 0.0
     return Model(
-        name=aircraft.name, states=moving, inputs=inputs, parameters=tuple(nominal), outputs=chosen,
+        name=aircraft.name, states=tuple(named_states), inputs=inputs, parameters=tuple(nominal), outputs=chosen,
         disturbances=disturbances, x=x, u=u, p=p, w=w,
-        f=ca.vertcat(*[path.derivative[s] for s in moving]), h=ca.vertcat(*[path.output[o] for o in chosen]),
-        nominal=nominal, state_scale={s: _SCALE[s] for s in moving}, guess=state_guess(aircraft, moving),
+        f=ca.vertcat(*[path.derivative[s] for s in named_states]), h=ca.vertcat(*[path.output[o] for o in chosen]),
+        nominal=nominal, state_scale={s: typical_size(further.get(s, s)) for s in named_states},
+        guess=state_guess(aircraft, moving, further),
         prior_std={n: relative * abs(v) for n, v in derivatives.items() if relative * abs(v) > 0.0},
         equation=equation_error(aircraft, p, tuple(nominal), axes, symbolic, given),
         units=parameter_units(nominal, symbolic),
@@ -141,7 +153,22 @@ def parameter_units(names: Iterable[str], effects: Sequence[Effect]) -> dict[str
         name: unit_of(name[5:]) if name.startswith("bias_") else ("1" if name.endswith("_0") else "1/rad")
         for name in names
     }
+    units |= {name: "" for e in effects for name in _parameters(e)}
     return units | {e.name: e.unit for e in effects}
+
+
+def _parameters(effect: Effect) -> dict[str, float]:
+    """Name of each parameter that a symbolic effect has in a model, with a value for a file that does not give it."""
+    return {effect.name: 0.0} | {f"{effect.name}.{key}": effect.grid[0][key] for key in effect.further}
+
+
+def _effect_values(aircraft: Aircraft) -> dict[str, float]:
+    """What the file says of the parameters of its effects."""
+    values = {}
+    for given in aircraft.effects:
+        name = effect_of(given).name
+        values |= {name: given.value} | {f"{name}.{key}": value for key, value in given.parameters.items()}
+    return values
 
 
 def _value(aircraft: Aircraft, name: str) -> float:
@@ -154,12 +181,15 @@ def _value(aircraft: Aircraft, name: str) -> float:
 def _by_station(effects: Iterable[Effect]) -> dict[str, list]:
     by_station: dict[str, list] = {}
     for effect in effects:
-        change, name = effect.change, effect.name
-        if change is not None and effect.station is not None:
-            by_station.setdefault(effect.station, []).append(
-                lambda path, change=change, name=name: change(path, path.parameter[name])
-            )
+        if effect.change is not None and effect.station is not None:
+            by_station.setdefault(effect.station, []).append(partial(_apply, effect))
     return by_station
+
+
+def _apply(effect: Effect, path: SignalPath) -> None:
+    assert effect.change is not None
+    further = {key: path.parameter[f"{effect.name}.{key}"] for key in effect.further}
+    effect.change(path, {"value": path.parameter[effect.name], **further})
 
 
 def equation_error(
@@ -204,7 +234,7 @@ def equation_error(
                    "phi": ca.SX(0), "theta": ca.SX(0)},
             disturbance=disturbance,
         ),
-        _by_station(e for e in effects if e.station in ("coefficients", "mass")),
+        _by_station(e for e in effects if e.in_equations),
     )  # fmt: skip
     found = _coefficients_from_accelerations(aircraft, path, c)
     kept = _FRAME_COEFFICIENTS[axes]

@@ -8,6 +8,8 @@ change   symbolic: it changes the path at `station`; its value is a parameter of
 series   a time history at a disturbance station of the path, computed from the record (a lagged surface, a gust)
 output   an operator on what an instrument reads (delay, lag)
 
+An effect with a state of its own gives both `change` and `series`: a model that has it takes the first, a diagnosis,
+which weighs it against others before it is in the model, the second.
 Whatever else there is to know of a cause stands in its definition too; nothing outside compares names of kinds.
 """
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from casid.model.aircraft import Aircraft
 
 Values = Mapping[str, float]
+Symbols = Mapping[str, Any]  # the same as CasADi expressions
 Series = Mapping[str, np.ndarray]
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -36,6 +39,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 class Effect:
     """One cause at one target.
 
+    variant      tells it from another effect of its kind and target, that differs in its further parameters
     linear       the value is an amplitude that enters linearly at its null 0, so a score gives its size;
                  otherwise (lag, dead zone) sizes of `grid` are tried
     grid         values of the further parameters (and of "value" when not linear) that a screening tries
@@ -61,6 +65,7 @@ class Effect:
     enters       disturbance station at which an unknown time history would stand for it
 
     What a model that has it needs:
+    states       further state -> channel that it starts from; `change` sets its rate in `path.derivative`
     instrument   (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
     undo         inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds
                  does not depend on the reading it is added to, and is subtracted
@@ -69,6 +74,7 @@ class Effect:
     kind: str
     target: str = ""
     term: str | None = None
+    variant: str = ""
     linear: bool = True
     grid: tuple[Mapping[str, float], ...] = ({},)
     defaults: Mapping[str, float] = field(default_factory=dict)
@@ -86,16 +92,17 @@ class Effect:
     members: tuple[str, ...] = ()
     enters: str | None = None
     station: str | None = None
-    change: Callable[[SignalPath, Any], None] | None = None
+    states: Mapping[str, str] = field(default_factory=dict)
+    change: Callable[[SignalPath, Symbols], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
-    instrument: Callable[[Any, Any, Mapping[str, Any]], Any] | None = None
+    instrument: Callable[[Any, Any, Symbols], Any] | None = None
 
     @property
     def name(self) -> str:
         """Name of its parameter in a model and in tables, e.g. "actuator_lag(delta_e)"."""
-        inside = self.target + (f":{self.term}" if self.term else "")
+        inside = self.target + (f":{self.term}" if self.term else "") + (f", {self.variant}" if self.variant else "")
         return f"{self.kind}({inside})" if inside else self.kind
 
     @property
@@ -111,6 +118,21 @@ class Effect:
     def stochastic(self) -> bool:
         """Whether it is process noise, and nothing deterministic."""
         return self.change is None and self.series is None and self.output is None
+
+    @property
+    def symbolic(self) -> bool:
+        """Whether a diagnosis has it as a parameter of its model."""
+        return self.change is not None and self.series is None
+
+    @property
+    def in_equations(self) -> bool:
+        """Whether the equation-error form of a model knows it: it enters there, and has no state."""
+        return self.change is not None and self.station in ("coefficients", "mass") and not self.states
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Names of its parameters beside the value."""
+        return tuple(name for name in self.grid[0] if name != "value") if self.grid else ()
 
     @property
     def quasi_steady(self) -> bool:
@@ -134,6 +156,7 @@ class Kind:
     title       template of its short name; fields words (the kind), label, term, target
     joined      the target is a set of `targets` that change together, written `CL+CD`
     optional    the target may be left out
+    variants    further parameter -> make, of another effect of this kind that has it
     candidates  the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
     """
 
@@ -147,6 +170,7 @@ class Kind:
     needs_term: bool = False
     joined: bool = False
     optional: bool = False
+    variants: Mapping[str, Callable[..., Effect]]
     candidates: Callable[[Aircraft], Iterable[Effect]]
 
     @property
@@ -171,6 +195,7 @@ KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
 def cause(
     kind: str, *, targets: Iterable[str] = (), unit: str, quantity: str, sentence: str, title: str = "{label}: {words}",
     needs_term: bool = False, joined: bool = False, optional: bool = False,
+    variants: Mapping[str, Callable[..., Effect]] = _NOTHING,
     candidates: Callable[[Aircraft], Iterable[Effect]] | None = None,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:  # fmt: skip
     """Register a kind of cause, see `Kind`: the decorated function makes its Effect for a target (and a term).
@@ -185,7 +210,8 @@ def cause(
 
         KINDS[kind] = Kind(
             kind=kind, make=make, targets=valid, unit=unit, quantity=quantity, sentence=sentence, title=title,
-            needs_term=needs_term, joined=joined, optional=optional, candidates=candidates or one_for_each_target,
+            needs_term=needs_term, joined=joined, optional=optional, variants=variants,
+            candidates=candidates or one_for_each_target,
         )  # fmt: skip
         return make
 

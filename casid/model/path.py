@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from casid.model.aircraft import Aircraft
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
+INTEGRALS = ("psi", "altitude")  # nothing depends on them: states of a model that is asked for them as outputs
 INPUTS = ("delta_e", "delta_a", "delta_r", "thrust", "rho")
 STATIONS = ("surface", "mass", "wind", "coefficients", "moments", "sensors")
 MOMENTS = ("Cl", "Cm", "Cn")
@@ -176,7 +177,7 @@ def rigid_body_station(path: SignalPath) -> None:
     L = L - (Izz - Iyy) * q * r + Ixz * p * q
     N = N - (Iyy - Ixx) * p * q - Ixz * q * r
     determinant = Ixx * Izz - Ixz**2
-    path.derivative = {
+    path.derivative |= {
         "u": ax - g * sth + r * s["v"] - q * s["w"],
         "v": ay + g * cth * sph - r * s["u"] + p * s["w"],
         "w": az + g * cth * cph + q * s["u"] - p * s["v"],
@@ -185,6 +186,8 @@ def rigid_body_station(path: SignalPath) -> None:
         "r": (Ixz * L + Ixx * N) / determinant,
         "phi": p + ca.tan(s["theta"]) * (q * sph + r * cph),
         "theta": q * cph - r * sph,
+        "psi": (q * sph + r * cph) / cth,
+        "altitude": s["u"] * sth - s["v"] * sph * cth - s["w"] * cph * cth,
     }
 
 
@@ -214,6 +217,7 @@ def sensor_station(path: SignalPath) -> None:
         "az": az + (p * r - d["q"]) * x + (q * r + d["p"]) * y - (p**2 + q**2) * z,
         "pdot": d["p"], "qdot": d["q"], "rdot": d["r"],
     }  # fmt: skip
+    path.output |= {name: s[name] for name in INTEGRALS if name in s}
     for name in path.output:
         path.output[name] += path.parameter[f"bias_{name}"]
 

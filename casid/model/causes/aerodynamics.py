@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from casid.model import operators
-from casid.model.effect import Effect, Series, Values, cause
+from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import SURFACES
@@ -38,8 +38,8 @@ def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
     sentence="The {label} depends on {term} with a factor of {size}, a term that the model does not have.",
 )  # fmt: skip
 def aero_term(coefficient: str, term: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.coefficient[coefficient] += value * evaluate(term, path)
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.coefficient[coefficient] += values["value"] * evaluate(term, path)
 
     return Effect(
         kind="aero_term", target=coefficient, term=term, regressor=term, enters=f"d{coefficient}",
@@ -49,20 +49,49 @@ def aero_term(coefficient: str, term: str) -> Effect:
 
 def _missing_rates(aircraft: Aircraft) -> Iterable[Effect]:
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
-    effects = (unsteady_aero(c) for c in coefficient_names(aircraft.force_axes))
-    return (e for e in effects if (e.target, e.regressor) not in present)
+    coefficients = coefficient_names(aircraft.force_axes)
+    yield from (e for c in coefficients if (c, (e := unsteady_aero(c)).regressor) not in present)
+    yield from (lagged_aero(c) for c in coefficients)
+
+
+def _flow_angle(coefficient: str) -> str:
+    return "beta" if coefficient in _LATERAL else "alpha"
+
+
+def lagged_aero(coefficient: str) -> Effect:
+    """Unsteady aerodynamics with a memory: the rate is that of the flow angle behind a first-order lag (stall, downwash
+    that has still to reach the tail); a time constant of zero would be `unsteady_aero`."""
+    angle = _flow_angle(coefficient)
+    behind = f"{angle}_lagged_{coefficient}"
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        aircraft = path.aircraft
+        length = aircraft.rate_length_lateral if angle == "beta" else aircraft.rate_length_pitch
+        path.derivative[behind] = (path.air[angle] - path.state[behind]) / values["time_constant"]
+        path.coefficient[coefficient] += values["value"] * path.derivative[behind] * length / path.air["V"]
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        rate = operators.lag(t, known[f"{angle}dot"], values["time_constant"])
+        return {f"d{coefficient}": values["value"] * rate}
+
+    return Effect(
+        kind="unsteady_aero", target=coefficient, variant="lagged", enters=f"d{coefficient}", limit=60.0,
+        grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)), states={behind: angle}, station="coefficients",
+        change=change, series=series,
+    )  # fmt: skip
 
 
 @cause(
-    "unsteady_aero", targets=COEFFICIENTS, candidates=_missing_rates, unit="1/rad", title="{target}: {words}",
-    quantity="derivative in the dimensionless rate of the angle of attack",
-    sentence="The {label} depends on how fast the angle of attack changes ({size}), which the model leaves out.",
+    "unsteady_aero", targets=COEFFICIENTS, candidates=_missing_rates, variants={"time_constant": lagged_aero},
+    unit="1/rad", quantity="derivative in the dimensionless rate of the angle of attack, or of sideslip",
+    title="{target}: {words}",
+    sentence="The {label} depends on how fast the flow angle changes ({size}), which the model leaves out.",
 )  # fmt: skip
 def unsteady_aero(coefficient: str) -> Effect:
-    rate = "betadot" if coefficient in _LATERAL else "alphadot"
+    rate = f"{_flow_angle(coefficient)}dot"
 
-    def change(path: SignalPath, value: Any) -> None:
-        path.coefficient[coefficient] += value * path.regressor[rate]
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.coefficient[coefficient] += values["value"] * path.regressor[rate]
 
     return Effect(
         kind="unsteady_aero", target=coefficient, regressor=rate, enters=f"d{coefficient}", station="coefficients",

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from casid.model import operators
-from casid.model.effect import Effect, Series, Values, cause
+from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
 from casid.signals import unit_of
 
@@ -38,8 +37,8 @@ def group_channels(target: str) -> tuple[str, ...]:
     sentence="The measured {label} is off by {size}.",
 )  # fmt: skip
 def sensor_bias(channel: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.output[channel] += value
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.output[channel] += values["value"]
 
     return Effect(
         kind="sensor_bias", target=channel, reads=(channel,), kinematic=True, by_record=True, station="sensors",
@@ -53,9 +52,9 @@ def sensor_bias(channel: str) -> Effect:
     sentence="The measured {label} has a scale error of {percent}.",
 )  # fmt: skip
 def sensor_scale(target: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
+    def change(path: SignalPath, values: Symbols) -> None:
         for name in group_channels(target):
-            path.output[name] *= 1.0 + value
+            path.output[name] *= 1.0 + values["value"]
 
     return Effect(
         kind="sensor_scale", target=target, reads=SENSOR_GROUPS.get(target, (target,)),
@@ -129,8 +128,8 @@ def structural_mode(channel: str) -> Effect:
     sentence="The vane of the {label} stands {size} further forward than it is corrected for.",
 )  # fmt: skip
 def vane_position(channel: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.sensor_position[f"{channel}_vane"][0] += value
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.sensor_position[f"{channel}_vane"][0] += values["value"]
 
     return Effect(
         kind="vane_position", target=channel, reads=(channel,), kinematic=True, station="wind", change=change,
@@ -144,8 +143,8 @@ def vane_position(channel: str) -> Effect:
     sentence="The accelerometer stands {size} along body {target} from where the aircraft file has it.",
 )  # fmt: skip
 def accelerometer_position(axis: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.sensor_position["accelerometer"]["xyz".index(axis)] += value
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.sensor_position["accelerometer"]["xyz".index(axis)] += values["value"]
 
     return Effect(
         kind="accelerometer_position", target=axis, reads=("ax", "ay", "az"), kinematic=True, station="wind",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from casid.model.effect import Effect, cause
+from casid.model.effect import Effect, Symbols, cause
 from casid.model.path import SignalPath
 
 if TYPE_CHECKING:
@@ -19,8 +19,8 @@ _MATTERS = 0.02  # part of the mass or of an inertia
     sentence="The centre of gravity lies {size} along body {target} from where the aircraft file has it.",
 )  # fmt: skip
 def cg_offset(axis: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.cg["xyz".index(axis)] += value
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.cg["xyz".index(axis)] += values["value"]
 
     return Effect(
         kind="cg_offset", target=axis, by_record=True, station="wind", change=change, meaningful=0.02, limit=3.0
@@ -32,8 +32,8 @@ def cg_offset(axis: str) -> Effect:
     sentence="The mass differs by {size} from that of the aircraft file.",
 )  # fmt: skip
 def mass(target: str = "") -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.mass += value
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.mass += values["value"]
 
     def matters(aircraft: Aircraft) -> float:
         return _MATTERS * aircraft.mass
@@ -47,8 +47,8 @@ def mass(target: str = "") -> Effect:
     sentence="The inertia {target} differs by {size} from that of the aircraft file.",
 )  # fmt: skip
 def inertia(component: str) -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.inertia[component] += value
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.inertia[component] += values["value"]
 
     def matters(aircraft: Aircraft) -> float:
         return _MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
@@ -61,8 +61,8 @@ def inertia(component: str) -> Effect:
     sentence="The thrust acts {size} to the right of the plane of symmetry.",
 )  # fmt: skip
 def thrust_asymmetry(target: str = "") -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.moment[2] -= value * path.surface["thrust"]
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.moment[2] -= values["value"] * path.surface["thrust"]
 
     return Effect(
         kind="thrust_asymmetry", by_record=True, station="moments", change=change, meaningful=0.05, limit=20.0
@@ -74,7 +74,7 @@ def thrust_asymmetry(target: str = "") -> Effect:
     sentence="The thrust line lies {size} lower than the aircraft file has it.",
 )  # fmt: skip
 def thrust_line(target: str = "") -> Effect:
-    def change(path: SignalPath, value: Any) -> None:
-        path.moment[1] += value * path.surface["thrust"]
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.moment[1] += values["value"] * path.surface["thrust"]
 
     return Effect(kind="thrust_line", station="moments", change=change, meaningful=0.05, limit=10.0)
