@@ -32,7 +32,7 @@ def main() -> None:
         raise InputError("bench_peak: no compiled kernel; install gcc or clang")
     objective = build_objective(problem, MultipleShooting())
     point, packed = objective.start(), kernel.pack(objective.layout)
-    parameters, weights = objective.parameters(point.theta), objective.output_weights
+    parameters, weights = objective.parameters(point.theta), objective.whitening
     samples = objective.layout.segments * objective.layout.length
     value = objective.value(point)
     works = {

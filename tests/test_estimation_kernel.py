@@ -52,16 +52,16 @@ def compare(problem: Problem, method: MultipleShooting | SingleShooting) -> dict
     built = ours._offer.get()
     assert built is not None
     fast = ours.trajectory(*given)
-    fast_blocks = ours.blocks(fast, given[1], objective.output_weights)
+    fast_blocks = ours.blocks(fast, given[1], objective.whitening)
     ours._offer._kernel = None
     slow = ours.trajectory(*given)
-    slow_blocks = ours.blocks(slow, given[1], objective.output_weights)
+    slow_blocks = ours.blocks(slow, given[1], objective.whitening)
     ours._offer._kernel = built
     squares = ((slow.y - objective.layout.z) ** 2 * objective.layout.present).sum(axis=1)
     assert fast.squares is not None
     found = {n: worst(getattr(fast, n), getattr(slow, n)) for n in ("states", "y", "end")}
     found["squares"] = worst(fast.squares, squares)
-    names = ["jacobian", "hessian", "channel_gradient", "gradient", "a", "b", "end"]
+    names = ["hessian", "channel_gradient", "gradient", "transition", "end"]
     if slow_blocks.covariance is not None:
         names.append("covariance")
     found |= {f"blocks {n}": worst(getattr(fast_blocks, n), getattr(slow_blocks, n)) for n in names}

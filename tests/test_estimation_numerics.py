@@ -8,6 +8,7 @@ import pytest
 from estimation_cases import TRUTH, elevator, exact, flight, matrices, short_period
 
 from casid.estimation import Collocation, GaussNewton, MultipleShooting, Problem, SingleShooting, solve
+from casid.estimation.compiler import c_compiler
 from casid.estimation.estimate import build_objective
 from casid.estimation.kernel import model_kernel
 from casid.estimation.kkt import BandedKKT
@@ -47,26 +48,48 @@ def numerical(function, at: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=-1)
 
 
+def rows_of(objective, value, parameters) -> np.ndarray:
+    """(K, L, o, n+f) of all slabs together."""
+    layout = objective.layout
+    everything = slice(0, layout.segments)
+    rows = None
+    for slab in objective.dynamics.slabs(value.trajectory, parameters, objective.whitening, everything):
+        if rows is None:
+            rows = np.full((layout.segments, layout.length, *slab.rows.shape[2:]), np.nan)
+        rows[slab.segments, slab.samples] = slab.rows
+    assert rows is not None
+    return rows
+
+
+@pytest.mark.parametrize("kernel", [False, True])
+@pytest.mark.parametrize("samples", [4096, 16])
 @pytest.mark.parametrize("method", [SingleShooting(), MultipleShooting(interval=5), MultipleShooting(interval=1)])
-def test_block_derivatives_against_finite_differences(method):
+def test_block_derivatives_against_finite_differences(method, samples, kernel, monkeypatch):
+    if kernel and c_compiler() is None:
+        pytest.skip("no C compiler on this machine")
+    monkeypatch.setattr("casid.estimation.sensitivity._SLAB_SAMPLES", samples)
+    monkeypatch.setenv("CASID_COMPILE_FIRST", "1" if kernel else "")
     problem = pendulum_problem()
     objective = build_objective(problem, method)
     point = objective.start()
     n, theta = 2, point.theta
-    blocks = objective.dynamics.blocks(
-        objective.value(point).trajectory, objective.parameters(theta), objective.output_weights
-    )
+    value, parameters = objective.value(point), objective.parameters(theta)
+    blocks = objective.dynamics.blocks(value.trajectory, parameters, objective.whitening)
+    rows = rows_of(objective, value, parameters)
+    flat = rows.reshape(len(rows), -1, rows.shape[3])
+    np.testing.assert_allclose(blocks.hessian, flat.transpose(0, 2, 1) @ flat, rtol=1e-10, atol=1e-12)
+    weights = np.diagonal(objective.whitening, axis1=1, axis2=2)[objective.layout.pattern]
     for segment in range(objective.layout.segments):
 
         def outputs(z: np.ndarray, segment=segment) -> np.ndarray:
             nodes = point.nodes.copy()
             nodes[segment] = z[:n]
             trajectory = objective.dynamics.trajectory(nodes, objective.parameters(z[n:]))
-            weighted = (trajectory.y * objective.layout.present)[segment] * objective.output_weights
+            weighted = (trajectory.y * weights)[segment]
             return np.concatenate([weighted.ravel(), trajectory.end[segment]])
 
         expected = numerical(outputs, np.concatenate([point.nodes[segment], theta]))
-        found = np.concatenate([blocks.jacobian[segment], np.concatenate([blocks.a, blocks.b], axis=2)[segment]])
+        found = np.concatenate([flat[segment], blocks.transition[segment]])
         np.testing.assert_allclose(found, expected, atol=2e-7 * np.abs(expected).max())
 
 
@@ -152,7 +175,7 @@ def test_collocation_integrates_with_order_two_d_minus_one():
         # the equations are linear: one Newton step solves them, and `a` is then the exact transition of the scheme
         end = np.array([0.1, 0.0])
         for k in range(len(t) - 1):
-            end = blocks.a[k] @ end
+            end = blocks.transition[k, :, :2] @ end
         errors.append(np.abs(end - x[-1]).max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (np.abs(orders - 3.0) < 0.2).all(), orders
@@ -166,10 +189,11 @@ def test_banded_step_equals_a_dense_solution(soft, by_kernel):
     if by_kernel and solver is None:
         pytest.skip("no C compiler on this machine")
     rng = np.random.default_rng(6)
-    n, f, m = 3, 4, 6
+    n, f, m = 2, 5, 6
     factors = rng.standard_normal((m, n + f + 2, n + f))
     hessian, gradient = factors.transpose(0, 2, 1) @ factors, rng.standard_normal((m, n + f))
-    a, b, d = rng.standard_normal((m - 1, n, n)), rng.standard_normal((m - 1, n, f)), rng.standard_normal((m - 1, n))
+    transition, d = rng.standard_normal((m, n, n + f)), rng.standard_normal((m - 1, n))
+    a, b = transition[..., :n], transition[..., n:]
     root = rng.standard_normal((m - 1, n, 2))
     q = root @ root.transpose(0, 2, 1) if soft else np.zeros((m - 1, n, n))  # singular on purpose
     states, ties = n * m, n * (m - 1)
@@ -189,8 +213,8 @@ def test_banded_step_equals_a_dense_solution(soft, by_kernel):
     system[: states + f, states + f :] = constraint.T
     right[states + f :] = d.ravel()
     expected = np.linalg.solve(system, right)
-    scale = np.array([100.0, 1.0, 0.01])
-    reduced = BandedKKT(m, n).solve(hessian, gradient, a, b, d, q if soft else None, scale, solver)
+    scale = np.array([100.0, 0.01])
+    reduced = BandedKKT(m, n).solve(hessian, gradient, transition, d, q if soft else None, scale, solver)
     dp, _ = parameter_step(reduced.hessian, reduced.gradient, np.zeros((0, f)), np.zeros(0), np.zeros(0))
     found = np.concatenate([(reduced.ds0 - reduced.ds_p @ dp).ravel(), dp, (reduced.l0 - reduced.l_p @ dp).ravel()])
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())

@@ -8,6 +8,7 @@ block (end, A, B) of the same shape as a shooting step's; the interior states mo
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -16,7 +17,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.compiler import Compilable
 from casid.estimation.layout import Layout
-from casid.estimation.sensitivity import Blocks, Trajectory
+from casid.estimation.sensitivity import Blocks, Slab, Trajectory, whitened
 from casid.estimation.steps import cached, dynamics_function, output_function, quiet
 from casid.model.system import Model
 
@@ -87,7 +88,7 @@ class LiftedCollocation:
         return Trajectory(states=nodes[:, None], y=y.copy(), end=interior[:, -1], points=interior, gap=gap)
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
-        """Linearised at a trajectory; weights (o,) per output."""
+        """Linearised at a trajectory; weights as of `Shooting.blocks`."""
         count, degree, n = self.shape
         data = self.layout
         repeated = np.repeat(parameters, degree, axis=0)
@@ -96,21 +97,33 @@ class LiftedCollocation:
         if points is None or gap is None:
             raise EstimationError("collocation: the trajectory has no interior states; it is of another transcription")
         fx, fp, _, _ = (r.copy() for r in self._derivatives(points, self.u, repeated))
-        at_nodes = np.repeat(trajectory.states[:, 0], degree, axis=0)
-        inputs = np.repeat(data.u0[:, 0], degree, axis=0)
-        _, _, hx, hp = self._derivatives(at_nodes, inputs, repeated)
         lift = self._lift(fx.reshape(count, degree, n, n), fp.reshape(count, degree, n, -1), gap)
-        o = data.z.shape[2]
-        jacobian = np.concatenate([r.reshape(count, degree, o, r.shape[1])[:, 0] for r in (hx, hp)], axis=2)
-        jacobian *= (weights * data.present[:, 0])[..., None]
-        residual = weights * (data.present * (trajectory.y - data.z))[:, 0]
+        jacobian = self._rows(trajectory, repeated, weights)
+        residual = whitened((trajectory.y - data.z)[:, 0], weights, data.pattern[:, 0])
         by_channel = jacobian * residual[..., None]
-        last = lift.gain[:, -n:]
         return Blocks(
-            rows=lambda: jacobian, hessian=jacobian.transpose(0, 2, 1) @ jacobian,
-            channel_gradient=by_channel, gradient=by_channel.sum(axis=1), a=last[..., :n], b=last[..., n:],
+            hessian=jacobian.transpose(0, 2, 1) @ jacobian, channel_gradient=by_channel,
+            gradient=by_channel.sum(axis=1), transition=lift.gain[:, -n:],
             end=trajectory.end + lift.correction[:, -n:], covariance=None, lift=lift,
         )  # fmt: skip
+
+    def slabs(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> Iterator[Slab]:
+        """As of `Shooting`, in one piece: every sample has unknowns of its own here."""
+        repeated = np.repeat(parameters, self.degree, axis=0)
+        rows = self._rows(trajectory, repeated, weights)[segments, None]
+        yield Slab(segments=segments, samples=slice(0, 1), rows=rows)
+
+    def _rows(self, trajectory: Trajectory, repeated: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(K, o, n+f) derivatives of the whitened outputs at the nodes; parameters repeated for every point."""
+        count, degree, _ = self.shape
+        at_nodes = np.repeat(trajectory.states[:, 0], degree, axis=0)
+        inputs = np.repeat(self.layout.u0[:, 0], degree, axis=0)
+        _, _, hx, hp = self._derivatives(at_nodes, inputs, repeated)
+        o = self.layout.z.shape[2]
+        jacobian = np.concatenate([r.reshape(count, degree, o, r.shape[1])[:, 0] for r in (hx, hp)], axis=2)
+        return whitened(jacobian, weights, self.layout.pattern[:, 0])
 
     def _lift(self, fx: np.ndarray, fp: np.ndarray, gap: np.ndarray) -> Lift:
         count, degree, n = self.shape

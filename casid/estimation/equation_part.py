@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -16,6 +17,7 @@ from casid.model.system import EquationError as EquationForm
 from casid.model.system import Model
 from casid.records.record import Record
 
+_SLAB_SAMPLES = 4096
 _SMOOTHING_SECONDS = 0.25  # half width of the smoothing polynomial: below the short period, above sensor noise
 
 
@@ -121,11 +123,17 @@ class EquationPart:
         """Residuals at the parameters."""
         return EquationValue(residuals=self._evaluate(self._residual, theta))
 
-    def jacobians(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per record (N, equations, free) derivatives in the free parameters, zero where a signal is missing."""
-        residuals = self.value(theta).residuals
-        found = self._evaluate(self._jacobian, theta)
-        return [
-            np.where(np.isfinite(e)[..., None], np.nan_to_num(j.reshape(*e.shape, -1)), 0.0)
-            for j, e in zip(found, residuals, strict=True)
-        ]
+    def slabs(self, theta: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Samples of a record and the derivatives (samples, equations, free) there in its free parameters, zero where
+        a signal is missing; not all at once, which would take most of the memory."""
+        data, p = self.data[record], self.problem.model_parameters(theta)[record]
+        size = min(max(map(len, self.data)), _SLAB_SAMPLES)
+        values = np.tile(p, (size, 1))
+        derivatives, residuals = self._jacobian.mapped(size), self._residual.mapped(size)
+        for first in range(0, len(data), size):
+            part = data[first : first + size]
+            filled = np.concatenate([part, np.repeat(part[-1:], size - len(part), axis=0)])
+            error = residuals(filled, values)[0][: len(part)]
+            rows = derivatives(filled, values)[0].reshape(size, error.shape[1], -1)[: len(part)]
+            good = np.isfinite(error)[..., None]
+            yield slice(first, first + len(part)), np.where(good, np.nan_to_num(rows), 0.0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 
 import numpy as np
 
 from casid.errors import EstimationError
 from casid.estimation.collocation import LiftedCollocation
 from casid.estimation.cost import EquationError, RangeWeights
-from casid.estimation.fit import Estimate, Fit, StateHistory, channel_fit
+from casid.estimation.fit import Fit, StateHistory, channel_fit
 from casid.estimation.gauss_newton import GaussNewton, Outcome, minimise
 from casid.estimation.ipopt import Ipopt, minimise_with_ipopt
 from casid.estimation.layout import build_layout
@@ -85,15 +86,6 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
     errors = _errors(objective, outcome)
     if errors.confused and status == "converged":
         status = f"not identifiable: the data cannot tell {', '.join(errors.confused)} apart; fix one or give a prior"
-    with np.errstate(invalid="ignore"):
-        std, corrected = (np.sqrt(np.diagonal(c)) for c in (errors.covariance, errors.corrected))
-    estimates = {
-        name: Estimate(
-            name=name, value=float(outcome.point.theta[i]), std=float(std[i]), std_corrected=float(corrected[i]),
-            prior=float(problem.nominal[i]), prior_std=float(problem.prior_std[i]),
-        )
-        for i, name in enumerate(problem.parameters)
-    }  # fmt: skip
     measured, predicted = _signals(objective, outcome)
     names, levels = objective.channel_names, objective.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
@@ -101,8 +93,9 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
     residuals = {record: measured[record] - predicted[record] for record in measured}
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     return Fit(
-        problem=problem, parameters=estimates, covariance=errors.covariance, covariance_corrected=errors.corrected,
-        status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin, cost=value.cost,
+        problem=problem, values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
+        uncertainty=errors, status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin,
+        cost=value.cost,
         log_likelihood=_log_likelihood(residuals, sigma), stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
         noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]}, channels=channels,
@@ -112,16 +105,11 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
 
 
 def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
-    count = len(objective.problem.parameters)
-    unknown = np.full((count, count), np.nan)
-    nothing = Uncertainty(covariance=unknown, corrected=unknown, confused=())
-    if not np.isfinite(outcome.value.cost):
-        return nothing
-    try:
-        linear = outcome.linear or objective.linearise(outcome.point, outcome.value)
-        return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
-    except np.linalg.LinAlgError:
-        return nothing  # the iteration ended where sensitivities overflow
+    linear = outcome.linear if np.isfinite(outcome.value.cost) else None
+    if linear is None and np.isfinite(outcome.value.cost):
+        with suppress(np.linalg.LinAlgError):  # the iteration ended where sensitivities overflow
+            linear = objective.linearise(outcome.point, outcome.value)
+    return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
 
 
 def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from casid.errors import unknown
 from casid.estimation.problem import Problem
+from casid.estimation.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +52,8 @@ class StateHistory:
 class Fit:
     """Result of `solve`.
 
-    parameters        name -> Estimate; a per-record one is named "bias_q[m1]"
-    covariance        (parameters, parameters) Cramer-Rao, in the order of `parameters`; `covariance_corrected` likewise
+    values            name -> estimate; a per-record one is named "bias_q[m1]"; `parameters` has them with their errors
+    uncertainty       the standard errors, computed when they are asked for
     status            "converged", or in words why not; `converged` is its truth value
     cost              1/2 sum of squares of all weighted residuals, priors included, at the final weights
     log_likelihood    of the residuals under independent normal noise of `noise`
@@ -65,9 +67,8 @@ class Fit:
     """
 
     problem: Problem
-    parameters: Mapping[str, Estimate]
-    covariance: np.ndarray
-    covariance_corrected: np.ndarray
+    values: dict[str, float]
+    uncertainty: Uncertainty
     status: str
     iterations: int
     seconds: float
@@ -90,9 +91,28 @@ class Fit:
         return self.status == "converged"
 
     @property
-    def values(self) -> dict[str, float]:
-        """name -> estimate."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
+    def covariance(self) -> np.ndarray:
+        """(parameters, parameters) Cramer-Rao, in the order of `parameters`."""
+        return self.uncertainty.covariance
+
+    @property
+    def covariance_corrected(self) -> np.ndarray:
+        """(parameters, parameters) with the colour of the residuals."""
+        return self.uncertainty.corrected
+
+    @cached_property
+    def parameters(self) -> dict[str, Estimate]:
+        """name -> Estimate."""
+        with np.errstate(invalid="ignore"):
+            std, corrected = (np.sqrt(np.diagonal(c)) for c in (self.covariance, self.covariance_corrected))
+        prior, prior_std = self.problem.nominal, self.problem.prior_std
+        return {
+            name: Estimate(
+                name=name, value=value, std=float(std[i]), std_corrected=float(corrected[i]), prior=float(prior[i]),
+                prior_std=float(prior_std[i]),
+            )
+            for i, (name, value) in enumerate(self.values.items())
+        }  # fmt: skip
 
     def __getitem__(self, name: str) -> Estimate:
         if name not in self.parameters:
@@ -150,7 +170,7 @@ class Fit:
             f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
             f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s, cost {self.cost:.6g}"
         )
-        width = max(len(name) for name in self.parameters)
+        width = max(len(name) for name in self.values)
         lines = [head, "", f"{'parameter':{width}}  {'value':>12} {'std':>10} {'corrected':>10} {'a priori':>12}"]
         for name, e in self.parameters.items():
             lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_corrected:10.3g} {e.prior:12.6g}")

@@ -7,7 +7,7 @@ import logging
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -30,21 +30,46 @@ _SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Packed:
     """Data of a layout as the kernel reads them: (blocks, L, stride, lanes), and (blocks,) the samples of each block of
-    segments after which there is nothing but padding."""
+    segments after which there is nothing but padding; seen (patterns, o) as in the layout."""
 
     data: np.ndarray
     live: np.ndarray
+    seen: np.ndarray
+
+    def part(self, blocks: slice, first: int, stop: int) -> Packed:
+        """Of some blocks, samples first ... stop-1."""
+        data, live = self.data[blocks, first:stop], np.clip(self.live[blocks] - first, 0, stop - first)
+        return replace(self, data=_aligned_copy(data), live=live)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KernelBlocks:
+    """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), covariance (K, n, n) of
+    process noise or None, and, when asked for, rows (K, L, o, n+f)."""
+
+    hessian: np.ndarray
+    channel_gradient: np.ndarray
+    transition: np.ndarray
+    end: np.ndarray
+    covariance: np.ndarray | None
+    rows: np.ndarray | None
 
 
 class Kernel:
-    """A compiled kernel: simulation and linearisation of segments, lanes at a time."""
+    """A compiled kernel: simulation and linearisation of segments, lanes at a time, and the step of a record."""
 
     def __init__(self, library: str, sizes: Sizes) -> None:
         loaded = ctypes.CDLL(library)
         self.sizes, self.lanes = sizes, int(loaded.lanes())
-        self._simulate, self._linearise = loaded.simulate, loaded.linearise
-        self._banded = loaded.banded
+        number, address = ctypes.c_long, ctypes.c_void_p
+        self._simulate, self._linearise, self._reduce = loaded.simulate, loaded.linearise, loaded.reduce
+        self._simulate.argtypes = (number, number, *[address] * 9)
+        self._linearise.argtypes = (number, number, *[address] * 5, number, *[address] * 7)
+        self._reduce.argtypes = (number, *[address] * 6, ctypes.c_double, *[address] * 4)
         self._simulate.restype = self._linearise.restype = None
+        self._work = loaded.work
+        self._work.argtypes, self._work.restype = (number,), number
+        self._space = np.empty(0)
 
     def pack(self, layout: Layout) -> Packed:
         """The data of a layout; the last block is filled up with the last segment."""
@@ -52,15 +77,17 @@ class Kernel:
         blocks, m, o = -(-count // w), self.sizes.m, self.sizes.o
         packed = _aligned((blocks, layout.length, self.sizes.stride, w))
         parts = ((0, layout.u0), (m, layout.u1), (2 * m, layout.dt[..., None]), (2 * m + 1, layout.z),
-                 (2 * m + 1 + o, layout.present))  # fmt: skip
+                 (2 * m + 1 + o, layout.pattern[..., None]))  # fmt: skip
         which = np.minimum(np.arange(blocks * w), count - 1).reshape(blocks, w)
         for first, values in parts:
             last = first + values.shape[2]
             packed[:, :, first:last] = values[which].transpose(0, 2, 3, 1)
         used = np.zeros(count, dtype=ctypes.c_long)
-        segment, position = np.divmod(np.concatenate(layout.sample), layout.length)
-        np.maximum.at(used, segment, position + 1)
-        return Packed(data=packed, live=used[which].max(axis=1))
+        for record, sample in enumerate(layout.sample):
+            own = layout.segments_of(record)
+            used[own] = layout.length
+            used[own.stop - 1] = len(sample) - (own.stop - 1 - own.start) * layout.length
+        return Packed(data=packed, live=used[which].max(axis=1), seen=layout.seen)
 
     def simulate(
         self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray
@@ -69,33 +96,50 @@ class Kernel:
         (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         states, y = np.empty((count, length, n)), np.empty((count, length, o))
         end, squares = np.empty((count, n)), np.empty((count, o))
-        _call(self._simulate, count, length, packed.live, packed.data, nodes, parameters, states, y, end, squares)
+        _call(self._simulate, count, length, packed.live, packed.data, nodes, parameters, packed.seen, states, y, end,
+              squares)  # fmt: skip
         return states, y, end, squares
 
     def linearise(
         self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray, weights: np.ndarray,
         intensity: np.ndarray, rows: bool = False,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:  # fmt: skip
-        """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), covariance (K, n, n)
-        of process noise or None, and, when asked for, rows (K, L, o, n+f)."""
+    ) -> KernelBlocks:  # fmt: skip
+        """weights (patterns, o, o) as in `Shooting.blocks`."""
         (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         nf = n + self.sizes.f
-        hessian, gradient = np.empty((count, nf, nf)), np.empty((count, o, nf))
-        transition, end = np.empty((count, n, nf)), np.empty((count, n))
-        covariance = np.empty((count, n, n)) if self.sizes.v else None
-        jacobian = np.zeros((count, length, o, nf) if rows else 0)
-        _call(self._linearise, count, length, packed.live, packed.data, nodes, parameters, weights, intensity,
-              hessian, gradient, transition, end, covariance, jacobian if rows else None)  # fmt: skip
-        return hessian, gradient, transition, end, covariance, jacobian
+        found = KernelBlocks(
+            hessian=np.empty((count, nf, nf)), channel_gradient=np.empty((count, o, nf)),
+            transition=np.empty((count, n, nf)), end=np.empty((count, n)),
+            covariance=np.empty((count, n, n)) if self.sizes.v else None,
+            rows=np.zeros((count, length, o, nf)) if rows else None,
+        )  # fmt: skip
+        below = np.tril_indices(o)
+        _call(self._linearise, count, length, packed.live, packed.data, nodes, parameters,
+              weights[:, below[0], below[1]], is_dense(weights), intensity, found.hessian, found.channel_gradient,
+              found.transition, found.end, found.covariance, found.rows)  # fmt: skip
+        return found
 
-    def solve_banded(self, matrix: np.ndarray, right: np.ndarray) -> None:
-        """Solve in place, right (size, sides); row i of matrix (size, 3 band + 1) holds columns i-band ... i+2 band.
-
-        Raises numpy.linalg.LinAlgError when the matrix is singular.
-        """
-        size, width = matrix.shape
-        if _call(self._banded, size, (width - 1) // 3, ctypes.c_long(right.shape[1]), matrix, right):
+    def reduce(
+        self, hessian: np.ndarray, gradient: np.ndarray, transition: np.ndarray, defect: np.ndarray,
+        covariance: np.ndarray | None, scale: np.ndarray, cost_scale: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """states (M, n, 1+f), multipliers (M-1, n, 1+f) and (f, 1+f) minus the gradient and information, see `kkt`; not
+        for two threads at once. Raises numpy.linalg.LinAlgError when the system is singular."""
+        count, sides = len(hessian), 1 + self.sizes.f
+        n, size = self.sizes.n, int(self._work(len(hessian)))
+        if len(self._space) < size:
+            self._space = _aligned((size,))
+        states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
+        information = np.empty((self.sizes.f, sides))
+        if _call(self._reduce, count, hessian, gradient, transition, defect, covariance, scale, cost_scale, self._space,
+                 states, multipliers, information):  # fmt: skip
             raise np.linalg.LinAlgError("singular states and multipliers")
+        return states, multipliers, information
+
+
+def is_dense(weights: np.ndarray) -> bool:
+    """Whether any of the matrices (patterns, o, o) has more than a diagonal."""
+    return bool(np.count_nonzero(weights) > np.count_nonzero(np.diagonal(weights, axis1=1, axis2=2)))
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -106,16 +150,16 @@ def _aligned(shape: tuple[int, ...]) -> np.ndarray:
     return held[first : first + size].reshape(shape)
 
 
-def _call(function, count: int, length: int, *arguments: np.ndarray | ctypes.c_long | None) -> int:
-    given, kept = [], []
-    for argument in arguments:
-        if not isinstance(argument, np.ndarray):
-            given.append(argument)
-            continue
-        array = np.ascontiguousarray(argument)
-        kept.append(array)
-        given.append(ctypes.c_void_p(array.ctypes.data))
-    return function(ctypes.c_long(count), ctypes.c_long(length), *given)
+def _aligned_copy(values: np.ndarray) -> np.ndarray:
+    copy = _aligned(values.shape)
+    copy[...] = values
+    return copy
+
+
+def _call(function, *arguments: np.ndarray | float | None) -> int:
+    """Arrays go as the address of their numbers in C order."""
+    kept = [np.ascontiguousarray(a) if isinstance(a, np.ndarray) else a for a in arguments]
+    return function(*[a.__array_interface__["data"][0] if isinstance(a, np.ndarray) else a for a in kept])
 
 
 def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Kernel | None:

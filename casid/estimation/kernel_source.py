@@ -1,7 +1,8 @@
 """C source of a model's kernel: simulate segments, or linearise them and gather their Gram blocks on the way.
 
-Lanes are segments. `data` holds per W segments and sample the vectors u0 (m), u1 (m), dt, z (o), present (o);
-all else is in numpy's order, segment by segment. S (columns n+f, rows n) is the sensitivity of the state.
+Lanes are segments. `data` holds per W segments and sample the vectors u0 (m), u1 (m), dt, z (o) and which row of the
+tables below says what is present; all else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
+sensitivity of the state.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from casid.estimation.emit import emit, prelude
+from casid.estimation.kkt_source import REDUCE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +29,7 @@ class Sizes:
     @property
     def stride(self) -> int:
         """Vectors of data per sample."""
-        return 2 * self.m + 1 + 2 * self.o
+        return 2 * self.m + 2 + self.o
 
 
 STAGES = (1, 2, 3, 4)
@@ -57,7 +59,7 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
         "#define STAGE_ARRAYS V " + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
         f"#define STAGES {names}", _along_outputs(C, D, s),
         _column("homogeneous", stages, s, []), _column("driven", stages, s, rows),
-        _drives(stages, rows), *([_COVARIANCE] if s.v else []), _BODY, _BANDED,
+        _drives(stages, rows), *([_COVARIANCE] if s.v else []), _BODY, REDUCE,
     ])  # fmt: skip
 
 
@@ -147,50 +149,6 @@ static inline void spread(V (*restrict P)[N], V (*restrict d)[4][DRIVEN], V dt, 
 }
 """
 
-# Gaussian elimination with partial pivoting, rows of matrix and right side side by side; row i of `a` holds the columns
-# i-band ... i+2*band. LAPACK's dgbsv, which does the same, spends its time on calls for rows this short.
-_BANDED = r"""
-#if defined(__GNUC__) && !defined(__clang__)
-__attribute__((optimize("O3"))) /* at -O2 gcc leaves loops of unknown length as scalars */
-#endif
-int banded(long size, long band, long sides, double *a, double *b)
-{
-    const long width = 3 * band + 1, reach = 2 * band + 1;
-    for (long j = 0; j < size; j++) {
-        const long last = j + band < size ? j + band : size - 1;
-        double *top = a + j * width + band, *right = b + j * sides;
-        long pivot = j;
-        for (long r = j + 1; r <= last; r++)
-            if (fabs(a[r * width + band + j - r]) > fabs(a[pivot * width + band + j - pivot])) pivot = r;
-        double *row = a + pivot * width + band + j - pivot;
-        if (!(fabs(row[0]) > 0.0)) return 1;
-        if (pivot != j) {
-            double *other = b + pivot * sides;
-            for (long c = 0; c < reach; c++) { double held = top[c]; top[c] = row[c]; row[c] = held; }
-            for (long c = 0; c < sides; c++) { double held = right[c]; right[c] = other[c]; other[c] = held; }
-        }
-        for (long r = j + 1; r <= last; r++) {
-            double *restrict below = a + r * width + band + j - r, *restrict side = b + r * sides;
-            const double factor = below[0] / top[0];
-            if (factor == 0.0) continue;
-            for (long c = 0; c < reach; c++) below[c] -= factor * top[c];
-            for (long c = 0; c < sides; c++) side[c] -= factor * right[c];
-        }
-    }
-    for (long j = size - 1; j >= 0; j--) {
-        const double *top = a + j * width + band;
-        double *restrict right = b + j * sides;
-        const long last = reach < size - j ? reach : size - j;
-        for (long k = 1; k < last; k++) {
-            const double *solved = right + k * sides;
-            for (long c = 0; c < sides; c++) right[c] -= top[k] * solved[c];
-        }
-        for (long c = 0; c < sides; c++) right[c] /= top[0];
-    }
-    return 0;
-}
-"""
-
 _BODY = r"""
 #define SEGMENT(l) (first + (l) < count ? first + (l) : count - 1)
 
@@ -208,14 +166,26 @@ static inline void scatter(double *to, const V *from, int width, long row, long 
         for (int i = 0; i < width; i++) to[((first + l) * rows + row) * width + i] = from[i][l];
 }
 
-/* live (blocks): samples after which nothing but padding follows;
+#define PATTERN (2 * M + 1 + O)
+#define TRIANGLE (O * (O + 1) / 2)
+
+/* the row of a table that each lane's pattern says; `held` is the pattern that `to` is of already */
+static inline void choose(V *to, V *held, const V *pattern, const double *table, int width)
+{
+    if (!memcmp(held, pattern, sizeof(V))) return;
+    *held = *pattern;
+    for (int l = 0; l < W; l++)
+        for (int i = 0; i < width; i++) to[i][l] = table[(long)(*pattern)[l] * width + i];
+}
+
+/* live (blocks): samples after which nothing but padding follows; seen (patterns, O): 1 where present;
    states (count, length, N), y (count, length, O), end (count, N), squares (count, O) of present residuals */
 void simulate(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,
-              double *states, double *y, double *end, double *squares)
+              const double *seen, double *states, double *y, double *end, double *squares)
 {
     for (long first = 0; first < count; first += W, data += length * STRIDE) {
         const V *d = data;
-        V x[N], p[Q], after[N], out[O], sum[O];
+        V x[N], p[Q], after[N], out[O], sum[O], present[O], held = (V){0} - 1.0;
         gather(x, nodes, N, first, count);
         gather(p, parameters, Q, first, count);
         for (int i = 0; i < O; i++) sum[i] = (V){0};
@@ -223,8 +193,9 @@ void simulate(long count, long length, const long *live, const V *data, const do
             advance(x, d, d + M, d + 2 * M, p, after, out);
             scatter(states, x, N, k, length, first, count);
             scatter(y, out, O, k, length, first, count);
+            choose(present, &held, d + PATTERN, seen, O);
             for (int i = 0; i < O; i++) {
-                V r = (out[i] - d[2 * M + 1 + i]) * d[2 * M + 1 + O + i];
+                V r = (out[i] - d[2 * M + 1 + i]) * present[i];
                 sum[i] += r * r;
             }
             for (int i = 0; i < N; i++) x[i] = after[i];
@@ -250,16 +221,34 @@ static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q
         }
 }
 
-/* hessian (count, NF, NF), gradient (count, O, NF), transition (count, N, NF), end (count, N),
+/* q <- L q, r <- L r with the lower triangle L by rows */
+static inline void whiten(V (*restrict q)[NF], V *restrict r, const V *restrict L, long dense)
+{
+    for (int i = O - 1; i >= 0; i--) {
+        const V *row = L + i * (i + 1) / 2;
+        r[i] *= row[i];
+        for (int c = 0; c < NF; c++) q[i][c] *= row[i];
+        if (!dense) continue;
+        for (int j = 0; j < i; j++) {
+            r[i] += row[j] * r[j];
+            for (int c = 0; c < NF; c++) q[i][c] += row[j] * q[j][c];
+        }
+    }
+}
+
+/* weights (patterns, TRIANGLE): by rows, the factor that whitens the residuals, dense when more than its diagonal is
+   not zero; hessian (count, NF, NF), gradient (count, O, NF) of each whitened residual, transition (count, N, NF),
+   end (count, N),
    covariance (count, N, N) when NV, rows (count, length, O, NF) may be NULL */
 void linearise(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,
-               const double *weights, const double *intensity, double *hessian, double *gradient,
+               const double *weights, long dense, const double *intensity, double *hessian, double *gradient,
                double *transition, double *end, double *covariance, double *rows)
 {
     for (long first = 0; first < count; first += W, data += length * STRIDE) {
         const V *d = data;
         V x[N], p[Q], after[N], out[O], r[O], S[NF][N], q[O][NF], g[O][NF], H[NF * (NF + 1) / 2];
         V drive[F + NV + 1][4][DRIVEN];
+        V L[TRIANGLE], held = (V){0} - 1.0;
         STAGE_ARRAYS;
         gather(x, nodes, N, first, count);
         gather(p, parameters, Q, first, count);
@@ -276,11 +265,9 @@ void linearise(long count, long length, const long *live, const V *data, const d
             derive(x, d, d + M, d + 2 * M, p, after, out, STAGES);
             drives(drive, Q1, Q2, Q3, Q4);
             outputs(q, C, D, S);
-            for (int i = 0; i < O; i++) {
-                V weight = d[2 * M + 1 + O + i] * weights[i];
-                r[i] = (out[i] - d[2 * M + 1 + i]) * weight;
-                for (int c = 0; c < NF; c++) q[i][c] *= weight;
-            }
+            choose(L, &held, d + PATTERN, weights, TRIANGLE);
+            for (int i = 0; i < O; i++) r[i] = out[i] - d[2 * M + 1 + i];
+            whiten(q, r, L, dense);
             if (rows) scatter(rows, q[0], O * NF, k, length, first, count);
             accumulate(H, g, q, r);
             for (int c = 0; c < N; c++) homogeneous(S[c], 0, d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);

@@ -9,6 +9,7 @@ Ordered s_0, lambda_1, s_1, lambda_2, ... the matrix has the half bandwidth 2 n 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
@@ -32,46 +33,68 @@ class Reduced:
 
 
 class BandedKKT:
-    """Index maps of a record with `segments` segments and n states; `solve` fills and factorises."""
+    """The system of a record with `segments` segments and n states; `solve` fills and factorises."""
 
     def __init__(self, segments: int, n: int) -> None:
         self.segments, self.n = segments, n
         self.size, self.band = n * (2 * segments - 1), 2 * n - 1
-        rows = 3 * self.band + 1
-        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-        step = 2 * n * np.arange(segments)
 
-        def place(first_row: np.ndarray, first_column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Flat position of n x n blocks in the kernel's band storage (by rows) and in LAPACK's (by columns)."""
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, ...]:
+        """Where the n x n blocks stand in LAPACK's band storage."""
+        n, rows = self.n, 3 * self.band + 1
+        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+        step = 2 * n * np.arange(self.segments)
+
+        def place(first_row: np.ndarray, first_column: np.ndarray) -> np.ndarray:
             r, c = first_row[:, None, None] + i, first_column[:, None, None] + j
-            return (self.band + c - r + rows * r).ravel(), (2 * self.band + r - c + rows * c).ravel()
+            return (2 * self.band + r - c + rows * c).ravel()
 
         tied = step[:-1]
-        self._places = (
+        return (
             place(step, step), place(tied + n, tied), place(tied, tied + n), place(tied + n, tied + 2 * n),
             place(tied + 2 * n, tied + n), place(tied + n, tied + n),
         )  # fmt: skip
-        self._band_storage = np.zeros(rows * self.size)
+
+    @cached_property
+    def _band_storage(self) -> np.ndarray:
+        return np.zeros((3 * self.band + 1) * self.size)
 
     def solve(
-        self, hessian: np.ndarray, gradient: np.ndarray, a: np.ndarray, b: np.ndarray, defect: np.ndarray,
+        self, hessian: np.ndarray, gradient: np.ndarray, transition: np.ndarray, defect: np.ndarray,
         covariance: np.ndarray | None, scale: np.ndarray, kernel: Kernel | None = None,
     ) -> Reduced:  # fmt: skip
-        """hessian (M, n+f, n+f), gradient (M, n+f); a (M-1, n, n), b (M-1, n, f), defect (M-1, n) and the covariance
+        """hessian (M, n+f, n+f), gradient (M, n+f), transition (M, n, n+f) [A, B]; defect (M-1, n) and the covariance
         (M-1, n, n) or None of the segments that have a successor; scale (n,) typical size of the states. By the
         kernel when one is given, else by LAPACK.
 
         Raises numpy.linalg.LinAlgError when the system is singular.
         """
+        n = self.n
+        diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
+        so = 1.0 / max(float(diagonal.max(axis=1).mean()), 1e-300)
+        if kernel is None:
+            a, b = transition[:-1, :, :n], transition[:-1, :, n:]
+            return self._by_lapack(hessian, gradient, a, b, defect, covariance, scale, so)
+        states, multipliers, information = kernel.reduce(hessian, gradient, transition, defect, covariance, scale, so)
+        if not np.isfinite(information).all():  # every unknown is in it
+            raise np.linalg.LinAlgError("singular states and multipliers")
+        reduced = information[:, 1:]
+        return Reduced(
+            ds0=states[..., 0], ds_p=states[..., 1:], l0=multipliers[..., 0], l_p=multipliers[..., 1:],
+            hessian=0.5 * (reduced + reduced.T), gradient=-information[:, 0],
+        )  # fmt: skip
+
+    def _by_lapack(
+        self, hessian: np.ndarray, gradient: np.ndarray, a: np.ndarray, b: np.ndarray, defect: np.ndarray,
+        covariance: np.ndarray | None, scale: np.ndarray, so: float,
+    ) -> Reduced:  # fmt: skip
         n, m = self.n, self.segments
         f = hessian.shape[1] - n
-        diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
-        so = 1.0 / max(float(np.median(diagonal.max(axis=1))), 1e-300)
         outer = scale[:, None] * scale
         flat = self._band_storage
         flat[:] = 0.0
-        which = 0 if kernel is not None else 1
-        at_h, at_a, at_at, at_up, at_low, at_q = (place[which] for place in self._places)
+        at_h, at_a, at_at, at_up, at_low, at_q = self._places
         flat[at_h] = (hessian[:, :n, :n] * (so * outer)).ravel()
         a_scaled = -a * (scale / scale[:, None])
         flat[at_a], flat[at_at] = a_scaled.ravel(), a_scaled.transpose(0, 2, 1).ravel()
@@ -84,13 +107,8 @@ class BandedKKT:
         right[1::2, :, 0] = defect / scale
         right[1::2, :, 1:] = -b / scale[:, None]
         right = right.reshape(self.size, f + 1)
-        if kernel is not None:
-            solution = right.copy()
-            kernel.solve_banded(flat.reshape(self.size, -1), solution)
-            info = 0
-        else:
-            matrix = flat.reshape(self.size, -1).T
-            _, _, solution, info = _gbsv(self.band, self.band, matrix, right, overwrite_ab=1)
+        matrix = flat.reshape(self.size, -1).T
+        _, _, solution, info = _gbsv(self.band, self.band, matrix, right, overwrite_ab=1)
         if info != 0 or not np.isfinite(solution).all():
             raise np.linalg.LinAlgError("singular states and multipliers")
         border = right[:, 1:]

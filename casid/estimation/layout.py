@@ -26,6 +26,7 @@ class Layout:
     dt         (K, L) [s], zero where padded
     z          (K, L, o) measured outputs, zero where missing
     present    (K, L, o) 1 where measured, else 0
+    pattern    (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
     sample     per record (N,) flat index into (K*L) of each sample
     """
 
@@ -40,6 +41,8 @@ class Layout:
     dt: np.ndarray
     z: np.ndarray
     present: np.ndarray
+    pattern: np.ndarray
+    seen: np.ndarray
     sample: tuple[np.ndarray, ...]
 
     @property
@@ -85,7 +88,19 @@ def build_layout(problem: Problem, interval: int | None) -> Layout:
         sample.append(count * length + np.arange(len(record)))
         count += segments
     arrays = {k: np.concatenate(v).reshape(count, length, *v[0].shape[1:]) for k, v in parts.items()}
+    pattern, seen = _patterns(arrays["present"])
     return Layout(
         length=length, record=np.array(record_of), first=np.array(first), tied=np.array(tied, dtype=int),
-        sample=tuple(sample), start=arrays["guess"][:, 0].copy(), **arrays,
+        sample=tuple(sample), start=arrays["guess"][:, 0].copy(), pattern=pattern, seen=seen, **arrays,
     )  # fmt: skip
+
+
+def _patterns(present: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K, L) number of the pattern of each sample, and the patterns (patterns, o)."""
+    everything = present.all(axis=2)
+    nothing = ~present.any(axis=2)
+    o = present.shape[2]
+    if (everything | nothing).all():  # the usual case, without sorting
+        return np.where(everything, 0, 1), np.stack([np.ones(o), np.zeros(o)])
+    seen, pattern = np.unique(present.reshape(-1, o), axis=0, return_inverse=True)
+    return pattern.reshape(present.shape[:2]), seen

@@ -23,6 +23,8 @@ class NoiseLevels:
     Raises InputError for a noise that names other channels than `names` or is not positive.
     """
 
+    full = False
+
     def __init__(
         self,
         noise: Mapping[str, float] | RangeWeights | None,
@@ -52,6 +54,11 @@ class NoiseLevels:
     def size(self) -> float:
         """Norm of all measurements in units of sigma: rounding of the residuals is relative to it."""
         return float(np.sqrt((self._magnitude / self.sigma**2).sum()))
+
+    def whitening(self, seen: np.ndarray) -> np.ndarray:
+        """(patterns, o, o) lower triangle that makes the residuals of the first o channels white where `seen`
+        (patterns, o), zero in the rows and columns of what is missing."""
+        return seen[:, :, None] * np.diag(1.0 / self.sigma[: seen.shape[1]])
 
     def rms(self, squares: np.ndarray) -> np.ndarray:
         """(channels,) root mean square, from sums of squared residuals; floored where there is no noise."""

@@ -90,9 +90,9 @@ def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.n
     values["precision"] = (1.0 / problem.prior_std)[:, None]
     if objective.dynamics is not None:
         layout = objective.layout
-        flat = {k: getattr(layout, k) for k in ("u0", "u1", "z", "present")}
+        flat = {k: getattr(layout, k) for k in ("u0", "u1", "z")}
         values |= {k: v.reshape(layout.dt.size, v.shape[2]).T for k, v in flat.items()}
-        values |= {"dt": layout.dt.reshape(1, -1), "weights": objective.output_weights[:, None]}
+        values |= {"dt": layout.dt.reshape(1, -1)} | _weights(objective)
         values |= {"centre": objective.centre.T, "initial_std": objective.initial_std[:, None]}
         if objective.factor is not None:
             values["factor"] = objective.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
@@ -104,6 +104,24 @@ def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.n
         values["seen"] = np.isfinite(residual).astype(float).T
         values["equation_weights"] = objective.equation_weights[:, None]
     return values
+
+
+def _weights(objective: Objective) -> dict[str, np.ndarray]:
+    """A factor for every measurement; with a full covariance the triangle of each pattern and which samples have it."""
+    pattern, weights = objective.layout.pattern.ravel(), objective.whitening
+    if not objective.levels.full:
+        return {"weights": np.diagonal(weights, axis1=1, axis2=2)[pattern].T}
+    which = pattern == np.arange(len(weights))[:, None]
+    return {"triangles": np.hstack(list(weights)), "which": which.astype(float)}
+
+
+def _whitened(difference: ca.MX, s: dict) -> ca.MX:
+    if "weights" in s:
+        return s["weights"] * difference
+    o, count = difference.shape[0], s["which"].shape[0]
+    triangles = ca.horzsplit(s["triangles"], o)
+    parts = [(triangles[k] @ difference) * ca.repmat(s["which"][k, :], o, 1) for k in range(count)]
+    return sum(parts[1:], parts[0])
 
 
 def build(objective: Objective, x: Packing, d: Packing) -> Programme:
@@ -119,8 +137,7 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         start = nodes[:, first] - s["centre"]
         residuals.append(ca.vec(start / ca.repmat(s["initial_std"], 1, len(first))))
         states, end, y, gap = _simulated(objective, nodes, free, v, s)
-        weight = s["present"] * ca.repmat(s["weights"], 1, y.shape[1])
-        residuals.append(ca.vec(weight * (y - s["z"])))
+        residuals.append(ca.vec(_whitened(y - s["z"], s)))
         defect = _defects(objective, nodes, end, v, s)
         if "noise" in v:
             residuals.append(ca.vec(v["noise"]))

@@ -6,6 +6,7 @@ in units of its standard deviation, and, for collocation, the interior states.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,15 +76,17 @@ class Step:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Linearised:
-    """All that one linearisation gives: blocks per segment, reduced systems per record, information matrix and
-    gradient in the parameters, and the gradient (channels, parameters) of each channel's part of the cost."""
+    """All that one linearisation at a point gives: blocks per segment, reduced systems per record, information matrix
+    and gradient in the parameters, the gradient (channels, parameters) of each channel's part of the cost, and the part
+    that the equations have in the information."""
 
+    point: Point
     blocks: Blocks | None
     reduced: list[Reduced]
     hessian: np.ndarray
     gradient: np.ndarray
     channel_gradients: np.ndarray
-    equation_jacobian: list[np.ndarray]
+    equation_hessian: np.ndarray
 
 
 class Objective:
@@ -141,8 +144,13 @@ class Objective:
         return outputs + (self.equations.names if self.equations is not None else ())
 
     @property
+    def whitening(self) -> np.ndarray:
+        """(patterns, o, o) lower triangle that whitens the residuals of each pattern of present samples."""
+        return np.sqrt(self.part) * self.levels.whitening(self.layout.seen)
+
+    @property
     def output_weights(self) -> np.ndarray:
-        """(o,) factor of each output residual."""
+        """(o,) factor of each output residual where their noise is independent."""
         return np.sqrt(self.part) / self.levels.sigma[: len(self.problem.model.outputs)]
 
     @property
@@ -221,14 +229,14 @@ class Objective:
         Raises numpy.linalg.LinAlgError when a record's states are not determined.
         """
         precision = 1.0 / self.problem.prior_std**2
-        hessian = np.diag(precision)
+        hessian, equation_hessian = np.diag(precision), np.zeros((len(precision), len(precision)))
         gradient = precision * (point.theta - self.problem.nominal)
         channels = np.zeros((len(self.channel_names), len(gradient)))
         reduced: list[Reduced] = []
         blocks = None
         if value.trajectory is not None and self.dynamics is not None:
             layout, n = self.layout, len(self.scale)
-            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.output_weights)
+            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.whitening)
             diagonal = np.arange(n)
             blocks.hessian[layout.first[:, None], diagonal, diagonal] += 1.0 / self.initial_std**2
             blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) / self.initial_std**2
@@ -239,24 +247,29 @@ class Objective:
                 columns = self.problem.columns(r)
                 hessian[np.ix_(columns, columns)] += reduced[r].hessian
                 gradient[columns] += reduced[r].gradient
-                own = blocks.channel_gradient[layout.segments_of(r)]
-                along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
-                channels[: along.shape[0], columns] += along
-        jacobians: list[np.ndarray] = []
-        if self.equations is not None and value.equations is not None:
-            for r, jacobian in enumerate(self.equations.jacobians(point.theta)):
-                columns = self.problem.columns(r)
-                weighted = jacobian * self.equation_weights[:, None]
-                residual = np.nan_to_num(value.equations.residuals[r]) * self.equation_weights
-                hessian[np.ix_(columns, columns)] += np.einsum("kef,keg->fg", weighted, weighted)
-                by_equation = np.einsum("kef,ke->ef", weighted, residual)
+                if not self.levels.fixed:
+                    own = blocks.channel_gradient[layout.segments_of(r)]
+                    along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
+                    channels[: along.shape[0], columns] += along
+        for r, residuals in enumerate(value.equations.residuals if value.equations is not None else ()):
+            columns = self.problem.columns(r)
+            for samples, rows in self.equation_slabs(point, r):
+                residual = np.nan_to_num(residuals[samples]) * self.equation_weights
+                flat = rows.reshape(-1, rows.shape[2])
+                equation_hessian[np.ix_(columns, columns)] += flat.T @ flat
+                by_equation = np.einsum("kef,ke->ef", rows, residual)
                 channels[-len(by_equation) :, columns] += by_equation
                 gradient[columns] += by_equation.sum(axis=0)
-                jacobians.append(weighted)
         return Linearised(
-            blocks=blocks, reduced=reduced, hessian=hessian, gradient=gradient, channel_gradients=channels,
-            equation_jacobian=jacobians,
+            point=point, blocks=blocks, reduced=reduced, hessian=hessian + equation_hessian, gradient=gradient,
+            channel_gradients=channels, equation_hessian=equation_hessian,
         )  # fmt: skip
+
+    def equation_slabs(self, point: Point, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Samples of a record and the derivatives (samples, equations, free) of the weighted equation residuals."""
+        if self.equations is not None:
+            for samples, rows in self.equations.slabs(point.theta, record):
+                yield samples, rows * self.equation_weights[:, None]
 
     def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
         own = self.layout.segments_of(record)
@@ -264,7 +277,7 @@ class Objective:
         following = slice(own.start + 1, own.stop)
         covariance = blocks.covariance[tied] if blocks.covariance is not None else None
         return self.kkt[record].solve(
-            blocks.hessian[own], blocks.gradient[own], blocks.a[tied], blocks.b[tied],
+            blocks.hessian[own], blocks.gradient[own], blocks.transition[own],
             blocks.end[tied] - point.nodes[following], covariance, self.scale,
             self.dynamics.kernel if isinstance(self.dynamics, Shooting) else None,
         )  # fmt: skip
@@ -299,12 +312,9 @@ class Objective:
             if blocks.lift is not None:
                 points = blocks.lift.points(nodes, local[self.layout.record], len(self.scale))
                 price = max(price, blocks.lift.price(self.layout.tied, multipliers, self.scale))
-        if self.equations is not None and value.equations is not None:
-            for r, jacobian in enumerate(linear.equation_jacobian):
-                shift = jacobian @ theta[self.problem.columns(r)]
-                residual = np.nan_to_num(value.equations.residuals[r]) * self.equation_weights
-                slope += float((shift * residual).sum())
-                curvature += float((shift**2).sum())
+        if self.equations is not None:
+            slope += float(linear.channel_gradients[-len(self.equations.names) :].sum(axis=0) @ theta)
+            curvature += float(theta @ linear.equation_hessian @ theta)
         return Step(
             theta=theta, nodes=nodes, noise=noise, points=points, slope=slope, curvature=curvature, price=price,
             limit_multipliers=limit_multipliers,

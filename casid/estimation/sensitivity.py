@@ -1,7 +1,7 @@
 """Linearise all samples of all segments: the hot path of Gauss-Newton shooting, behind one narrow interface.
 
 Sizes: K segments, L samples each, n states, f free parameters (of the segment's record), o outputs.
-`Shooting.trajectory` simulates; `Shooting.blocks` returns per segment the Gram matrix and gradient of the weighted
+`Shooting.trajectory` simulates; `Shooting.blocks` returns per segment the Gram matrix and gradient of the whitened
 output residuals in (start state, free parameters) and the sensitivity of the end state. Both run in the compiled
 kernel of the model when there is one, else on CasADi's mapped functions, with the same result to rounding.
 """
@@ -9,7 +9,7 @@ kernel of the model when there is one, else on CasADi's mapped functions, with t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -18,10 +18,12 @@ import numpy as np
 
 from casid.estimation.compiler import Batch, Compilable
 from casid.estimation.feedback import SampledFeedback
-from casid.estimation.kernel import Kernel, KernelOffer, Packed
+from casid.estimation.kernel import Kernel, KernelOffer, Packed, is_dense
 from casid.estimation.layout import Layout
 from casid.estimation.steps import cached, output_function, sample_derivatives, stage_functions, step_function
 from casid.model.system import Model
+
+_SLAB_SAMPLES = 4096
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,28 +44,30 @@ class Trajectory:
 class Blocks:
     """Of each segment:
 
-    rows              gives `jacobian` (K, L*o, n+f) of the weighted outputs in (start state, parameters)
-    hessian           (K, n+f, n+f) of 1/2 sum (weighted residual)^2
-    channel_gradient  (K, o, n+f) of the same for each output; gradient (K, n+f) is its sum
-    a, b, end         the end state (K, n) and its derivatives (K, n, n), (K, n, f)
+    hessian           (K, n+f, n+f) of 1/2 sum (whitened residual)^2
+    channel_gradient  (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
+    transition, end   the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
     covariance        (K, n, n) that process noise adds to the end state; None without
     lift              how interior states follow, only of collocation
     """
 
-    rows: Callable[[], np.ndarray]
     hessian: np.ndarray
     channel_gradient: np.ndarray
     gradient: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
+    transition: np.ndarray
     end: np.ndarray
     covariance: np.ndarray | None
     lift: Lift | None = None
 
-    @cached_property
-    def jacobian(self) -> np.ndarray:
-        """(K, L*o, n+f); only the uncertainty needs it, an iteration does not."""
-        return self.rows()
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slab:
+    """rows (k, l, o, n+f): derivatives of the whitened outputs in (start state of their segment, parameters), for some
+    segments and some samples of each. All rows of a record at once would take most of the memory."""
+
+    segments: slice
+    samples: slice
+    rows: np.ndarray
 
 
 class Lift(Protocol):
@@ -101,7 +105,7 @@ class Shooting:
 
     @cached_property
     def _mapped(self) -> tuple[Batch, Batch, Batch]:
-        """Simulation, outputs, derivatives over all samples, by CasADi."""
+        """Simulation, outputs of all samples, derivatives over a slab, by CasADi."""
         model, feedback = self._model, self._feedback
         count, length = self.shape
         step = cached(model, ("compiled step", feedback), lambda: Compilable(step_function(model, feedback)))
@@ -111,7 +115,7 @@ class Shooting:
             model, key, lambda: Compilable(sample_derivatives(model, self._free, self.noise_names, feedback))
         )
         simulate = step.batch(("simulate", length, count), lambda f: f.mapaccum("simulate", length).map(count))
-        return simulate, outputs.mapped(count * length), derivatives.mapped(count * length)
+        return simulate, outputs.mapped(count * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
 
     @property
     def kernel(self) -> Kernel | None:
@@ -134,32 +138,47 @@ class Shooting:
         return Trajectory(states=states, y=y.copy(), end=after[:, -1].copy())
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
-        """Linearised along a trajectory; weights (o,) per output."""
+        """Linearised along a trajectory; weights (patterns, o, o): the lower triangle that whitens the residuals of
+        each pattern of present samples, zero in the rows and columns of what is missing."""
         kernel = self.kernel
         if kernel is not None:
-            return self._kernel_blocks(kernel, trajectory, parameters, weights)
+            nodes, packed = trajectory.states[:, 0], self._packed_for(kernel)
+            found = kernel.linearise(packed, nodes, parameters, weights, self.intensity)
+            return Blocks(
+                hessian=found.hessian, channel_gradient=found.channel_gradient,
+                gradient=found.channel_gradient.sum(axis=1), transition=found.transition, end=found.end,
+                covariance=found.covariance,
+            )  # fmt: skip
         begin = time.perf_counter()
-        found = self._mapped_blocks(trajectory, parameters, weights)
+        blocks = self._mapped_blocks(trajectory, parameters, weights)
         self._offer.spent += time.perf_counter() - begin
-        return found
+        return blocks
 
-    def _kernel_blocks(
-        self, kernel: Kernel, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray
-    ) -> Blocks:
-        nodes, n = trajectory.states[:, 0], trajectory.end.shape[1]
-        packed = self._packed_for(kernel)
-        hessian, channel_gradient, transition, end, covariance, _ = kernel.linearise(
-            packed, nodes, parameters, weights, self.intensity
-        )
-
-        def rows() -> np.ndarray:
-            jacobian = kernel.linearise(packed, nodes, parameters, weights, self.intensity, rows=True)[-1]
-            return jacobian.reshape(len(nodes), -1, transition.shape[2])
-
-        return Blocks(
-            rows=rows, hessian=hessian, channel_gradient=channel_gradient, gradient=channel_gradient.sum(axis=1),
-            a=transition[..., :n], b=transition[..., n:], end=end, covariance=covariance,
-        )  # fmt: skip
+    def slabs(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> Iterator[Slab]:
+        """The rows of some segments in the order of time. Arguments as of `blocks`."""
+        kernel = self.kernel
+        if kernel is None:
+            for slab, _, _ in self._mapped_slabs(trajectory, parameters, weights, segments):
+                yield slab
+            return
+        packed, lanes = self._packed_for(kernel), kernel.lanes
+        before = np.empty(0)
+        for own, samples in _plan(segments, self.shape[1], lanes):
+            blocks = slice(own.start // lanes, -(-own.stop // lanes))
+            covered = slice(blocks.start * lanes, min(blocks.stop * lanes, self.shape[0]))
+            found = kernel.linearise(
+                packed.part(blocks, samples.start, samples.stop), trajectory.states[covered, samples.start],
+                parameters[covered], weights, self.intensity, rows=True,
+            )  # fmt: skip
+            inner = slice(own.start - covered.start, own.stop - covered.start)
+            assert found.rows is not None
+            rows, after = found.rows[inner], found.transition[inner]
+            if samples.start > 0:
+                rows, after = _chained(rows, before[:, None]), _chained(after, before)
+            before = after
+            yield Slab(segments=own, samples=samples, rows=rows)
 
     def _packed_for(self, kernel: Kernel) -> Packed:
         """The data in the kernel's order."""
@@ -168,34 +187,97 @@ class Shooting:
         return self._packed
 
     def _mapped_blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
-        data = self.layout
-        count, length = self.shape
-        n, repeated = trajectory.end.shape[1], np.repeat(parameters, length, axis=0)
-        raw = self._mapped[2](trajectory.states, data.u0, data.u1, data.dt, repeated)
-        f, v, o = raw[1].shape[1], len(self.intensity), data.z.shape[2]
-        a, b, g, c, d = (
-            r.reshape(count, length, rows, r.shape[1]) for r, rows in zip(raw, (n, n, n, o, o), strict=True)
-        )
-        s = np.zeros((length + 1, count, n, n + f))
-        s[0, :, :, :n] = np.eye(n)
-        covariance = np.zeros((count, n, n)) if v else None
-        for i in range(length):
-            np.matmul(a[:, i], s[i], out=s[i + 1])
-            s[i + 1, :, :, n:] += b[:, i]
+        data, (count, _) = self.layout, self.shape
+        n, o = trajectory.end.shape[1], data.z.shape[2]
+        nf = n + len(self._free)
+        hessian, channel_gradient = np.zeros((count, nf, nf)), np.zeros((count, o, nf))
+        transition = np.empty((count, n, nf))
+        covariance = np.empty((count, n, n)) if len(self.intensity) else None
+        for slab, after, spread in self._mapped_slabs(trajectory, parameters, weights, slice(0, count)):
+            at = slab.segments, slab.samples
+            residual = whitened(trajectory.y[at] - data.z[at], weights, data.pattern[at])
+            channel_gradient[slab.segments] += np.einsum("klof,klo->kof", slab.rows, residual)
+            flat = slab.rows.reshape(len(slab.rows), -1, nf)
+            hessian[slab.segments] += flat.transpose(0, 2, 1) @ flat
+            transition[slab.segments] = after
             if covariance is not None:
-                # noise of intensity sigma, held over dt, has the standard deviation sigma/sqrt(dt)
-                gain = g[:, i] * (self.intensity / np.sqrt(np.maximum(data.dt[:, i], 1e-12))[:, None])[:, None, :]
-                covariance = a[:, i] @ covariance @ a[:, i].transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
-        jacobian = c @ s[:-1].transpose(1, 0, 2, 3)
-        jacobian[..., n:] += d
-        jacobian *= (weights * data.present)[..., None]
-        residual = weights * data.present * (trajectory.y - data.z)
-        channel_gradient = np.einsum("klof,klo->kof", jacobian, residual)
-        jacobian = jacobian.reshape(count, length * o, n + f)
-        hessian = jacobian.transpose(0, 2, 1) @ jacobian
-        last = s[length]
+                covariance[slab.segments] = spread
         return Blocks(
-            rows=lambda: jacobian, hessian=hessian, channel_gradient=channel_gradient,
-            gradient=channel_gradient.sum(axis=1), a=last[..., :n], b=last[..., n:],
-            end=trajectory.end, covariance=covariance,
+            hessian=hessian, channel_gradient=channel_gradient, gradient=channel_gradient.sum(axis=1),
+            transition=transition, end=trajectory.end, covariance=covariance,
         )  # fmt: skip
+
+    def _mapped_slabs(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> Iterator[tuple[Slab, np.ndarray, np.ndarray]]:
+        """Each slab, the sensitivity (k, n, n+f) of the state after it, and the covariance (k, n, n) it has then."""
+        n = trajectory.end.shape[1]
+        for own, samples in _plan(segments, self.shape[1], 1):
+            at, size = (own, samples), own.stop - own.start
+            if samples.start == 0:
+                s, spread = _identity(size, n, n + len(self._free)), np.zeros((size, n, n))
+            a, b, g, c, d = self._derivatives(trajectory, parameters, own, samples)
+            states = np.empty((size, samples.stop - samples.start, *s.shape[1:]))
+            for i in range(states.shape[1]):
+                states[:, i] = s
+                s = a[:, i] @ s
+                s[..., n:] += b[:, i]
+                if len(self.intensity):
+                    # noise of intensity sigma, held over dt, has the standard deviation sigma/sqrt(dt)
+                    dt = np.maximum(self.layout.dt[own, samples.start + i], 1e-12)
+                    gain = g[:, i] * (self.intensity / np.sqrt(dt)[:, None])[:, None, :]
+                    spread = a[:, i] @ spread @ a[:, i].transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
+            rows = c @ states
+            rows[..., n:] += d
+            yield Slab(segments=own, samples=samples, rows=whitened(rows, weights, self.layout.pattern[at])), s, spread
+
+    def _derivatives(
+        self, trajectory: Trajectory, parameters: np.ndarray, segments: slice, samples: slice
+    ) -> list[np.ndarray]:
+        """(k, l, rows, columns) of A, B, G, C, D."""
+        data, at = self.layout, (segments, samples)
+        k, length = data.dt[at].shape
+        batch = self._mapped[2]
+        given = [trajectory.states[at], data.u0[at], data.u1[at], data.dt[at][..., None]]
+        flat = [v.reshape(k * length, -1) for v in given] + [np.repeat(parameters[segments], length, axis=0)]
+        total = min(data.dt.size, _SLAB_SAMPLES)  # the size of a batch is fixed
+        raw = batch(*(np.concatenate([v, np.repeat(v[-1:], total - k * length, axis=0)]) for v in flat))
+        n, o = trajectory.end.shape[1], data.z.shape[2]
+        heights = (n, n, n, o, o)
+        parts = (r.reshape(total, rows, r.shape[1])[: k * length] for r, rows in zip(raw, heights, strict=True))
+        return [p.reshape(k, length, *p.shape[1:]) for p in parts]
+
+
+def whitened(values: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+    """values (..., o) or (..., o, columns), weighed by the triangle (o, o) of the pattern (...) of their sample."""
+    vector = values.ndim == pattern.ndim + 1
+    if not is_dense(weights):
+        factor = np.diagonal(weights, axis1=1, axis2=2)[pattern]
+        return values * (factor if vector else factor[..., None])
+    matrix = weights[pattern]
+    return (matrix @ values[..., None])[..., 0] if vector else matrix @ values
+
+
+def _plan(segments: slice, length: int, lanes: int) -> Iterator[tuple[slice, slice]]:
+    """Groups of segments, or spans of samples of one segment after the other, in the order of time and of bounded size;
+    a group ends where a block of `lanes` segments does."""
+    group = max(_SLAB_SAMPLES // (lanes * length), 1) * lanes if length <= _SLAB_SAMPLES else 1
+    first = segments.start
+    while first < segments.stop:
+        last = min((first // group + 1) * group, segments.stop)
+        for begin in range(0, length, _SLAB_SAMPLES):
+            yield slice(first, last), slice(begin, min(begin + _SLAB_SAMPLES, length))
+        first = last
+
+
+def _identity(count: int, n: int, nf: int) -> np.ndarray:
+    """(count, n, nf) sensitivity of a state to itself."""
+    return np.tile(np.eye(n, nf), (count, 1, 1))
+
+
+def _chained(later: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Derivatives in (start, parameters) from those in (a state on the way, parameters)."""
+    n = before.shape[-2]
+    found = later[..., :n] @ before
+    found[..., n:] += later[..., n:]
+    return found

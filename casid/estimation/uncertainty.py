@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import null_space
@@ -15,50 +16,89 @@ from scipy.linalg import null_space
 from casid.estimation.objective import Linearised, Objective, Value
 from casid.estimation.quadratic import inverse_along, jacobi_scale
 from casid.estimation.residual_colour import Piece, coloured_score, gathered
+from casid.estimation.sensitivity import whitened
 
 _RANK = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Uncertainty:
-    """Covariance (parameters, parameters) by Cramer-Rao and with coloured residuals; `confused` names of parameters
-    that the data cannot tell apart (their variances are infinite)."""
+    """Standard errors at a solution, computed when they are asked for; covariances are (parameters, parameters).
 
-    covariance: np.ndarray
-    corrected: np.ndarray
-    confused: tuple[str, ...]
+    covariance   Cramer-Rao: inverse of the information; with weights that are not the inverse noise (range weights,
+                 combined cost) the covariance that white residuals of the observed variance give. Noise that was
+                 estimated is at its maximum of likelihood, which does not count the parameters: with N samples of a
+                 channel and f parameters the variance is about f/N too small.
+    corrected    the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138; Morelli and
+                 Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
+                 residual_colour); channels count as independent.
+    confused     names of parameters that the data cannot tell apart
 
-
-def uncertainty(objective: Objective, value: Value, linear: Linearised, limit_multipliers: np.ndarray) -> Uncertainty:
-    """Both covariances at a solution.
-
-    Cramer-Rao: inverse of the information; with weights that are not the inverse noise (range weights, combined cost)
-    the covariance that white residuals of the observed variance give. Noise that was estimated is at its maximum of
-    likelihood, which does not count the parameters: with N samples of a channel and f parameters the variance is about
-    f/N too small. Corrected: the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138;
-    Morelli and Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
-    residual_colour); channels count as independent. Parameters held by an active limit have no variance along it.
+    Parameters held by an active limit have no variance along it. Both covariances are not a number where parameters
+    are confused and where nothing could be linearised (`linear` None).
     """
-    information = linear.hessian
-    names = objective.problem.parameters
-    free = _free_directions(objective.rows[np.abs(limit_multipliers) > 0], len(names))
-    inner = free.T @ information @ free
-    scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
-    eigenvalues, vectors = np.linalg.eigh(inner * np.outer(scale, scale))
-    lost = vectors[:, eigenvalues < _RANK]
-    confused: tuple[str, ...] = ()
-    if lost.size:
+
+    objective: Objective
+    value: Value
+    linear: Linearised | None
+    limit_multipliers: np.ndarray
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Cramer-Rao."""
+        levels = self.objective.levels
+        if self._inverse is None or (not levels.proportional and (levels.share == 1.0).all()):
+            return self._unknown if self._inverse is None else self._inverse
+        return self._inverse @ self._scores[0] @ self._inverse
+
+    @cached_property
+    def corrected(self) -> np.ndarray:
+        """With the colour of the residuals."""
+        return self._unknown if self._inverse is None else self._inverse @ self._scores[1] @ self._inverse
+
+    @cached_property
+    def confused(self) -> tuple[str, ...]:
+        """Parameters that the data cannot tell apart."""
+        if self.linear is None:
+            return ()
+        free, names = self._free, self.objective.problem.parameters
+        inner = free.T @ self.linear.hessian @ free
+        scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
+        eigenvalues, vectors = np.linalg.eigh(inner * np.outer(scale, scale))
+        lost = vectors[:, eigenvalues < _RANK]
+        if not lost.size:
+            return ()
         weight = np.abs(free @ (scale[:, None] * lost)).max(axis=1) / (np.abs(free) @ scale + 1e-300)
-        confused = tuple(name for name, w in zip(names, weight, strict=True) if w > 0.1)
-        infinite = np.full((len(names), len(names)), np.nan)
-        return Uncertainty(covariance=infinite, corrected=infinite, confused=confused)
-    inverse = inverse_along(free, information)
-    white, coloured = _score_covariances(objective, value, linear, free)
-    return Uncertainty(covariance=inverse @ white @ inverse, corrected=inverse @ coloured @ inverse, confused=confused)
+        return tuple(name for name, w in zip(names, weight, strict=True) if w > 0.1)
+
+    @cached_property
+    def _free(self) -> np.ndarray:
+        """(parameters, directions) along which the parameters can move."""
+        active = self.objective.rows[np.abs(self.limit_multipliers) > 0]
+        return null_space(active) if len(active) else np.eye(len(self.objective.problem.parameters))
+
+    @cached_property
+    def _inverse(self) -> np.ndarray | None:
+        if self.linear is None or self.confused:
+            return None
+        return inverse_along(self._free, self.linear.hessian)
+
+    @property
+    def _unknown(self) -> np.ndarray:
+        count = len(self.objective.problem.parameters)
+        return np.full((count, count), np.nan)
+
+    @cached_property
+    def _scores(self) -> tuple[np.ndarray, np.ndarray]:
+        assert self.linear is not None
+        return _score_covariances(self.objective, self.value, self.linear, self._free)
 
 
-def _free_directions(active: np.ndarray, count: int) -> np.ndarray:
-    return null_space(active) if len(active) else np.eye(count)
+def uncertainty(
+    objective: Objective, value: Value, linear: Linearised | None, limit_multipliers: np.ndarray
+) -> Uncertainty:
+    """The standard errors at a solution."""
+    return Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=limit_multipliers)
 
 
 def _score_covariances(
@@ -82,34 +122,34 @@ def _score_covariances(
 
 def _pieces(objective: Objective, value: Value, linear: Linearised, r: int) -> Iterator[Piece]:
     """Every channel of a record, of the output and of the equation part."""
-    columns, channel = objective.problem.columns(r), 0
-    for rows, residuals, present in _parts(objective, value, linear, r):
+    columns = objective.problem.columns(r)
+    for first, rows, residuals, present in _parts(objective, value, linear, r):
         for c in range(residuals.shape[1]):
-            if present[:, c].any():
-                seen = present[:, c]
+            seen = present[:, c]
+            if seen.any():
                 yield Piece(
-                    channel=channel, record=r, columns=columns, rows=rows[seen, c], residuals=residuals[seen, c]
+                    channel=first + c, record=r, columns=columns, rows=rows[seen, c], residuals=residuals[seen, c]
                 )
-            channel += 1
 
 
 def _parts(
     objective: Objective, value: Value, linear: Linearised, r: int
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """(rows (N, c, f), weighted residuals (N, c), present (N, c)) of the output and of the equation part."""
-    if linear.blocks is not None and value.trajectory is not None:
-        layout, n = objective.layout, len(objective.scale)
-        own = layout.segments_of(r)
-        outputs = layout.z.shape[2]
-        jacobian = linear.blocks.jacobian[own]
-        rows = jacobian[..., n:] - jacobian[..., :n] @ linear.reduced[r].ds_p
-        residuals = (value.trajectory.y - layout.z) * layout.present * objective.output_weights
-        keep = layout.sample[r] - layout.sample[r][0]
-        yield (
-            rows.reshape(-1, outputs, rows.shape[2])[keep], residuals[own].reshape(-1, outputs)[keep],
-            layout.present[own].reshape(-1, outputs)[keep] > 0,
-        )  # fmt: skip
+) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+    """(first channel, rows (m, c, f), weighted residuals (m, c), present (m, c)) of the output and of the equation
+    part, piece by piece: the rows of all samples would take most of the memory."""
+    outputs = 0
+    if value.trajectory is not None and objective.dynamics is not None:
+        layout, n, weights = objective.layout, len(objective.scale), objective.whitening
+        own, outputs = layout.segments_of(r), layout.z.shape[2]
+        for slab in objective.dynamics.slabs(value.trajectory, objective.parameters(linear.point.theta), weights, own):
+            at = slab.segments, slab.samples
+            by_state = linear.reduced[r].ds_p[slab.segments.start - own.start : slab.segments.stop - own.start, None]
+            rows = slab.rows[..., n:] - slab.rows[..., :n] @ by_state
+            residuals = whitened(value.trajectory.y[at] - layout.z[at], weights, layout.pattern[at])
+            present, width = layout.present[at] > 0, rows.shape[3]
+            yield 0, rows.reshape(-1, outputs, width), residuals.reshape(-1, outputs), present.reshape(-1, outputs)
     if value.equations is not None:
         residuals = value.equations.residuals[r]
         weighted = np.nan_to_num(residuals) * objective.equation_weights
-        yield linear.equation_jacobian[r], weighted, np.isfinite(residuals)
+        for samples, rows in objective.equation_slabs(linear.point, r):
+            yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])
