@@ -20,6 +20,7 @@ from typing import Any, NoReturn
 
 from casid.errors import EstimationError, InputError, run_script
 from casid.estimation import Identifiability, Problem, identifiability, solve
+from casid.estimation.excitation import Suggestion
 from casid.model.aircraft import Aircraft
 from casid.model.applied import apply_effects, default_free
 from casid.records.column_map import ColumnMap
@@ -83,18 +84,24 @@ def document(report: Identifiability) -> dict[str, Any]:
     def number(value: float) -> float | None:
         return float(value) if math.isfinite(value) else None
 
+    def suggested(helped: Suggestion | None) -> dict[str, Any] | None:
+        if helped is None:
+            return None
+        return {
+            "control": helped.control, "form": helped.form, "unit_s": helped.unit_s, "amplitude": helped.amplitude,
+            "gain": number(helped.gain),
+        }  # fmt: skip
+
     return {
         "schema": "casid.identifiability/1", "condition": number(report.condition), "names": list(report.names),
         "singular_values": [float(value) for value in report.singular_values],
         "std_inflation": {name: number(value) for name, value in report.inflation.items()},
-        "unseen": list(report.unseen), "excitation": list(report.excitation),
+        "unseen": {name: suggested(helped) for name, helped in report.unseen.items()},
+        "excitation": [moved.sentence for moved in report.excitation],
         "weak": [
             {
                 "condition": number(d.condition), "change": dict(d.change), "cannot": d.cannot, "sentence": d.sentence,
-                "help": None if d.help is None else {
-                    "control": d.help.control, "form": d.help.form, "unit_s": d.help.unit_s,
-                    "amplitude": d.help.amplitude, "gain": number(d.help.gain),
-                },
+                "poor": [moved.control for moved in d.poor], "help": suggested(d.help),
             }
             for d in report.weak
         ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ from casid.records.record import Record
 from casid.signals import label_of, unit_of
 
 _RESTING = 0.05  # of the largest excursion of any control: less is noise or trim
+_RESOLVED = 1.2  # over the record's resolution: 80 % of the power of a single sine lies within less
 _UNITS_S = (0.25, 0.5, 1.0, 2.0)  # duration of the shortest pulse of a manoeuvre tried
 _FORMS = {"doublet": ((1, 1.0), (1, -1.0)), "3-2-1-1": ((3, 1.0), (2, -1.0), (1, 1.0), (1, -1.0))}
 _LONGEST_S, _FARTHEST = 20.0, 3.0  # of a manoeuvre; times the range of the states in the records
@@ -38,33 +40,68 @@ class Suggestion:
     record: Record
 
     @property
+    def manoeuvre(self) -> str:
+        size = f"{self.amplitude:.3g} {unit_of(self.control)}".rstrip()
+        return f"a {self.form} on {self.control} with pulses of {self.unit_s:g} s and {size}"
+
+    @property
     def sentence(self) -> str:
         gain = f"{self.gain:.1f} times" if self.gain < 1e4 else "many thousand times"
-        return (
-            f"a {self.form} on {self.control} with pulses of {self.unit_s:g} s and {self.amplitude:.3g} "
-            f"{unit_of(self.control)}".rstrip()
-            + f" would make that {gain} more certain"
-        )
+        return f"{self.manoeuvre} would make that {gain} more certain"
 
 
-def excitation_words(records: Sequence[Record], controls: Sequence[str]) -> tuple[str, ...]:
-    """One sentence per control: how far it moved and in which band of frequency its power lies."""
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """How a control moved: largest excursion `move` (SI), and the frequencies [Hz] between which 80 % of its power
+    lies, NaN when it rested; `resolution` [Hz] is one over the longest record."""
+
+    control: str
+    move: float
+    low: float
+    high: float
+    resolution: float
+
+    @property
+    def poor(self) -> bool:
+        """Whether it rested, or moved within an octave or what a record of this length cannot resolve."""
+        return not (self.high >= 2.0 * self.low and self.high - self.low > _RESOLVED * self.resolution)
+
+    @property
+    def sentence(self) -> str:
+        if not self.high > 0.0:
+            return self.in_short
+        words = f"{self._who} moved by {self.move:.3g} {unit_of(self.control)}".rstrip()
+        return f"{words}, 80 % of its power {self._where}"
+
+    @property
+    def in_short(self) -> str:
+        return f"{self._who} moved {self._where}" if self.high > 0.0 else f"{self._who} did not move"
+
+    @property
+    def _who(self) -> str:
+        label = label_of(self.control)
+        return f"{label} {self.control}" if label != self.control else self.control
+
+    @property
+    def _where(self) -> str:
+        if self.poor:
+            return f"at {0.5 * (self.low + self.high):.2g} Hz only"
+        return f"between {self.low:.2g} and {self.high:.2g} Hz"
+
+
+def excitations(records: Sequence[Record], controls: Sequence[str]) -> tuple[Excitation, ...]:
+    """How each control moved in the records together."""
     moves = {name: max(_excursion(record[name]) for record in records) for name in controls}
     largest = max(moves.values(), default=0.0)
-    return tuple(_words(name, records, moves[name], largest) for name in controls)
+    resolution, found = 1.0 / max(record.duration for record in records), []
+    for name, move in moves.items():
+        low, high = _band(records, name) if move > _RESTING * largest else (math.nan, math.nan)
+        found.append(Excitation(control=name, move=move, low=low, high=high, resolution=resolution))
+    return tuple(found)
 
 
 def _excursion(values: np.ndarray) -> float:
     return float(np.nanmax(np.abs(values - np.nanmedian(values))))
-
-
-def _words(name: str, records: Sequence[Record], move: float, largest: float) -> str:
-    who = f"{label_of(name)} {name}" if label_of(name) != name else name
-    if move <= _RESTING * largest:
-        return f"{who} did not move"
-    low, high = _band(records, name)
-    where = f"at {0.5 * (low + high):.2g} Hz only" if high < 2.0 * low else f"between {low:.2g} and {high:.2g} Hz"
-    return f"{who} moved by {move:.3g} {unit_of(name)}".rstrip() + f", 80 % of its power {where}"
 
 
 def _band(records: Sequence[Record], name: str) -> tuple[float, float]:

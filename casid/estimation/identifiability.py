@@ -11,18 +11,21 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from casid.errors import unknown
-from casid.estimation.excitation import Candidate, Suggestion, best_manoeuvre, candidates, excitation_words
+from casid.estimation.excitation import Candidate, Excitation, Suggestion, best_manoeuvre, candidates, excitations
 from casid.estimation.fit import Fit
 from casid.estimation.relinearise import relinearise
 from casid.estimation.transcription import MultipleShooting
+from casid.model.system import Model
 
 _DEFAULT_METHOD = MultipleShooting()
 _INDEX, _STRONG = 10.0, 30.0  # condition index from which collinearity is worth a word, and is strong (Belsley)
-_PROPORTION = 0.3  # of a parameter's variance in a direction: it takes part
+_PROPORTION = 0.5  # of a parameter's variance in a direction: it takes part (Belsley)
 _NOTHING = 1e-12  # eigenvalue of the scaled information that is rounding
+_SURPRISE = 3.0  # standard deviations between a-priori value and data that are worth a word
 _UNMOVED = 0.9  # posterior over prior 1-sigma: the data did not move it
 
 
@@ -34,15 +37,20 @@ class Direction:
     condition        largest singular value over this one
     change           parameter -> change along the direction that alters the fit by one standard deviation of the noise
                      (for a singular value of 0 the parameter's own size)
+    share            parameter -> the same over its estimate (inf: the estimate is zero)
     cannot           whether that change is larger than the a-priori 1-sigma (without one: value) of a parameter that
                      takes part, so that they cannot be told apart
+    poor             controls in the names of those that take part (none there: all) that rested or moved at one
+                     frequency only
     help             the manoeuvre that would help most; None when none of those tried does
     """
 
     singular_value: float
     condition: float
     change: Mapping[str, float]
+    share: Mapping[str, float]
     cannot: bool
+    poor: tuple[Excitation, ...]
     help: Suggestion | None
 
     @property
@@ -51,12 +59,18 @@ class Direction:
         many = " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 2 else " from ".join(names)
         able = "cannot" if self.cannot else "can hardly" if self.condition > _STRONG else "only weakly"
         what = f"tell {many}" + (" apart" if len(names) > 2 else "") if len(names) > 1 else f"see {many}"
-        together = ", ".join(f"{name} {change:+.3g}" for name, change in self.change.items())
+        together = ", ".join(f"{name} {self._shift(name)}" for name in names)
         price = "does not alter the fit" if self.singular_value == 0.0 else "alters the fit by one standard deviation"
         how = f"a change of {together}{' together' if len(names) > 1 else ''} {price}"
         advice = "; fix one, or give a prior" if self.cannot else ""
         helped = self.help.sentence if self.help else f"no manoeuvre tried would help{advice}"
-        return f"these data {able} {what}: {how}; {helped}"
+        because = f" ({'; '.join(e.in_short for e in self.poor)})" if self.poor else ""
+        return f"these data {able} {what}{because}: {how}; {helped}"
+
+    def _shift(self, name: str) -> str:
+        """A change as a number and in per cent of the estimate."""
+        part = f" ({self.share[name]:+.1%})" if abs(self.share[name]) < 10.0 else ""
+        return f"{self.change[name]:+.3g}{part}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +86,13 @@ class Blend:
     data_std: float
     moved: bool
 
+    @property
+    def surprise(self) -> float:
+        """Distance of the data's estimate from the a-priori value over the 1-sigma of their difference."""
+        # the blended value has gone its share of the way, and that has the variance that was gained
+        gained = self.prior_std**2 - self.std**2
+        return abs(self.value - self.prior) / math.sqrt(gained) if gained > 0.0 else 0.0
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identifiability:
@@ -80,20 +101,20 @@ class Identifiability:
     names             parameters, in the order of the rows of `vectors`
     singular_values   (parameters,) of the scaled sensitivities, largest first; vectors (parameters, parameters) columns
     inflation         parameter -> its std over what it would be were all others known (inf: not determined)
-    unseen            parameters that nothing in the data depends on
+    unseen            parameters that nothing in the data depends on, with the manoeuvre that would show most of each
     weak              directions whose condition index is above 10
     blends            parameters with an a-priori uncertainty
-    excitation        how the inputs moved, one sentence each
+    excitation        how the controls moved
     """
 
     names: tuple[str, ...]
     singular_values: np.ndarray
     vectors: np.ndarray
     inflation: Mapping[str, float]
-    unseen: tuple[str, ...]
+    unseen: Mapping[str, Suggestion | None]
     weak: tuple[Direction, ...]
     blends: Mapping[str, Blend]
-    excitation: tuple[str, ...]
+    excitation: tuple[Excitation, ...]
 
     @property
     def condition(self) -> float:
@@ -102,9 +123,14 @@ class Identifiability:
         return math.inf if least == 0.0 else float(self.singular_values[0] / least)
 
     def __str__(self) -> str:
-        lines = [f"{len(self.names)} parameters, condition {self.condition:.3g} of the scaled sensitivities"]
-        lines += [f"- {sentence}" for sentence in self.excitation]
-        lines += [f"- nothing in these data depends on {name}; fix it, or give a prior" for name in self.unseen]
+        lines = [
+            f"{len(self.names)} parameters, condition {self.condition:.3g} of the scaled sensitivities (below "
+            f"{_INDEX:g} all are told apart, above {_STRONG:g} some hardly)"
+        ]
+        lines += [f"- {moved.sentence}" for moved in self.excitation]
+        for name, helped in self.unseen.items():
+            cure = f"{helped.manoeuvre} would show it" if helped else "fix it, or give a prior"
+            lines.append(f"- nothing in these data depends on {name}; {cure}")
         lines += [f"- {direction.sentence}" for direction in self.weak]
         if not self.weak and not self.unseen:
             lines.append("- every parameter is told apart from the others")
@@ -112,8 +138,14 @@ class Identifiability:
         if self.blends:
             said = ", ".join(f"{b.name} ({b.std / b.prior_std:.0%} of its a-priori 1-sigma left)" for b in still)
             lines.append(f"- the data did not move {said}" if still else "- the data moved every a-priori value")
+        for b in self.blends.values():
+            if b.surprise > _SURPRISE:
+                lines.append(
+                    f"- the a-priori value of {b.name} is {b.surprise:.1f} standard deviations from the data's"
+                )
         width = max(len(name) for name in self.names)
-        lines += ["", f"{'parameter':{width}}  {'std inflated by':>15}  {'a priori':>20}  {'blended':>20}"]
+        columns = f"  {'a priori':>20}  {'blended':>20}" if self.blends else ""
+        lines += ["", f"{'parameter':{width}}  {'std inflated by':>15}{columns}"]
         for name in self.names:
             b = self.blends.get(name)
             both = f"  {b.prior:11.4g} +-{b.prior_std:7.2g}  {b.value:11.4g} +-{b.std:7.2g}" if b else ""
@@ -126,7 +158,7 @@ def identifiability(
 ) -> Identifiability:
     """What the data of a fit tell of its parameters, whether it used a prior or not.
 
-    controls  inputs that a pilot moves, for what would help; default: those named delta_...
+    controls  inputs that a pilot moves, for what would help; default: those named delta_... that the model depends on
     method    as in `relinearise`
     The a-priori blend uses the model's `prior_std`; where the fit left it out, it is put in by one linear step. With
     weights that are no inverse noise the information is that of the weights. Raises InputError for an unknown control.
@@ -135,7 +167,7 @@ def identifiability(
     for name in controls or ():
         if name not in problem.model.inputs:
             raise unknown("input", name, problem.model.inputs, "identifiability: controls")
-    moved_by = tuple(n for n in problem.model.inputs if n.startswith("delta_")) if controls is None else tuple(controls)
+    moved_by = _surfaces(problem.model) if controls is None else tuple(controls)
     at = relinearise(fit, method)
     information = at.information
     names = problem.parameters
@@ -152,19 +184,27 @@ def identifiability(
     shares = vectors**2 / np.maximum(values, _NOTHING)
     total = shares.sum(axis=1)
     weak = []
-    found = candidates(fit, moved_by) if singular[0] > _INDEX * singular[-1] else []
+    moves = excitations(problem.records, moved_by)
+    found = candidates(fit, moved_by) if singular[0] > _INDEX * singular[-1] or not seen.all() else []
     for k in reversed(range(len(singular))):
         if singular[0] > _INDEX * singular[k]:
             part = shares[:, k] / np.where(seen, total, 1.0)
-            weak.append(_direction(fit, singular, vectors[:, k], k, scale, part, size, found, information))
+            weak.append(_direction(fit, singular, vectors[:, k], k, scale, part, size, found, information, moves))
     inflation = np.sqrt(np.where(seen, total, np.inf))
     inflation[total > 0.01 / _NOTHING] = np.inf
     return Identifiability(
         names=names, singular_values=singular, vectors=vectors,
         inflation=dict(zip(names, inflation.tolist(), strict=True)),
-        unseen=tuple(n for n, s in zip(names, seen, strict=True) if not s), weak=tuple(weak),
-        blends=_blends(fit, information), excitation=excitation_words(problem.records, moved_by),
+        unseen={
+            names[i]: best_manoeuvre(found, information, np.eye(len(names))[i]) for i in np.flatnonzero(~seen)
+        },
+        weak=tuple(weak), blends=_blends(fit, information), excitation=moves,
     )  # fmt: skip
+
+
+def _surfaces(model: Model) -> tuple[str, ...]:
+    acts = ca.which_depends(ca.vertcat(model.f, model.h), model.u, 1, False)
+    return tuple(n for n, a in zip(model.inputs, acts, strict=True) if a and n.startswith("delta_"))
 
 
 def _sizes(fit: Fit) -> np.ndarray:
@@ -176,9 +216,10 @@ def _sizes(fit: Fit) -> np.ndarray:
 
 def _direction(
     fit: Fit, singular: np.ndarray, vector: np.ndarray, k: int, scale: np.ndarray, part: np.ndarray, size: np.ndarray,
-    found: Sequence[Candidate], information: np.ndarray,
+    found: Sequence[Candidate], information: np.ndarray, moves: Sequence[Excitation],
 ) -> Direction:  # fmt: skip
-    members = [int(i) for i in np.argsort(-part) if part[i] > _PROPORTION] or [int(np.argmax(part))]
+    # a weak direction of unit columns has two members at least
+    members = [int(i) for rank, i in enumerate(np.argsort(-part)) if part[i] > _PROPORTION or rank < 2]
     along = scale * vector
     lost = singular[k] == 0.0
     own = np.where(np.isnan(size), 1.0, size)[members]
@@ -186,12 +227,20 @@ def _direction(
     change = change * np.sign(change[members[0]])
     names = fit.problem.parameters
     cannot = lost or bool((np.abs(change[members]) > size[members]).any())
+    values = [abs(fit[names[i]].value) for i in members]
+    share = {names[i]: float(change[i] / v) if v > 0.0 else math.inf for i, v in zip(members, values, strict=True)}
     coordinate = np.divide(vector, scale, out=np.zeros_like(vector), where=scale > 0)
     return Direction(
         singular_value=float(singular[k]), condition=math.inf if lost else float(singular[0] / singular[k]),
-        change={names[i]: float(change[i]) for i in members}, cannot=cannot,
-        help=best_manoeuvre(found, information, coordinate),
+        change={names[i]: float(change[i]) for i in members}, share=share, cannot=cannot,
+        poor=_poor([names[i] for i in members], moves), help=best_manoeuvre(found, information, coordinate),
     )  # fmt: skip
+
+
+def _poor(members: Sequence[str], moves: Sequence[Excitation]) -> tuple[Excitation, ...]:
+    """Controls that excite a direction poorly: those that its members name, else all."""
+    named = [m for m in moves if any(m.control in member for member in members)]
+    return tuple(m for m in named or moves if m.poor)
 
 
 def _blends(fit: Fit, information: np.ndarray) -> dict[str, Blend]:
