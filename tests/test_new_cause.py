@@ -36,7 +36,7 @@ def gyro_tilt() -> Iterator[None]:
     """The one definition."""
 
     @cause(
-        "gyro_tilt", targets=("p", "q", "r"), unit="rad", quantity="angle, right hand, about the third axis",
+        "gyro_tilt", targets=("p", "q", "r"), unit="rad", quantity="angle towards the axis whose rate it senses",
         sentence="The gyro of the {label} is tilted by {size}, and senses a part of another rate.",
     )  # fmt: skip
     def gyro_tilt(rate: str) -> Effect:

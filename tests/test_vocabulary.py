@@ -1,9 +1,14 @@
 """The vocabulary of effects: the truth is the table of `kind` and target in the public format."""
 
+import ast
+from pathlib import Path
+
 import pytest
 
 from casid.errors import InputError
-from casid.model.vocabulary import KINDS, check_effect, effect_sentence, effect_unit
+from casid.model.aircraft import EffectValue
+from casid.model.effects import effect_of
+from casid.model.vocabulary import KINDS, check_effect, effect_sentence, effect_title, effect_unit
 
 PUBLIC = {
     "aero_term", "unsteady_aero", "actuator_lag", "input_delay", "rate_limit", "dead_zone", "backlash",
@@ -30,6 +35,35 @@ def test_every_effect_has_unit_and_sentence(kind, target, term):
     assert effect_unit(kind, target, term)
     sentence = effect_sentence(kind, target, term, 0.15)
     assert sentence.endswith(".") and "{" not in sentence
+
+
+@pytest.mark.parametrize(("kind", "target", "term"), list(every_effect()))
+def test_every_effect_of_an_aircraft_file_has_its_definition(kind, target, term):
+    effect = effect_of(EffectValue(kind=kind, target=target or "", term=term, value=0.0))
+    assert effect.key == (kind, target or "", term)
+    assert not effect.regressor or effect.enters == f"d{effect.target}"
+
+
+def test_no_kind_is_named_outside_its_definition():
+    """What is to be known of a kind is asked of its definition ("mass" and "inertia" are words of other things too)."""
+    package = Path(__file__).resolve().parent.parent / "casid"
+    wrong = [
+        f"{path.relative_to(package)}:{node.lineno} {node.value}"
+        for path in sorted(package.rglob("*.py"))
+        if path.parent.name != "causes"
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and node.value in PUBLIC - {"mass", "inertia"}
+    ]
+    assert not wrong
+
+
+def test_titles_are_short_names_for_a_person():
+    assert effect_title("actuator_lag", "delta_e", None) == "elevator: actuator lag"
+    assert effect_title("aero_term", "Cm", "alpha^2") == "Cm: alpha^2"
+    assert effect_title("wind_shear", "x", None) == "wind shear along x"
+    assert effect_title("configuration_change", "CL+CD", None) == "CL, CD: configuration change"
+    assert effect_title("sensor_delay", "inertial", None) == "inertial unit: sensor delay"
+    assert effect_title("mass", "", None) == "mass"
 
 
 def test_units_and_sentence_of_the_format_example():
@@ -65,6 +99,8 @@ def test_angles_are_told_in_degrees_and_shares_in_percent():
         ("configuration_change", "CL+CL", None, "twice"),
         ("configuration_change", "CL+", None, "unknown target"),
         ("sensor_bias", "inertial", None, "unknown target"),
+        ("gust", "w", None, "expected one of: x, y, z"),
+        ("structural_mode", "V", None, "unknown target of 'structural_mode'"),
         ("inertia", "Ixy", None, "unknown target of 'inertia' 'Ixy'"),
     ],
 )

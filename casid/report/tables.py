@@ -178,7 +178,7 @@ def unseen(diagnosis: Diagnosis) -> str:
         effect = effects.get(name)
         if effect is None or effect.members:
             continue  # a set of coefficients has no one size
-        label = f"{effect.target} " if effect.target else ""
+        label = "".join(f"{part} " for part in (effect.variant, effect.target) if part)
         by_kind.setdefault(effect.kind, []).append(f"{label}{quantity(size, effect.unit)}")
     rows = [
         (escape(kind.replace("_", " ")), escape("; ".join(sorted(by_kind[kind])))) for kind in KINDS if kind in by_kind
