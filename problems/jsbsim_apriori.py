@@ -6,7 +6,7 @@ a-priori values are not the truth.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -54,16 +54,21 @@ def aircraft_file(name: str, seed: int) -> Aircraft:
     pairs = healthy_flights(name)
     log, record = pairs[0]
     bare = geometry(airframe(name).name, log, record)
-    found = regress(bare, [record for _, record in pairs])
+    return guessed(bare, regress(bare, [record for _, record in pairs]), seed)
+
+
+def guessed(bare: Aircraft, found: Regression, seed: int, off: tuple[float, float] = (0.1, 0.2)) -> Aircraft:
+    """The aircraft with regressed derivatives and terms, each `off` by a fraction between the two, up or down."""
     rng = np.random.default_rng(seed)
-    guessed = {
-        coefficient: {term: _guess(term, value, rng) for term, value in terms.items()}
+    values = {
+        coefficient: {term: _guess(term, value, rng, off) for term, value in terms.items()}
         for coefficient, terms in found.values.items()
     }
+    products = {c: {t: v for t, v in terms.items() if _is_product(t)} for c, terms in values.items()}
     return replace(
         bare,
-        derivatives={f"{c}_{t}": v for c, terms in guessed.items() for t, v in terms.items() if not _is_product(t)},
-        terms={c: {t: v for t, v in terms.items() if _is_product(t)} for c, terms in guessed.items() if c == "CD"},
+        derivatives={f"{c}_{t}": v for c, terms in values.items() for t, v in terms.items() if not _is_product(t)},
+        terms={c: terms for c, terms in products.items() if terms},
     )
 
 
@@ -99,13 +104,15 @@ def geometry(name: str, log: Log, record: Record) -> Aircraft:
     )
 
 
-def regress(aircraft: Aircraft, records: Iterable[Record]) -> Regression:
-    """Least squares of STRUCTURE on the coefficients that the records' accelerations give (paper eq. 6-9)."""
+def regress(
+    aircraft: Aircraft, records: Iterable[Record], structure: Mapping[str, Sequence[str]] = STRUCTURE
+) -> Regression:
+    """Least squares of `structure` on the coefficients that the records' accelerations give (paper eq. 6-9)."""
     records = list(records)
-    regressors = [_regressors(aircraft, record) for record in records]
+    regressors = [regressors_of(aircraft, record) for record in records]
     measured = [coefficients(aircraft, record) for record in records]
     values, R2 = {}, {}
-    for coefficient, terms in STRUCTURE.items():
+    for coefficient, terms in structure.items():
         y = np.concatenate([m[coefficient] for m in measured])
         A = np.concatenate([np.stack([_column(r, t) for t in terms], axis=1) for r in regressors])
         theta = np.linalg.lstsq(A, y, rcond=None)[0]
@@ -138,7 +145,8 @@ def coefficients(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:
     }
 
 
-def _regressors(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:
+def regressors_of(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:
+    """Variables of the aircraft file's terms along a record, (N,) each; rates dimensionless."""
     V = record["V"]
     rates = {name: record[name] * aircraft.rate_length_lateral / V for name in ("p", "r")}
     pitch = {"q": record["q"] * aircraft.rate_length_pitch / V}
@@ -153,7 +161,7 @@ def _is_product(term: str) -> bool:
     return parse_term(term).degree > 1
 
 
-def _guess(term: str, value: float, rng: np.random.Generator) -> float:
-    """10 to 20 per cent off, three significant digits; a constant that is nothing but trim error is zero."""
-    factor = 1.0 + rng.choice((-1.0, 1.0)) * rng.uniform(0.1, 0.2)
+def _guess(term: str, value: float, rng: np.random.Generator, off: tuple[float, float]) -> float:
+    """`off` by a fraction, three significant digits; a constant that is nothing but trim error is zero."""
+    factor = 1.0 + rng.choice((-1.0, 1.0)) * rng.uniform(*off)
     return 0.0 if term == "0" and abs(value) < _NO_CONSTANT else float(f"{factor * value:.3g}")

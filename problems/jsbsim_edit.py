@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -37,6 +37,7 @@ _VARIABLES: dict[str, tuple[str, ...]] = {
     "alpha": ("aero/alpha-rad",), "beta": ("aero/beta-rad",), "mach": ("velocities/mach",),
     "p": ("aero/bi2vel", "velocities/p-aero-rad_sec"), "q": ("aero/ci2vel", "velocities/q-aero-rad_sec"),
     "r": ("aero/bi2vel", "velocities/r-aero-rad_sec"), "alphadot": ("aero/ci2vel", "aero/alphadot-rad_sec"),
+    "betadot": ("aero/bi2vel", "aero/betadot-rad_sec"),
     **{surface: (f"flight/{surface}-aero",) for surface in SURFACES},
 }  # fmt: skip
 
@@ -53,6 +54,7 @@ class Edit:
     inertia_kgm2  added to Ixx, Iyy, Izz or Ixz; tensor [[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]
     engine_shift_m  shift of the engines along body y, z [m]
     propeller_moments  torque reaction, P-factor and gyroscopic moment of the propellers
+    increments    coefficients with a property flight/increment-Cl ..., 0 unless it is written to in flight
     """
 
     servo: Mapping[str, tuple[str, float]] = field(default_factory=lambda: MappingProxyType({}))
@@ -62,6 +64,7 @@ class Edit:
     inertia_kgm2: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     engine_shift_m: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     propeller_moments: bool = False
+    increments: tuple[str, ...] = ()
 
 
 def prepare(frame: Airframe, edit: Edit, stock: Path, folder: Path) -> None:
@@ -148,16 +151,24 @@ def _aerodynamics(root: ET.Element, edit: Edit) -> None:
         for product in axis.iter("product"):
             if any((n.text or "").strip() == "aero/alphadot-rad_sec" for n in product.findall("property")):
                 ET.SubElement(product, "value").text = "0"
-        if edit.term is not None and edit.term[0] == _AXES[axis.get("name", "").strip()]:
-            axis.append(_term(edit.term[0], parse_term(edit.term[1]), edit.term[2]))
+        coefficient = _AXES[axis.get("name", "").strip()]
+        if edit.term is not None and edit.term[0] == coefficient:
+            axis.append(_term(coefficient, parse_term(edit.term[1]), edit.term[2]))
+        if coefficient in edit.increments:
+            axis.append(_function(coefficient, "increment", [f"flight/increment-{coefficient}"], 1.0))
 
 
 def _term(coefficient: str, term: Term, size: float) -> ET.Element:
     """A JSBSim function: coefficient += size * term."""
-    function = ET.Element("function", name=f"aero/coefficient/{coefficient}-further")
+    factors = [name for variable, power in term.factors for name in power * _variable(variable)]
+    return _function(coefficient, "further", factors, size)
+
+
+def _function(coefficient: str, name: str, factors: Sequence[str], size: float) -> ET.Element:
+    """A JSBSim function: coefficient += size * product of the properties `factors`."""
+    function = ET.Element("function", name=f"aero/coefficient/{coefficient}-{name}")
     product = ET.SubElement(function, "product")
     lengths = {"Cl": ("metrics/bw-ft",), "Cm": ("metrics/cbarw-ft",), "Cn": ("metrics/bw-ft",)}.get(coefficient, ())
-    factors = [name for variable, power in term.factors for name in power * _variable(variable)]
     for factor in ("aero/qbar-psf", "metrics/Sw-sqft", *lengths, *factors):
         ET.SubElement(product, "property").text = factor
     ET.SubElement(product, "value").text = repr(size)
@@ -222,6 +233,8 @@ def _flight_control(edit: Edit) -> ET.Element:
     ET.SubElement(control, "property", value="0").text = "flight/reynolds-number"
     for name in _SLIPSTREAM:
         ET.SubElement(control, "property", value="0").text = f"systems/propulsion/{name}"
+    for coefficient in edit.increments:
+        ET.SubElement(control, "property", value="0").text = f"flight/increment-{coefficient}"
     for surface in SURFACES:
         for name, value in (("command", "0"), ("trim", "0"), ("effectiveness", "1")):
             ET.SubElement(control, "property", value=value).text = f"flight/{surface}-{name}"

@@ -26,6 +26,7 @@ _TWINS = {"p": "pdot", "q": "qdot", "r": "rdot"}
 # effects that the vocabulary does not have, for a diagnosis to refuse
 OUTSIDE = ("propeller_moments",)
 _MAX_SEVERITY = 7
+_LATERAL = ("CY", "Cl", "Cn")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +76,7 @@ def edit_of(fault: Fault | None) -> Edit:
     if kind == "aero_term":
         return Edit(term=(target, fault.term or "", size))
     if kind == "unsteady_aero":
-        return Edit(term=(target, "alphadot", size))
+        return Edit(term=(target, "betadot" if target in _LATERAL else "alphadot", size))
     if kind == "mass":
         return Edit(ballast_kg=size)
     if kind == "cg_offset":

@@ -6,8 +6,9 @@ Needs the optional package `jsbsim`.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from problems.jsbsim_edit import Edit, prepare
 from problems.jsbsim_manoeuvres import CONTROLS, SURFACES
 
 SETTLE_S = 300.0
+RESETTLE_S = 80.0
 LEAD_IN_S = 4.0
 _ADAMS_BASHFORTH_3 = 4
 # channel -> (JSBSim property, factor to SI); forces and wind-relative velocities are reduced further below
@@ -37,6 +39,14 @@ _LOG: dict[str, tuple[str, float]] = {
     **{f"seen_{surface}": (f"flight/{surface}-aero", 1.0) for surface in SURFACES},
     "M_prop": ("moments/m-prop-lbsft", LBF * FT), "N_prop": ("moments/n-prop-lbsft", LBF * FT),
 }  # fmt: skip
+
+# what an effect that depends on the motion may look at, SI
+FOLLOWED: Mapping[str, tuple[str, float]] = {
+    "V": ("velocities/vt-fps", FT), "alpha": ("aero/alpha-rad", 1.0), "beta": ("aero/beta-rad", 1.0),
+    "p": ("velocities/p-rad_sec", 1.0), "q": ("velocities/q-rad_sec", 1.0), "r": ("velocities/r-rad_sec", 1.0),
+    "ay": ("accelerations/a-pilot-y-ft_sec2", FT),
+}  # fmt: skip
+Follower = Callable[[float, Mapping[str, float]], Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,22 +77,34 @@ class Log:
 
 
 def simulate(
-    frame: Airframe, edit: Edit, controls: Mapping[str, np.ndarray], schedule: Mapping[str, np.ndarray]
-) -> Log:
+    frame: Airframe, edit: Edit, controls: Mapping[str, np.ndarray], schedule: Mapping[str, np.ndarray],
+    follower: Follower | None = None, steady: Mapping[str, float] | None = None,
+) -> Log:  # fmt: skip
     """Fly `frame`, changed by `edit`, through one record.
 
     controls   deviation from trim per control, (N,) at RATE_HZ: surfaces [rad], throttle [1]
     schedule   JSBSim property -> (N,) values over the record, the first from the lead-in on, NaN: not written.
                "throttle[i]" is a factor on the throttle of engine i, "wind[x]" a wind [m/s] along x, y, z of the trim
+    follower   after every sample, what it makes of (time [s], `FOLLOWED` signals) is written to JSBSim's properties
+    steady     what `steady_flight` found for the unchanged airframe: the autopilot begins there and needs less time
     Raises InputError when the optional package jsbsim is missing or the aircraft does not settle at trim.
     """
     with tempfile.TemporaryDirectory(prefix="casid-jsbsim-") as folder:
-        fdm = _load(frame, edit, Path(folder))
-        trim = _settle(fdm, frame)
-        return _record(fdm, frame, trim, controls, schedule)
+        fdm = _load(frame, edit, Path(folder), steady)
+        trim = _settle(fdm, frame, steady)
+        return _record(fdm, frame, trim, controls, schedule, follower)
 
 
-def _load(frame: Airframe, edit: Edit, folder: Path) -> Any:
+@lru_cache
+def steady_flight(model: str, find: Callable[[str], Airframe]) -> Mapping[str, float]:
+    """Controls and pitch angle theta [rad] of level flight of an unchanged airframe, found by its name."""
+    frame = find(model)
+    with tempfile.TemporaryDirectory(prefix="casid-jsbsim-") as folder:
+        fdm = _load(frame, Edit(), Path(folder), None)
+        return _settle(fdm, frame, None) | {"theta": fdm["attitude/theta-rad"]}
+
+
+def _load(frame: Airframe, edit: Edit, folder: Path, steady: Mapping[str, float] | None) -> Any:
     try:
         import jsbsim
     except ImportError as error:
@@ -98,7 +120,7 @@ def _load(frame: Airframe, edit: Edit, folder: Path) -> Any:
     fdm.load_model(frame.model)
     fdm["ic/h-sl-ft"] = frame.altitude_m / FT
     fdm["ic/vt-fps"] = frame.speed_mps / FT
-    fdm["ic/alpha-deg"] = 1.0
+    fdm["ic/alpha-deg"] = 1.0 if steady is None else np.degrees(steady["theta"])
     fdm["ic/gamma-deg"] = 0.0
     fdm["ic/psi-true-deg"] = 45.0
     fdm["simulation/gravity-model"] = 0
@@ -121,28 +143,31 @@ def _load(frame: Airframe, edit: Edit, folder: Path) -> Any:
     return fdm
 
 
-def _settle(fdm: Any, frame: Airframe) -> dict[str, float]:
+def _settle(fdm: Any, frame: Airframe, steady: Mapping[str, float] | None) -> dict[str, float]:
     """Controls that hold level flight at the airframe's trim point: the mean over the last seconds of an autopilot."""
     dt = 1.0 / RATE_HZ
-    steps, last = int(SETTLE_S * RATE_HZ), int(5.0 * RATE_HZ)
+    steps, last = int((SETTLE_S if steady is None else RESETTLE_S) * RATE_HZ), int(5.0 * RATE_HZ)
     total = dict.fromkeys(CONTROLS, 0.0)
     pitch = bank = slip = 0.0
     power = 0.7
+    if steady is not None:
+        pitch, bank = steady["theta"] - steady["delta_e"] / 0.8, -steady["delta_a"]
+        slip, power = -steady["delta_r"], steady["throttle"]
     for step in range(steps):
         speed = FT * fdm["velocities/vt-fps"]
         gamma = fdm["flight-path/gamma-rad"]
-        wanted = float(np.clip(0.001 * (frame.altitude_m - FT * fdm["position/h-sl-ft"]), -0.04, 0.04))
+        wanted = _within(-0.04, 0.001 * (frame.altitude_m - FT * fdm["position/h-sl-ft"]), 0.04)
         pitch += 0.06 * (wanted - gamma) * dt
         tilt = fdm["attitude/theta-rad"] - pitch - 0.8 * (wanted - gamma)
         slow = (frame.speed_mps - speed) / frame.speed_mps
         bank += 0.05 * fdm["attitude/phi-rad"] * dt
         slip += 0.2 * fdm["aero/beta-rad"] * dt
-        power = float(np.clip(power + 0.08 * slow * dt, 0.0, 1.0))
+        power = _within(0.0, power + 0.08 * slow * dt, 1.0)
         now = {
             "delta_e": 0.8 * tilt + 0.6 * fdm["velocities/q-rad_sec"],
             "delta_a": -0.3 * fdm["attitude/phi-rad"] - bank - 0.2 * fdm["velocities/p-rad_sec"],
             "delta_r": -slip + 0.4 * fdm["velocities/r-rad_sec"],
-            "throttle": float(np.clip(power + 5.0 * slow, 0.0, 1.0)),
+            "throttle": _within(0.0, power + 5.0 * slow, 1.0),
         }
         _control(fdm, frame, now, now)
         fdm["flight/reynolds-number"] = fdm["aero/Re"]
@@ -155,6 +180,10 @@ def _settle(fdm: Any, frame: Airframe) -> dict[str, float]:
             f"speed {speed:.1f} m/s, flight path {gamma:.4f} rad; choose another trim point"
         )
     return total
+
+
+def _within(low: float, value: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 def _control(fdm: Any, frame: Airframe, trim: Mapping[str, float], now: Mapping[str, float]) -> None:
@@ -171,6 +200,7 @@ def _record(
     trim: Mapping[str, float],
     controls: Mapping[str, np.ndarray],
     schedule: Mapping[str, np.ndarray],
+    follower: Follower | None,
 ) -> Log:
     samples, lead = len(controls["delta_e"]), int(LEAD_IN_S * RATE_HZ)
     rows = np.empty((samples, len(_LOG)))
@@ -187,6 +217,9 @@ def _record(
         fdm.run()
         if step >= 0:
             rows[k] = [fdm[name] for name in properties]
+            if follower is not None:
+                for name, value in follower(k / RATE_HZ, {n: f * fdm[p] for n, (p, f) in FOLLOWED.items()}).items():
+                    fdm[name] = value
     if not np.isfinite(rows).all():
         raise InputError(f"JSBSim airframe '{frame.name}' left the air data's range; choose smaller inputs")
     return _log(fdm, frame, dict(zip(_LOG, (rows * factors).T, strict=True)), {s: moved[s] for s in SURFACES})

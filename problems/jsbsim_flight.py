@@ -8,7 +8,7 @@ Needs the optional package jsbsim. Everything random comes from the flight's see
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -94,29 +94,43 @@ def log_of(flight: Flight) -> Log:
 
 def record_of(flight: Flight, log: Log) -> Record:
     """What the instruments of `flight` make of a `log`."""
-    channels = instrument_fault(flight.fault, log.t, _readings(flight, log))
-    every = round(flight.dt * RATE_HZ)
-    rng = np.random.default_rng([flight.seed, 2])
+    faults = () if flight.fault is None else (flight.fault,)
+    return measured(log, faults, name=flight.manoeuvre, dt=flight.dt, noise=flight.noise, seed=flight.seed)
+
+
+def measured(
+    log: Log, faults: Sequence[Fault], *, name: str, dt: float, noise: Mapping[str, float], seed: int
+) -> Record:
+    """What instruments with `faults` make of a `log`; dt, noise and seed as in `Flight`."""
+    channels = _readings(faults, log)
+    for fault in faults:
+        channels = instrument_fault(fault, log.t, channels)
+    every = round(dt * RATE_HZ)
+    rng = np.random.default_rng([seed, 2])
     sampled = {}
-    for name in NOISE:
-        values = channels[name][::every]
-        sigma = flight.noise.get(name, 0.0) * (float(np.mean(values)) if name == "thrust" else 1.0)
-        sampled[name] = values + sigma * rng.standard_normal(len(values))
-    return Record(name=flight.manoeuvre, t=np.round(log.t[::every], 6), channels=sampled, source="JSBSim")
+    for channel in NOISE:
+        values = channels[channel][::every]
+        sigma = noise.get(channel, 0.0) * (float(np.mean(values)) if channel == "thrust" else 1.0)
+        sampled[channel] = values + sigma * rng.standard_normal(len(values))
+    return Record(name=name, t=np.round(log.t[::every], 6), channels=sampled, source="JSBSim")
 
 
-def _readings(flight: Flight, log: Log) -> dict[str, np.ndarray]:
+def _readings(faults: Sequence[Fault], log: Log) -> dict[str, np.ndarray]:
     """Readings at the true positions of the instruments, before faults of the instruments themselves."""
     c = dict(log.channels)
     velocity = np.stack([c["u"], c["v"], c["w"]], axis=1)
     omega = np.stack([c["p"], c["q"], c["r"]], axis=1)
     omega_dot = np.stack([c["pdot"], c["qdot"], c["rdot"]], axis=1)
+
+    def position(instrument: str) -> np.ndarray:
+        return sum((sensor_position(fault, instrument) for fault in faults), np.zeros(3))
+
     c["V"] = np.linalg.norm(velocity, axis=1)
-    at_vane = velocity + np.cross(omega, sensor_position(flight.fault, "alpha"))
+    at_vane = velocity + np.cross(omega, position("alpha"))
     c["alpha"] = np.arctan2(at_vane[:, 2], at_vane[:, 0])
-    at_vane = velocity + np.cross(omega, sensor_position(flight.fault, "beta"))
+    at_vane = velocity + np.cross(omega, position("beta"))
     c["beta"] = np.arcsin(at_vane[:, 1] / np.linalg.norm(at_vane, axis=1))
-    arm = np.broadcast_to(sensor_position(flight.fault, "accelerometer"), omega.shape)
+    arm = np.broadcast_to(position("accelerometer"), omega.shape)
     lever = np.cross(omega_dot, arm) + np.cross(omega, np.cross(omega, arm))
     for column, name in enumerate(("ax", "ay", "az")):
         c[name] = c[name] + lever[:, column]
