@@ -13,8 +13,8 @@ from casid.errors import EstimationError, InputError
 from casid.estimation import CombinedError, MultipleShooting, Problem, parameter, solve
 from casid.estimation.filter_error import filter_error, predict
 from casid.estimation.filter_system import FilterSystem, evaluate_step
-from casid.estimation.innovations import NoiseModel, PointFunctions, make_batch, residual_column
-from casid.estimation.kalman import kalman_filter
+from casid.estimation.innovations import NoiseModel, PointFunctions, make_batch
+from casid.estimation.kalman import kalman_filter, residual_column
 from casid.estimation.noise_score import unit_variances, variance_score
 from casid.model.simulate import simulate
 from casid.model.system import define_model

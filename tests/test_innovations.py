@@ -8,17 +8,8 @@ import numpy as np
 import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 
-from casid.estimation.innovations import (
-    Linear,
-    NoiseModel,
-    PointFunctions,
-    _interval,
-    inject,
-    linearise,
-    make_batch,
-    residual_column,
-)
-from casid.estimation.kalman import Filter, kalman_filter
+from casid.estimation.innovations import Linear, NoiseModel, PointFunctions, _interval, inject, linearise, make_batch
+from casid.estimation.kalman import Filter, kalman_filter, residual_about, residual_column
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
@@ -260,3 +251,30 @@ def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     plain = _interval(*jacobians, batch.dt, batch.live, batch.held, linear.seen)
     for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
         np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+def test_histories_linearised_about_change_nothing_of_a_linear_model() -> None:
+    """Deviance and smoothed motion are those of the posterior, which does not depend on where a linear model is
+    linearised: about still air or about any history of gusts and states."""
+    model, records = gusty_short_period(), [gusty_flight(1, "m1", 200), gusty_flight(2, "m2", 150)]
+    records[1] = replace(records[1], hold="linear")
+    batch = make_batch(model, records)
+    functions = PointFunctions(model, model.parameters)
+    P = np.tile(model.nominal_vector(), (2, 1))
+    rng = np.random.default_rng(3)
+    found = []
+    for scale in (0.0, 1.0):
+        X, gust = scale * rng.normal(0.0, 0.01, (200, 2, 2)), scale * rng.normal(0.0, 0.01, (200, 2, 1))
+        W = np.concatenate([gust, np.zeros((200, 2, 1))], axis=2)
+        linear = linearise(functions, batch, P, X, W)
+        column = residual_about(linear, GUSTY, gust)
+        kalman = kalman_filter(linear, GUSTY)
+        moved = kalman.smooth(*column)[..., 0:3]
+        plain = kalman_filter(linear, GUSTY, plain=True)
+        np.testing.assert_allclose(plain.whiten(*column), kalman.whiten(*column), rtol=0, atol=1e-9)
+        found.append((float(np.sum(kalman.whiten(*column) ** 2)), X + moved[..., :2], gust + moved[..., 2:]))
+    (squares, X, gust), (squares_about, X_about, gust_about) = found
+    # the step matrices are of second order in the step, the simulation of fourth
+    assert squares_about == pytest.approx(squares, rel=1e-3)
+    np.testing.assert_allclose(X_about[batch.live], X[batch.live], rtol=0, atol=2e-5)
+    np.testing.assert_allclose(gust_about[batch.live], gust[batch.live], rtol=0, atol=2e-4)

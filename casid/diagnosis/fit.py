@@ -10,8 +10,8 @@ import numpy as np
 
 from casid.diagnosis.flight import Flight, Regressors
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
-from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise, residual_column
-from casid.estimation.kalman import Filter, kalman_filter
+from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
+from casid.estimation.kalman import Filter, kalman_filter, residual_about
 from casid.model.system import Model
 
 _LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
@@ -33,6 +33,7 @@ class Fit:
 
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
+    disturbances (N, R, nw) that attached effects make; `coloured` (N, R, coloured) most likely histories of the noise's
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
     deviance     -2 log likelihood up to a constant of the data, prior included
     """
@@ -50,6 +51,7 @@ class Fit:
     linear: Linear
     filter: Filter
     disturbances: np.ndarray
+    coloured: np.ndarray
     white: np.ndarray
     columns: np.ndarray
     known: dict[str, np.ndarray]
@@ -70,6 +72,11 @@ class Fit:
     def output_along(self, X: np.ndarray) -> np.ndarray:
         """(N, R, ny) outputs of the fitted model along a trajectory, instrument operators not yet applied."""
         return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
+
+    @property
+    def moving(self) -> np.ndarray:
+        """(N, R, nw) all disturbances of the linearisation."""
+        return self.disturbances + scattered(self.model, self.noise, self.coloured)
 
     @property
     def gradient(self) -> np.ndarray:
@@ -152,16 +159,16 @@ def fit(
     work = _Work(flight, attached, noise, free)
     attached = tuple(attached)
     values = _start_values(work, attached, start)
-    X = start.linear.X if start is not None and start.flight.records is flight.records else _guess(work)
+    X, moving = _start_trajectory(work, start)
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
-        now = _evaluate(work, _with_values(attached, work.slots, values), values, X, iteration)
+        now = _evaluate(work, _with_values(attached, work.slots, values), values, X, moving, iteration)
         if best is not None and not now.deviance < best.deviance + tolerance:
             shrink *= 0.4
             if shrink < 0.02 or step is None:
                 break
-            values, X = best.values + shrink * step[0], best.linear.X + shrink * step[1]
+            values, X, moving = (at + shrink * d for at, d in zip(_place(best), step, strict=True))
             continue
         gained = np.inf if best is None else best.deviance - now.deviance
         best, shrink = now, 1.0
@@ -171,10 +178,31 @@ def fit(
         if iteration >= 3 and now.deviance - 2.0 * gained > give_up:
             break
         step = _step(work, now)
-        values, X = now.values + step[0], now.linear.X + step[1]
+        values, X, moving = (at + d for at, d in zip(_place(now), step, strict=True))
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
+
+
+def scattered(model: Model, noise: NoiseModel, coloured: np.ndarray) -> np.ndarray:
+    """(N, R, nw) the coloured disturbances (N, R, coloured) in their places among all."""
+    W = np.zeros((*coloured.shape[:2], len(model.disturbances)))
+    W[..., [model.disturbances.index(name) for name in noise.coloured]] = coloured
+    return W
+
+
+def _place(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return fit.values, fit.linear.X, fit.coloured
+
+
+def _start_trajectory(work: _Work, start: Fit | None) -> tuple[np.ndarray, np.ndarray]:
+    """States (N, R, nx) and coloured disturbances (N, R, nc) to begin with."""
+    names = tuple(work.noise.coloured)
+    still = np.zeros((*work.batch.live.shape, len(names)))
+    if start is None or start.flight.records is not work.flight.records:
+        return _guess(work), still
+    same = tuple(start.noise.coloured) == names
+    return start.linear.X, start.coloured if same else still
 
 
 def _start_values(work: _Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:
@@ -210,21 +238,25 @@ def _guess(work: _Work) -> np.ndarray:
     return X
 
 
-def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X: np.ndarray, iteration: int) -> Fit:
+def _evaluate(
+    work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X: np.ndarray, coloured: np.ndarray,
+    iteration: int,
+) -> Fit:  # fmt: skip
     batch, model = work.batch, work.model
-    known = work.regressors.along(X)
+    moving = scattered(model, work.noise, coloured)
+    known = work.regressors.along(X, moving)
     W = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     P = work.parameters(values, attached)
-    linear = linearise(work.functions, batch, P, X, W)
+    linear = linearise(work.functions, batch, P, X, W + moving)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
     linear = replace(linear, output=read, residual=np.where(linear.seen, batch.Z - read, 0.0))
     kalman = kalman_filter(linear, work.noise)
     Y, F = _columns(work, attached, linear, known)
-    residual = residual_column(linear)
-    white = kalman.whiten(np.concatenate([residual[0], Y], axis=3), np.concatenate([residual[1], F], axis=3))
+    white = kalman.whiten(*residual_about(linear, work.noise, coloured))[..., 0]
+    columns = kalman.whiten(Y, F)
     deviation = values - work.mean
-    data = float(np.sum(white[..., 0] ** 2) + np.sum(kalman.log_determinant))
-    flat = white[..., 1:].reshape(white[..., 0].size, len(work.slots))
+    data = float(np.sum(white**2) + np.sum(kalman.log_determinant))
+    flat = columns.reshape(white.size, len(work.slots))
     information = flat.T @ flat + np.diag(work.weight)
     return Fit(
         flight=work.flight,
@@ -240,8 +272,9 @@ def _evaluate(work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X
         linear=linear,
         filter=kalman,
         disturbances=W,
-        white=white[..., 0],
-        columns=white[..., 1:],
+        coloured=coloured,
+        white=white,
+        columns=columns,
         known=known,
         prior_pull=work.weight * deviation,
         prior_weight=work.weight,
@@ -291,11 +324,12 @@ def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: d
     return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
 
 
-def _step(work: _Work, now: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Change of values and trajectory by one full Gauss-Newton step."""
+def _step(work: _Work, now: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Change of values, trajectory and coloured disturbances by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
-    Y, F = residual_column(now.linear)
+    Y, F, first = residual_about(now.linear, work.noise, now.coloured)
     by_slot = _columns(work, now.attached, now.linear, now.known)
-    Y, F = Y - by_slot[0] @ change[:, None], F - by_slot[1] @ change[:, None]
     nx = len(work.model.states)
-    return change, now.filter.smooth(Y, F)[..., :nx]
+    F[:, :, :nx] -= by_slot[1] @ change[:, None]
+    moved = now.filter.smooth(Y - by_slot[0] @ change[:, None], F, first)
+    return change, moved[..., :nx], moved[..., nx:]

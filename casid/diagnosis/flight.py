@@ -123,9 +123,10 @@ class Regressors:
 
     def __init__(self, flight: Flight, model: Model) -> None:
         named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
+        moving = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
         path = SignalPath(
             aircraft=flight.aircraft, state={s: named[s] for s in STATES}, inputs=named, parameter={},
-            disturbance={d: ca.SX(0) for d in disturbance_names(flight.aircraft.force_axes)},
+            disturbance={d: moving.get(d, ca.SX(0)) for d in disturbance_names(flight.aircraft.force_axes)},
         )  # fmt: skip
         for station in (surface_station, wind_station, air_data_station):
             station(path)
@@ -134,13 +135,13 @@ class Regressors:
         self._quiet = make_batch(model, flight.quiet)
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
-        self._function = ca.Function("regressors", [model.x, model.u], [expressions])
+        self._function = ca.Function("regressors", [model.x, model.u, model.w], [expressions])
 
-    def along(self, X: np.ndarray) -> dict[str, np.ndarray]:
-        """name -> (N, R): regressors of the trajectory X (N, R, nx), rates of the flow angles by differences included,
-        and the inputs, both from denoised inputs."""
+    def along(self, X: np.ndarray, W: np.ndarray) -> dict[str, np.ndarray]:
+        """name -> (N, R): regressors of the trajectory X (N, R, nx) in moving air (disturbances W (N, R, nw)), rates of
+        the flow angles by differences included, and the inputs, both from denoised inputs."""
         inputs = self._quiet.U
-        values = evaluate(self._function, X, inputs)[0][..., 0]
+        values = evaluate(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
         for angle, length in self._lengths.items():

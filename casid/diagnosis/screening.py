@@ -154,7 +154,7 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
         if slot.attached is None:
             P[:, model.parameters.index(slot.name)] = value
     names = [e.name for e in effects]
-    linear = linearise(PointFunctions(model, names), base.batch, P, base.linear.X, base.disturbances)
+    linear = linearise(PointFunctions(model, names), base.batch, P, base.linear.X, base.moving)
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 

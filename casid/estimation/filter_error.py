@@ -21,8 +21,8 @@ from scipy.optimize import minimize
 from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.filter_system import FilterSystem, Step, evaluate_step, trajectory_step
-from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch, residual_column
-from casid.estimation.kalman import Filter, kalman_filter
+from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
+from casid.estimation.kalman import Filter, kalman_filter, residual_column
 from casid.estimation.noise import pooled_sigma
 from casid.estimation.noise_score import unit_variances, variance_score
 from casid.estimation.problem import Problem

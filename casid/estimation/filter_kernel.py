@@ -163,11 +163,12 @@ static void enter(long rows, long nw, long width, const long *station, const dou
     }
 }
 
-/* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc), or, when Y is null, as time histories series
-   (N,R,nc) that enter at disturbance number station[nc] through Dw, B0, B1. white (R,N,ny,nc); states (N,R,n,nc). */
+/* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc), or, when Y is
+   null, as time histories series (N,R,nc) that enter at disturbance number station[nc] through Dw, B0, B1.
+   white (R,N,ny,nc); states (N,R,n,nc). */
 void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C, const double *K,
-            const double *root, const double *Y, const double *F, long nw, const long *station, const double *series,
-            const double *Dw, const double *B0, const double *B1, double *white, double *states)
+            const double *root, const double *Y, const double *F, const double *E0, long nw, const long *station,
+            const double *series, const double *Dw, const double *B0, const double *B1, double *white, double *states)
 {
     tile E[MOST], e[MOST], out[MOST], next[MOST];
     BEGIN
@@ -175,6 +176,7 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
     for (long r = 0; r < R; r++) for (long first = 0; first < nc; first += TILE) {
         long width = nc - first < TILE ? nc - first : TILE;
         memset(E, 0, sizeof E);
+        if (E0) load(n, nc, width, E0 + r * n * nc + first, E);
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
             if (states) for (long i = 0; i < n; i++)
@@ -331,12 +333,12 @@ class FilterKernel:
             raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
         return K, root, kept, log_determinant
 
-    def whiten(self, A, C, K, root, Y, F, keep: bool) -> tuple[np.ndarray, np.ndarray | None]:
-        """Innovations (R, N, ny, nc) of columns Y, F; states (N, R, n, nc) when they are to be kept."""
+    def whiten(self, A, C, K, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray | None]:
+        """Innovations (R, N, ny, nc) of columns Y, F, first; states (N, R, n, nc) when they are to be kept."""
         (N, R, ny, n), nc = C.shape, Y.shape[3]
         white, states = np.empty((R, N, ny, nc)), np.empty((N, R, n, nc)) if keep else None
         sizes = (N, R, n, F.shape[2], ny, nc)
-        _call(self._whiten, sizes, A, C, K, root, Y, F, ctypes.c_long(0), *[None] * 5, white, states)
+        _call(self._whiten, sizes, A, C, K, root, Y, F, first, ctypes.c_long(0), *[None] * 5, white, states)
         return white, states
 
     def whiten_histories(self, A, C, K, root, stations, series, Dw, B0, B1) -> np.ndarray:
@@ -344,7 +346,7 @@ class FilterKernel:
         (N, R, ny, n), nc = C.shape, series.shape[2]
         white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
-        _call(self._whiten, sizes, A, C, K, root, None, None, nw, index, series, Dw, B0, B1, white, None)
+        _call(self._whiten, sizes, A, C, K, root, None, None, None, nw, index, series, Dw, B0, B1, white, None)
         return white
 
     def smooth(self, A, C, K, root, kept, white, states) -> np.ndarray:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.compiler import Compilable
-from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise, residual_column
-from casid.estimation.kalman import Filter, kalman_filter
+from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise
+from casid.estimation.kalman import Filter, kalman_filter, residual_column
 from casid.estimation.problem import Problem
 from casid.estimation.steps import cached, sample_derivatives
 

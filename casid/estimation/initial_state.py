@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.estimation.innovations import NoiseModel, PointFunctions, linearise, make_batch, residual_column
-from casid.estimation.kalman import kalman_filter
+from casid.estimation.innovations import NoiseModel, PointFunctions, linearise, make_batch
+from casid.estimation.kalman import kalman_filter, residual_column
 from casid.estimation.noise import pooled_sigma
 from casid.model.system import Model
 from casid.records.record import Record

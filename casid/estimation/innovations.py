@@ -87,7 +87,8 @@ class PointFunctions:
         by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
         values = [both, ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
         calm = [ca.densify(ca.substitute(e, w, ca.SX.zeros(w.shape[0]))) for e in values]
-        self._points = ca.Function("points", [x, u, p], ca.cse(calm))
+        self._calm = ca.Function("calm", [x, u, p], ca.cse(calm))
+        self._points = ca.Function("points", [x, u, p, w], ca.cse([ca.densify(e) for e in values]))
         u1, dt, d0, d1 = (
             ca.SX.sym(n, m) for n, m in (("u1", u.shape[0]), ("dt", 1), ("d0", w.shape[0]), ("d1", w.shape[0]))
         )
@@ -108,9 +109,9 @@ class PointFunctions:
             self._blocks[name] = function.map(_BLOCK)
         return _evaluate_blocks(function, self._blocks[name], *arguments)
 
-    def points(self, X: np.ndarray, U: np.ndarray, P: np.ndarray) -> list[np.ndarray]:
-        """[value, d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
-        return self._evaluate(self._points, X, U, P)
+    def points(self, X: np.ndarray, U: np.ndarray, P: np.ndarray, W: np.ndarray | None = None) -> list[np.ndarray]:
+        """[value, d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns); W None: none disturbs."""
+        return self._evaluate(self._calm, X, U, P) if W is None else self._evaluate(self._points, X, U, P, W)
 
     def step(self, X, U0, U1, P, W0, W1, dt) -> np.ndarray:
         """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
@@ -182,14 +183,15 @@ class Linear:
 def linearise(
     functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray, W: np.ndarray | None = None
 ) -> Linear:
-    """Linearise about X (N, R, nx) with parameters P (R, np) and known disturbances W (N, R, nw).
+    """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
 
     The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
     """
     model = functions.model
     nx = len(model.states)
+    disturbed = W is not None and bool(W.any())
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
-    _, by_x, by_p, by_w = functions.points(X, batch.U, P)
+    _, by_x, by_p, by_w = functions.points(X, batch.U, P, W if disturbed else None)
     U1 = np.where(batch.held[None, :, None], batch.U[:-1], batch.U[1:])
     W1 = np.where(batch.held[None, :, None], W[:-1], W[1:])
     after = functions.step(X[:-1], batch.U[:-1], U1, P, W[:-1], W1, batch.dt)
@@ -227,8 +229,3 @@ def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple
     Y = linear.Dw[..., index] * series[:, :, None, :]
     F = linear.Bw0[..., index] * series[:-1, :, None, :] + linear.Bw1[..., index] * series[1:, :, None, :]
     return Y, F
-
-
-def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
-    """(Y, F) of the residual itself, one column."""
-    return linear.residual[..., None], -linear.defect[..., None]

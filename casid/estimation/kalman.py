@@ -31,12 +31,13 @@ class Filter:
     log_determinant: np.ndarray
     kernel: FilterKernel | None
 
-    def whiten(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
+    def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
         """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
 
-        Y (N, R, ny, nc), F (N-1, R, nx, nc): response of the model to a unit of the column's cause, output and state
-        equation. The residual is the column (residual, -defect). In memory the records are apart."""
-        return self._columns(Y, F)[0].swapaxes(0, 1)
+        Y (N, R, ny, nc), F (N-1, R, nx or n, nc): response of the model to a unit of the column's cause, output and
+        state equation; first (R, n, nc) at the first sample. The residual is the column (residual, -defect); see
+        `residual_column`. In memory the records are apart."""
+        return self._columns(Y, F, first)[0].swapaxes(0, 1)
 
     def whiten_histories(self, stations: Sequence[int], series: np.ndarray) -> np.ndarray:
         """`whiten` of time histories (N, R, nc) that enter at disturbance `stations` (nc indices)."""
@@ -53,10 +54,10 @@ class Filter:
         white, _ = self._run(len(index), lambda k: linear.Dw[k][..., index] * series[k][:, None, :], forced)
         return white.swapaxes(0, 1)
 
-    def smooth(self, Y: np.ndarray, F: np.ndarray) -> np.ndarray:
+    def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
         """Most likely deviation of the augmented state (N, R, n) given one column (Y, F) with nc = 1, by the
         Bryson-Frazier backward recursion."""
-        white, states = self._columns(Y, F, keep=True)
+        white, states = self._columns(Y, F, first, keep=True)
         if self.kernel is not None:
             return self.kernel.smooth(self.A, self.C, self.K, self.inverse_root, self.P, white, states)
         N, n = states.shape[0], states.shape[2]
@@ -71,20 +72,22 @@ class Filter:
             deviation[k] = (self.P[k] @ costate - states[k])[..., 0]
         return deviation
 
-    def _columns(self, Y: np.ndarray, F: np.ndarray, keep: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def _columns(
+        self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None, keep: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc)."""
         if self.kernel is not None:
-            return self.kernel.whiten(self.A, self.C, self.K, self.inverse_root, Y, F, keep)
-        return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], keep)
+            return self.kernel.whiten(self.A, self.C, self.K, self.inverse_root, Y, F, first, keep)
+        return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], first, keep)
 
     def _run(
-        self, columns: int, output: Callable[[int], np.ndarray], forced: Callable[[int], np.ndarray], keep: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, columns: int, output: Callable[[int], np.ndarray], forced: Callable[[int], np.ndarray],
+        first: np.ndarray | None = None, keep: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         N, R, ny, n = self.C.shape
-        nx = self.linear.A.shape[2]
         white = np.empty((R, N, ny, columns))
         states = np.empty((N if keep else 0, R, n, columns))
-        E = np.zeros((R, n, columns))
+        E = np.zeros((R, n, columns)) if first is None else first.copy()
         AK = self.A @ self.K[:-1]
         for k in range(N):
             if keep:
@@ -95,7 +98,8 @@ class Filter:
             if k < N - 1:
                 E = self.A[k] @ E
                 E -= AK[k] @ e
-                E[:, :nx] += forced(k)
+                drive = forced(k)
+                E[:, : drive.shape[1]] += drive
         return white, states
 
 
@@ -136,6 +140,26 @@ def _covariance_pass(A, C, Q, M, P) -> tuple[np.ndarray, ...]:
             P += Q[k]
             P = 0.5 * (P + P.swapaxes(1, 2))
     return K, inverse_root, kept, log_determinant
+
+
+def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) of the residual itself, one column."""
+    return linear.residual[..., None], -linear.defect[..., None]
+
+
+def residual_about(
+    linear: Linear, noise: NoiseModel, coloured: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(Y, F, first) of the residual of a model linearised about histories `coloured` (N, R, nc) of the noise's coloured
+    disturbances, which their processes expect to begin near zero and to decay from sample to sample."""
+    Y, F = residual_column(linear)
+    decay = np.exp(-linear.dt[..., None] / np.array([tau for _, tau in noise.coloured.values()]))
+    news = (coloured[1:] - decay * coloured[:-1])[..., None]
+    index = [linear.model.disturbances.index(name) for name in noise.coloured]
+    F = np.concatenate([F + linear.Bw1[..., index] @ news, news], axis=2)
+    first = np.zeros((F.shape[1], F.shape[2], 1))
+    first[:, linear.X.shape[2] :, 0] = coloured[0]
+    return Y, F, first
 
 
 def augmented(linear: Linear, noise: NoiseModel) -> tuple[np.ndarray, ...]:

@@ -9,7 +9,6 @@ import numpy as np
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
-from casid.estimation.innovations import residual_column
 from casid.model.effects import effect_of
 from casid.model.terms import parse_term
 from casid.report.reconstruction import derivatives_beside
@@ -122,7 +121,7 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
 def wind(diagnosis: Diagnosis) -> Picture:
     """The moving air of a turbulent record: its components by the filter's smoother, and the r.m.s. that was named."""
     sigma, fit = diagnosis.turbulence.sigma, diagnosis.extended.fit
-    gusts = fit.filter.smooth(*residual_column(fit.linear))[..., len(fit.model.states) :]
+    gusts = fit.coloured
     stations = list(fit.noise.coloured)
     r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(fit.flight.records)]))
     record = fit.flight.records[r]
