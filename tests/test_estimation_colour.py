@@ -7,7 +7,15 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from casid.estimation.residual_colour import Colour, Piece, _Filter, autoregression, coloured_score, gathered
+from casid.estimation.residual_colour import (
+    Colour,
+    Piece,
+    _Filter,
+    autoregression,
+    coloured_score,
+    gathered,
+    noise_autocovariance,
+)
 
 A = np.array([1.0, -1.4, 0.7])
 
@@ -29,6 +37,13 @@ def pieces_of(rows: np.ndarray, residuals: np.ndarray, size: int) -> list[Piece]
         Piece(channel=0, record=0, columns=columns, rows=rows[i : i + size], residuals=residuals[i : i + size])
         for i in range(0, len(rows), size)
     ]
+
+
+def score_of(parts: list[Piece]) -> np.ndarray:
+    """Without a prior, all parameters free."""
+    sums, count = gathered(parts), len(parts[0].columns)
+    noise = noise_autocovariance(sums, np.zeros((count, count)), np.eye(count))
+    return coloured_score({0: autoregression(noise[0], sums[0].count)}, sums, parts, count)
 
 
 def test_levinson_solves_the_equations_of_yule_and_walker():
@@ -57,25 +72,21 @@ def test_the_score_is_that_of_the_covariance_matrix(a):
 
 def test_pieces_give_what_the_whole_record_gives():
     rows, noise = np.random.default_rng(1).standard_normal((700, 2)).cumsum(axis=0) / 10, drawn(700, A, 2)
-    nothing, free = np.zeros((2, 2)), np.eye(2)
-    scores = []
-    for size in (700, 700 // 3, 5):
-        parts = pieces_of(rows, noise, size)
-        scores.append(coloured_score(gathered(parts), lambda parts=parts: parts, nothing, free))
+    scores = [score_of(pieces_of(rows, noise, size)) for size in (700, 700 // 3, 5)]
     for score in scores[1:]:
         np.testing.assert_allclose(score, scores[0], rtol=1e-9)
 
 
 def test_white_residuals_of_least_squares_have_the_variance_over_degrees_of_freedom():
     """Fifteen parameters of sixty samples: the mean square is a quarter too small."""
-    rng, free, nothing = np.random.default_rng(0), np.eye(15), np.zeros((15, 15))
+    rng, nothing = np.random.default_rng(0), np.zeros((15, 15))
     ratios = []
     for _ in range(20):
         rows, noise = rng.standard_normal((60, 15)), 3.0 * rng.standard_normal(60)
         residuals = noise - rows @ np.linalg.lstsq(rows, noise, rcond=None)[0]
         parts = pieces_of(rows, residuals, 60)
         if autoregression(gathered(parts)[0].autocovariance(np.zeros(15), nothing), 60).white:
-            score = coloured_score(gathered(parts), lambda parts=parts: parts, nothing, free)
+            score = score_of(parts)
             ratios.append(score[0, 0] / (rows.T @ rows)[0, 0] / (residuals @ residuals / 45))
     # the fixed point of v = (rss + 15 v)/60 by two rounds from rss/60: 1 - 1/4^3 of it
     assert len(ratios) > 5
@@ -101,7 +112,6 @@ def test_what_a_fit_absorbs_of_slow_noise_is_put_back():
         if not raw.white:
             run.add(rows)
             found["plain"].append(np.diagonal(inverse @ run.score() @ inverse))
-        score = coloured_score(sums, lambda parts=parts: parts, np.zeros((4, 4)), np.eye(4))
-        found["counted"].append(np.diagonal(inverse @ score @ inverse))
+        found["counted"].append(np.diagonal(inverse @ score_of(parts) @ inverse))
     plain, counted = (np.sqrt(np.mean(v, axis=0) / true) for v in found.values())
     assert (plain < 0.85).all() and (counted > plain + 0.08).all() and (counted < 1.1).all()

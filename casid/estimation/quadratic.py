@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import null_space
 
 
 def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
     """Scales that make the diagonal of a positive semidefinite matrix one."""
     diagonal = np.diagonal(hessian)
     return 1.0 / np.sqrt(np.maximum(diagonal, 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)))
+
+
+def free_directions(rows: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+    """(parameters, directions) in which linear constraints `rows` (rows, parameters) with active `multipliers` leave
+    the parameters free."""
+    active = rows[np.abs(multipliers) > 0]
+    return null_space(active) if len(active) else np.eye(rows.shape[1])
 
 
 def inverse_along(free: np.ndarray, information: np.ndarray) -> np.ndarray:

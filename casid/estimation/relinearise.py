@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import null_space
 
 from casid.estimation.cost import EquationError
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.objective import Linearised, Objective, Point, Value
-from casid.estimation.quadratic import inverse_along
+from casid.estimation.quadratic import free_directions, inverse_along
 from casid.estimation.transcription import MultipleShooting
 
 _DEFAULT_METHOD = MultipleShooting()
@@ -34,12 +33,15 @@ class AtFit:
         return self.linear.hessian - np.diag(1.0 / self.objective.problem.prior_std**2)
 
     @cached_property
+    def free(self) -> np.ndarray:
+        """(parameters, directions) in which no active limit of the fit holds the parameters."""
+        return free_directions(self.objective.rows, self.fit.multipliers)
+
+    @cached_property
     def inverse(self) -> np.ndarray:
         """(parameters, parameters) change of the estimate per change of the gradient, priors included; none along
         active limits. Raises numpy.linalg.LinAlgError when the parameters are not determined."""
-        active = self.objective.rows[np.abs(self.fit.multipliers) > 0] if len(self.fit.multipliers) else ()
-        free = null_space(active) if len(active) else np.eye(len(self.point.theta))
-        return inverse_along(free, self.linear.hessian)
+        return inverse_along(self.free, self.linear.hessian)
 
 
 def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:

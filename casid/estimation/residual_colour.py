@@ -17,7 +17,7 @@ Everything is gathered from pieces of records in the order of time, and keeps no
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +26,7 @@ from scipy.signal import lfilter
 
 from casid.estimation.quadratic import inverse_along
 
-_ORDER = 12  # highest of the autoregression
+ORDER = 12  # highest of the autoregression: the lags that are gathered
 _SAMPLES_PER_ORDER = 10
 _ROUNDS = 2  # of expectation and maximisation: what more would change is below one per cent of a standard deviation
 _BLOCK = 1024  # samples per product of matrices: they stay in the cache
@@ -68,23 +68,18 @@ def gathered(pieces: Iterable[Piece]) -> dict[int, ChannelSums]:
 
 
 def coloured_score(
-    sums: Mapping[int, ChannelSums], pieces: Callable[[], Iterable[Piece]], prior: np.ndarray, free: np.ndarray
+    colours: Mapping[int, Colour], sums: Mapping[int, ChannelSums], pieces: Iterable[Piece], count: int
 ) -> np.ndarray:
-    """(parameters, parameters) covariance of the gradient of 1/2 sum of squared residuals: sum of X' R X over channels.
-
-    sums    of the pieces that `pieces` gives when it is called
-    prior   (parameters, parameters) information besides the data's
-    free    (parameters, directions) in which the parameters can move
-    """
-    colours = _fitted(sums, prior, free)
-    total = np.zeros_like(prior)
+    """(count, count) covariance of the gradient of 1/2 sum of squared residuals in the `count` parameters: sum of
+    X' R X over channels. `sums` are those of the pieces."""
+    total = np.zeros((count, count))
     for c, own in sums.items():
         if colours[c].white:
             own.spread(total, own.inner(np.array([colours[c].variance])))
     if all(colour.white for colour in colours.values()):
         return total
     filters: dict[tuple[int, int], _Filter] = {}
-    for piece in pieces():
+    for piece in pieces:
         if not colours[piece.channel].white:
             key = piece.channel, piece.record
             if key not in filters:
@@ -109,15 +104,15 @@ class ChannelSums:
         width = own.shape[1]
         if piece.record not in self.columns:
             self.columns[piece.record] = piece.columns
-            self.lagged[piece.record] = np.zeros((_ORDER + 1, width, width))
-            self._last[piece.record] = np.zeros((_ORDER, width))
+            self.lagged[piece.record] = np.zeros((ORDER + 1, width, width))
+            self._last[piece.record] = np.zeros((ORDER, width))
         both = np.concatenate([self._last[piece.record], own])
         for start in range(0, len(own), _BLOCK):
             part = own[start : start + _BLOCK]
-            for k in range(_ORDER + 1):
-                behind = start + _ORDER - k
+            for k in range(ORDER + 1):
+                behind = start + ORDER - k
                 self.lagged[piece.record][k] += both[behind : behind + len(part)].T @ part
-        self._last[piece.record] = both[-_ORDER:]
+        self._last[piece.record] = both[-ORDER:]
         self.count += len(own)
 
     def inner(self, weights: np.ndarray) -> dict[int, np.ndarray]:
@@ -140,7 +135,7 @@ class ChannelSums:
 
     def autocovariance(self, shift: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """(lags,) expected, of the noise, for parameters off by `shift` with `covariance`."""
-        found = np.zeros(_ORDER + 1)
+        found = np.zeros(ORDER + 1)
         for r, lagged in self.lagged.items():
             columns = self.columns[r]
             off = np.append(-shift[columns], 1.0)
@@ -149,22 +144,26 @@ class ChannelSums:
         return found / self.count
 
 
-def _fitted(sums: Mapping[int, ChannelSums], prior: np.ndarray, free: np.ndarray) -> dict[int, Colour]:
-    """Channel -> its autoregression."""
+def noise_autocovariance(sums: Mapping[int, ChannelSums], prior: np.ndarray, free: np.ndarray) -> dict[int, np.ndarray]:
+    """Channel -> (lags,) autocovariance of the noise behind its residuals.
+
+    prior   (parameters, parameters) information besides the data's
+    free    (parameters, directions) in which the parameters can move
+    """
     unmoved, exact = np.zeros(len(prior)), np.zeros_like(prior)
-    found = {c: autoregression(own.autocovariance(unmoved, exact), own.count) for c, own in sums.items()}
+    found = {c: own.autocovariance(unmoved, exact) for c, own in sums.items()}
     for _ in range(_ROUNDS):
         information, gradient = prior.copy(), np.zeros(len(prior))
         for c, own in sums.items():
-            a = found[c].a
-            both_ways = np.correlate(a, a, "full")[len(a) - 1 :]
-            inner = own.inner(both_ways / max(found[c].variance, _LEAST))
+            colour = autoregression(found[c], own.count)
+            both_ways = np.correlate(colour.a, colour.a, "full")[len(colour.a) - 1 :]
+            inner = own.inner(both_ways / max(colour.variance, _LEAST))
             own.spread(information, inner)
             for r, matrix in inner.items():
                 gradient[own.columns[r]] += matrix[:-1, -1]
         covariance = inverse_along(free, information)
         shift = covariance @ gradient
-        found = {c: autoregression(own.autocovariance(shift, covariance), own.count) for c, own in sums.items()}
+        found = {c: own.autocovariance(shift, covariance) for c, own in sums.items()}
     return found
 
 

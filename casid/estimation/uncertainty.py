@@ -6,16 +6,22 @@ the parameters with the states re-estimated (u_i below), obtained from the same 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import null_space
 
 from casid.estimation.objective import Linearised, Objective, Value
-from casid.estimation.quadratic import inverse_along, jacobi_scale
-from casid.estimation.residual_colour import Piece, coloured_score, gathered
+from casid.estimation.quadratic import free_directions, inverse_along, jacobi_scale
+from casid.estimation.residual_colour import (
+    ChannelSums,
+    Piece,
+    autoregression,
+    coloured_score,
+    gathered,
+    noise_autocovariance,
+)
 from casid.estimation.sensitivity import whitened
 
 _RANK = 1e-12
@@ -73,9 +79,7 @@ class Uncertainty:
 
     @cached_property
     def _free(self) -> np.ndarray:
-        """(parameters, directions) along which the parameters can move."""
-        active = self.objective.rows[np.abs(self.limit_multipliers) > 0]
-        return null_space(active) if len(active) else np.eye(len(self.objective.problem.parameters))
+        return free_directions(self.objective.rows, self.limit_multipliers)
 
     @cached_property
     def _inverse(self) -> np.ndarray | None:
@@ -108,16 +112,27 @@ def _score_covariances(
     levels = objective.levels
     expected = levels.share * (levels.rms(value.squares) / levels.sigma) ** 2 if levels.proportional else levels.share
 
-    def pieces() -> Iterator[Piece]:
-        for record in range(len(objective.problem.records)):
-            yield from _pieces(objective, value, linear, record)
-
-    sums = gathered(pieces())
-    white, prior = linear.hessian.copy(), linear.hessian.copy()
+    sums = gathered(score_pieces(objective, value, linear))
+    white, prior = linear.hessian.copy(), prior_information(linear, sums)
     for channel, own in sums.items():
         own.spread(white, own.inner(np.array([expected[channel] - 1.0])))
+    noise = noise_autocovariance(sums, prior, free)
+    colours = {channel: autoregression(noise[channel], own.count) for channel, own in sums.items()}
+    return white, prior + coloured_score(colours, sums, score_pieces(objective, value, linear), len(prior))
+
+
+def prior_information(linear: Linearised, sums: Mapping[int, ChannelSums]) -> np.ndarray:
+    """(parameters, parameters) what the information has besides the data's, of which `sums` are gathered."""
+    prior = linear.hessian.copy()
+    for own in sums.values():
         own.spread(prior, own.inner(np.array([-1.0])))
-    return white, prior + coloured_score(sums, pieces, prior, free)
+    return prior
+
+
+def score_pieces(objective: Objective, value: Value, linear: Linearised) -> Iterator[Piece]:
+    """Sensitivities and residuals of all records and channels, outputs before equations."""
+    for record in range(len(objective.problem.records)):
+        yield from _pieces(objective, value, linear, record)
 
 
 def _pieces(objective: Objective, value: Value, linear: Linearised, r: int) -> Iterator[Piece]:
