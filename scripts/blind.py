@@ -1,0 +1,192 @@
+"""Does the diagnosis find effects that were hidden from it, and does it keep quiet when there is nothing?
+
+Question     how often is the hidden effect named first, how often something wrong, on clean data, on two effects at
+             once, on effects that the catalogue does not have; are sizes and onsets inside their intervals?
+Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSBSim with the effect made there. Every
+             set has four records and an aircraft file with derivatives that are 10 to 30 % off; inputs, rates, noise,
+             kind, place, size and onset come from the seed. Seeds below 1000 are for development, seeds from 1000 on
+             for reported results. The sealed answers are opened only when all diagnoses are done; the process that
+             diagnoses is given nothing but the folder with records and aircraft file.
+Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean data without a name.
+             DIR/blind.md, DIR/blind.csv (a line per set), DIR/confusion_<set>.csv and .svg, DIR/run.json. Ctrl-C or
+             worse leaves what was finished in DIR; the same command resumes.
+
+    python scripts/blind.py [--sets do328 jsbsim] [--seeds 1..1] [--kinds GLOB ...] [--jobs N | --scheduler ADDRESS]
+        [--resume] [--out DIR] [--table FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import time
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NoReturn
+
+from casid.campaign.blind import generate, solve
+from casid.campaign.counting import counted
+from casid.campaign.digest import source_digest
+from casid.campaign.run import run_campaign
+from casid.campaign.store import open_store
+from casid.errors import InputError, run_script
+from casid.report.confusion import confusion_matrix
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.progress import progress
+from casid.report.style import settings
+from problems.blind import CASES, REPORTING_FROM, SETS, set_name
+from problems.blind_case import OUTSIDE, Answer
+from problems.blind_score import NOTHING, UNEXPLAINED, Score, score
+from problems.blind_table import by_kind, columns, confusion, markdown, power, rows, summary
+
+GENERATOR = ("problems/blind*.py", "problems/jsbsim_*.py", "problems/do328.py", "casid/model/**/*.py")
+SOLVER = ("casid/diagnosis/*.py", "casid/estimation/*.py", "casid/model/**/*.py", "casid/records/*.py")
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Blind tests of the diagnosis.")
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser.add_argument("--seeds", default="1..1", help=f"A..B; from {REPORTING_FROM} on for reported results")
+    parser.add_argument("--kinds", nargs="+", default=["*"], metavar="GLOB", help="of cases, like 'sensor_*' or clean*")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=int, default=2, help="local processes; 0: none besides this one")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="of a running Dask cluster, tcp://host:port")
+    parser.add_argument("--resume", action="store_true", help="insist that DIR holds an earlier run to go on with")
+    parser.add_argument("--out", type=Path, default=Path("out/blind"), metavar="DIR", help="folder for the results")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the Markdown table there too")
+    parser.error = _one_line
+    return parser.parse_args()
+
+
+def _one_line(message: str) -> NoReturn:
+    raise InputError(f"{message}; see blind.py --help")
+
+
+def parse_seeds(text: str) -> range:
+    """ "3..5" -> 3, 4, 5. InputError for anything else, and for seeds of both kinds."""
+    found = re.fullmatch(r"(\d+)(?:\.\.(\d+))?", text)
+    if not found:
+        raise InputError(f"--seeds {text}: expected A..B, like 1..3")
+    first, last = int(found[1]), int(found[2] or found[1])
+    if last < first or (first < REPORTING_FROM) != (last < REPORTING_FROM):
+        raise InputError(f"--seeds {text}: expected A..B upwards, all below {REPORTING_FROM} or all from it on")
+    return range(first, last + 1)
+
+
+def tasks(sets: Sequence[str], seeds: range, globs: Sequence[str], out: Path) -> dict[str, dict[str, Any]]:
+    """Name of a set -> task for `generate`."""
+    chosen = [case for case in CASES if any(fnmatchcase(case, glob) for glob in globs)]
+    if not chosen:
+        raise InputError(f"--kinds {' '.join(globs)}: fits none of {', '.join(CASES)}")
+    where = {"sets": str(out / "sets"), "answers": str(out / "answers")}
+    return {
+        set_name(of, case, seed): {"of": of, "case": case, "seed": seed, **where}
+        for seed in seeds for of in sets for case in chosen
+    }  # fmt: skip
+
+
+def run(given: argparse.Namespace) -> tuple[list[str], dict[str, Any]]:
+    """Generate and diagnose what is not done yet: the names of the sets, and name -> what was found."""
+    out = given.out.resolve()
+    todo = tasks(given.sets, parse_seeds(given.seeds), given.kinds, out)
+    how: dict[str, Any] = {"jobs": given.jobs, "scheduler": given.scheduler}
+    with progress() as stage:
+        with open_store(out / "answers", {"campaign": "blind", "sources": source_digest(*GENERATOR)}) as store:
+            run_campaign(todo, generate, store, report=counted(stage, "hiding"), **how)
+        blind = {name: {"folder": str(out / "sets" / name)} for name in sorted(todo)}
+        protocol = {"campaign": "diagnosis", "sources": source_digest(*SOLVER)}
+        with open_store(out, protocol, given.resume) as store:
+            run_campaign(blind, solve, store, report=counted(stage, "diagnosing"), **how)
+            found = store.results()
+    return list(todo), found
+
+
+def main() -> None:
+    given = arguments()
+    made_with, begin = provenance(0), time.perf_counter()
+    names, found = run(given)
+    scores = {name: score(Answer.read(given.out / "answers" / f"{name}.json"), found[name]) for name in names}
+    command = " ".join(["python scripts/blind.py", *_options(given)])
+    text = page(list(scores.values()), command, made_with["commit"])
+    with whole_folder(given.out) as folder:
+        (folder / "blind.md").write_text(text, encoding="utf-8")
+        write_lines(folder / "blind.csv", [line(name, s, found[name]) for name, s in scores.items()])
+        for of in given.sets:
+            write_confusion(folder, of, [s for s in scores.values() if s.answer.of == of])
+        write_provenance(made_with, folder / "run.json")
+    if given.table:
+        given.table.write_text(text, encoding="utf-8")
+    print(text)
+    print(f"{len(names)} sets, {time.perf_counter() - begin:.0f} s in this run; table: {given.out / 'blind.md'}")
+
+
+def _options(given: argparse.Namespace) -> list[str]:
+    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *(f"'{g}'" for g in given.kinds)]
+
+
+def page(scores: Sequence[Score], command: str, commit: str | None) -> str:
+    """The results in Markdown."""
+    seeds = sorted({s.answer.seed for s in scores})
+    use = "reporting" if seeds[0] >= REPORTING_FROM else "development"
+    parts = [
+        "# Blind tests of the diagnosis",
+        f"Made by `{command}` at commit {commit}; seeds {seeds[0]} to {seeds[-1]} ({use}). A name is right when kind, "
+        "target and term are; causes that the diagnosis says it cannot tell apart count as one. Families: controls, "
+        "sensors, aerodynamics, mass and propulsion, air (`problems/blind_case.py`).",
+    ]
+    for of in SETS:
+        here = [s for s in scores if s.answer.of == of]
+        if not here:
+            continue
+        flown = ", ".join(sorted({s.answer.aircraft for s in here}))
+        found = [{"what": what, "measured": measured} for what, measured in summary(here)]
+        parts += [f"## {of}: {flown}", markdown(found), "### By kind", markdown(by_kind(here))]
+        detected = power(here)
+        if detected:
+            parts += ["### Detection against size", markdown(detected)]
+    return "\n\n".join(parts) + "\n"
+
+
+def line(name: str, s: Score, found: Mapping[str, Any]) -> dict[str, Any]:
+    """A set in one line."""
+    hidden = "; ".join(_words(h.__dict__) for h in s.answer.hidden)
+    causes = "; ".join(_words(c) for c in found.get("causes", ()))
+    return {
+        "name": name, "of": s.answer.of, "case": s.answer.case, "seed": s.answer.seed, "aircraft": s.answer.aircraft,
+        "hidden": hidden, "verdict": s.verdict, "causes": causes, "first": s.first, "family": s.same_family,
+        "hits": s.hits, "wrong": s.wrong, "power": s.power, "seconds": round(s.seconds, 1),
+        "unexplained": " ".join(found.get("unexplained", ())), "failed": found.get("failed", ""),
+    }  # fmt: skip
+
+
+def _words(one: Mapping[str, Any]) -> str:
+    inside = (one["target"] or "") + (f":{one['term']}" if one["term"] else "")
+    return f"{one['kind']}({inside}) {one['value']:.3g}"
+
+
+def write_lines(path: Path, table: Sequence[Mapping[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+
+
+def write_confusion(folder: Path, of: str, scores: Sequence[Score]) -> None:
+    counts = confusion(scores)
+    cells = [
+        {"hidden": row, "named": column, "sets": counts.get((row, column), 0)} for row in rows() for column in columns()
+    ]
+    write_lines(folder / f"confusion_{of}.csv", [cell for cell in cells if cell["sets"]])
+    right = {row: (row,) for row in rows()} | {"clean": (NOTHING,)}
+    right |= dict.fromkeys(OUTSIDE, (UNEXPLAINED,)) | {
+        "two": tuple(c for c in columns() if c not in (NOTHING, UNEXPLAINED))
+    }
+    with settings():
+        drawn = confusion_matrix(counts, rows(), columns(), right, f"Blind tests, {of}")
+        (folder / f"confusion_{of}.svg").write_bytes(drawn.svg())
+
+
+if __name__ == "__main__":
+    run_script(main)
