@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.evidence import Evidence, gram_of, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import ONSET_STEP, Candidate, Screen, fingerprints
@@ -95,11 +95,9 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     for duration in durations:
         white = _steps(evidence, coefficients, onsets, duration)
         for r in range(len(base.flight.records)):
-            for i, onset in enumerate(onsets):
-                own = white[:, r, :, i :: len(onsets)].reshape(-1, len(coefficients))
-                statistic, sizes, stds = _joint(evidence, r, own)
-                if best is None or statistic > best[0]:
-                    best = (statistic, r, float(onset), duration, sizes, stds)
+            for onset, found in zip(onsets, _joint(evidence, r, white[:, r], len(coefficients)), strict=True):
+                if best is None or found[0] > best[0]:
+                    best = (found[0], r, float(onset), duration, found[1], found[2])
     if best is None:
         return []
     statistic, r, onset, duration, sizes, stds = best
@@ -124,23 +122,29 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
 
 
 def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> np.ndarray:
-    """(N, R, ny, coefficients x onsets) whitened responses to unit steps."""
+    """(N, R, ny, onsets x coefficients) whitened responses to unit steps."""
     base = evidence.fit
     since = base.batch.t - base.batch.t[0]
     shapes = np.stack([operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in onsets], axis=2)
-    stations = [base.model.disturbances.index(f"d{c}") for c in coefficients for _ in onsets]
-    return base.filter.whiten_histories(stations, np.tile(shapes, (1, 1, len(coefficients))))
+    stations = [base.model.disturbances.index(f"d{c}") for _ in onsets for c in coefficients]
+    return base.filter.whiten_histories(stations, np.repeat(shapes, len(coefficients), axis=2))
 
 
-def _joint(evidence: Evidence, r: int, own: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """(statistic, sizes, 1-sigmas) of several causes of record r together, fitted slots eliminated."""
-    cross = evidence.by_record[r].T @ own
-    gram = own.T @ own - cross.T @ evidence.covariance @ cross
-    match = own.T @ evidence.fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(gram * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
-    sizes = inverse @ match
-    return float(match @ sizes), sizes, np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+def _joint(
+    evidence: Evidence, r: int, white: np.ndarray, together: int
+) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """(statistic, sizes, 1-sigmas) of every `together` neighbouring columns of white (N, ny, columns) of record r as
+    causes that act together, fitted slots eliminated."""
+    columns = white.reshape(-1, white.shape[2])
+    gram, cross = gram_of(columns), evidence.by_record[r].T @ columns
+    match = columns.T @ evidence.fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
+    for first in range(0, columns.shape[1], together):
+        own = slice(first, first + together)
+        left = gram[own, own] - cross[:, own].T @ evidence.covariance @ cross[:, own]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
+        inverse = np.linalg.pinv(left * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
+        sizes = inverse @ match[own]
+        yield float(match[own] @ sizes), sizes, np.sqrt(np.maximum(np.diag(inverse), 1e-300))
 
 
 def further_records(evidence: Evidence, one: Attached) -> Attached:

@@ -54,7 +54,7 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     for r in range(len(fit.batch.names)):
         slots = fit.columns[:, r].reshape(fit.white[:, r].size, k)
         by_record.append(np.hstack([slots, small[:, r].reshape(len(slots), -1)]) if small is not None else slots)
-    information = sum(_gram(flat) for flat in by_record) + np.zeros((k + len(terms),) * 2)
+    information = sum(gram_of(flat) for flat in by_record) + np.zeros((k + len(terms),) * 2)
     information[range(k), range(k)] += fit.prior_weight
     information[range(k, len(information)), range(k, len(information))] += 1.0
     gradient = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(k + len(terms))
@@ -76,7 +76,7 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     )
 
 
-def _gram(columns: np.ndarray) -> np.ndarray:
+def gram_of(columns: np.ndarray) -> np.ndarray:
     """columns' columns, at half the cost of the product."""
     if not columns.shape[1]:
         return np.zeros((0, 0))

@@ -294,21 +294,30 @@ def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tu
     fitted derivatives hide a loss that is in most records, so that single records say little.
     """
 
-    def best(parts: list[Fingerprint], chosen: list[int], at: int) -> tuple[float, Fingerprint]:
-        keep = np.stack([_subset([r], R) for r in chosen])
-        scores = [judge.score([*parts[:at], p, *parts[at + 1 :]], keep)[0] for p in prints]
-        return max(scores), prints[int(np.argmax(scores))]
+    square, cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
+    match = np.stack([p.match for p in prints]) - cross @ judge.newton
+    spent = cross @ judge.covariance
+    alone = square - np.sum(spent * cross, axis=2)
+
+    def best(others: Mapping[int, int], r: int) -> tuple[float, int]:
+        """Largest statistic and its fingerprint in record r, beside the fingerprints of other records."""
+        fixed = sum((cross[p, s] for s, p in others.items()), np.zeros(cross.shape[2]))
+        whole = square[:, r] + sum(square[p, s] for s, p in others.items())
+        left = alone[:, r] + sum(square[p, s] for s, p in others.items())
+        left = left - 2.0 * spent[:, r] @ fixed - float(fixed @ judge.covariance @ fixed)
+        total = match[:, r] + sum(match[p, s] for s, p in others.items())
+        enough = left > np.maximum(_SURVIVING**2, 1e-9) * np.maximum(whole, 1e-300)
+        statistic = np.where(enough, total**2 / np.where(enough, left, 1.0), 0.0)
+        return float(statistic.max()), int(np.argmax(statistic))
 
     sets: list[tuple[list[Fingerprint], list[int]]] = []
     for first in range(R):
-        parts, chosen = [best([prints[0]], [first], 0)[1]], [first]
-        sets.append((list(parts), list(chosen)))
+        chosen = {first: best({}, first)[1]}
+        sets.append(([prints[p] for p in chosen.values()], list(chosen)))
         while len(chosen) < R:
-            rest = [r for r in range(R) if r not in chosen]
-            grown = [(*best([*parts, prints[0]], [*chosen, r], len(parts)), r) for r in rest]
-            _, added, record = max(grown, key=lambda g: g[0])
-            parts, chosen = [*parts, added], [*chosen, record]
-            for at in range(len(chosen)):
-                parts[at] = best(parts, chosen, at)[1]
-            sets.append((list(parts), list(chosen)))
+            _, added, record = max((*best(chosen, r), r) for r in range(R) if r not in chosen)
+            chosen[record] = added
+            for r in chosen:
+                chosen[r] = best({s: p for s, p in chosen.items() if s != r}, r)[1]
+            sets.append(([prints[p] for p in chosen.values()], list(chosen)))
     return sets

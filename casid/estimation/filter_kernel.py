@@ -17,6 +17,7 @@ _MOST = 64  # states, outputs; beyond that numpy does the work
 
 _SOURCE = r"""
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #ifdef __SSE__
 #include <xmmintrin.h>
@@ -170,15 +171,18 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
             const double *root, const double *Y, const double *F, const double *E0, long nw, const long *station,
             const double *series, const double *Dw, const double *B0, const double *B1, double *white, double *states)
 {
-    tile E[MOST], e[MOST], out[MOST], next[MOST];
+    tile e[MOST], out[MOST], next[MOST];
+    long tiles = (nc + TILE - 1) / TILE;
+    tile *all = aligned_alloc(sizeof(tile), tiles * n * sizeof(tile));
     BEGIN
     memset(e, 0, sizeof e); memset(next, 0, sizeof next);
-    for (long r = 0; r < R; r++) for (long first = 0; first < nc; first += TILE) {
-        long width = nc - first < TILE ? nc - first : TILE;
-        memset(E, 0, sizeof E);
-        if (E0) load(n, nc, width, E0 + r * n * nc + first, E);
-        for (long k = 0; k < N; k++) {
-            long at = k * R + r;
+    for (long r = 0; r < R; r++) {
+        memset(all, 0, tiles * n * sizeof(tile));
+        if (E0) for (long b = 0; b < tiles; b++)
+            load(n, nc, nc - b * TILE < TILE ? nc - b * TILE : TILE, E0 + r * n * nc + b * TILE, all + b * n);
+        for (long k = 0; k < N; k++) for (long b = 0; b < tiles; b++) {
+            long at = k * R + r, first = b * TILE, width = nc - first < TILE ? nc - first : TILE;
+            tile *E = all + b * n;
             if (states) for (long i = 0; i < n; i++)
                 memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
             if (Y) load(ny, nc, width, Y + at * ny * nc + first, e);
@@ -188,7 +192,7 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
             multiply(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
             for (long i = 0; i < ny; i++)
                 memcpy(white + ((r * N + k) * ny + i) * nc + first, out[i].d, width * sizeof(double));
-            if (k == N - 1) break;
+            if (k == N - 1) continue;
             if (F) load(nx, nc, width, F + at * nx * nc + first, next);
             else {
                 enter(nx, nw, width, station + first, B0 + at * nx * nw, series + at * nc + first, next, 0);
@@ -201,6 +205,7 @@ void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, 
         }
     }
     END
+    free(all);
 }
 
 /* Bryson-Frazier: deviation (N,R,n) from white (R,N,ny) and predicted states (N,R,n) of one column */
