@@ -117,6 +117,22 @@ def test_every_series_and_output_effect_changes_something_at_every_size_of_its_g
                 assert np.abs(series - reference).max() > 1e-4, (effect.name, further)
 
 
+def test_values_of_which_only_the_size_counts_are_even():
+    """What is told without its sign acts the same with either sign."""
+    t = np.arange(0.0, 10.0, 0.02)
+    known = readings(t)
+    unsigned = [e for e in CATALOGUE if e.unsigned]
+    assert {e.name for e in unsigned} >= {"actuator_lag(delta_e)", "sensor_lag(q)", "unsteady_aero(Cm, lagged)"}
+    for effect in unsigned:
+        values = {"value": 0.05, **effect.grid[0]}
+        mirrored = {name: -v if name in effect.unsigned else v for name, v in values.items()}
+        produce = effect.series or effect.output
+        assert produce is not None
+        for name, series in produce(t, known, values).items():
+            np.testing.assert_array_equal(produce(t, known, mirrored)[name], series, err_msg=effect.name)
+        assert effect.in_words(mirrored) == values
+
+
 def test_an_effect_in_the_aircraft_file_is_a_parameter_with_the_value_of_the_file():
     given = EffectValue(kind="cg_offset", target="x", value=0.12)
     model = aircraft_model(AIRCRAFT.with_effects([given]))

@@ -74,8 +74,8 @@ def _as_in(final: Fit, trial: Trial) -> Trial:
 
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
     one, names = trial.candidate.attached, naming.evidence.fit.batch.names
-    effect, value = one.effect, float(one.values["value"])
-    dof = len(one.values)
+    effect, values = one.effect, one.effect.in_words(one.values)
+    dof, value = len(values), values["value"]
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=trial.std, unit=effect.unit,
         records=tuple(one.onsets) if effect.timed else one.records or names,
@@ -83,7 +83,7 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
         statistic=trial.gain, dof=dof, p_value=float(stats.chi2.sf(max(trial.gain, 0.0), dof)), held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
         sentence=_sentence(one, value, len(names)),
-        parameters={k: float(v) for k, v in one.values.items() if k != "value"},
+        parameters={k: v for k, v in values.items() if k != "value"},
         meaningful=trial.meaningful, share=trial.share,
     )  # fmt: skip
 

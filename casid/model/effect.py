@@ -44,6 +44,7 @@ class Effect:
                  otherwise (lag, dead zone) sizes of `grid` are tried
     grid         values of the further parameters (and of "value" when not linear) that a screening tries
     defaults     further parameters that an aircraft file may leave out
+    unsigned     values of which only the size counts: a fit may come out on either side of zero
     timed        it begins at an onset [s] of its own in every record concerned
 
     How its size is judged:
@@ -78,6 +79,7 @@ class Effect:
     linear: bool = True
     grid: tuple[Mapping[str, float], ...] = ({},)
     defaults: Mapping[str, float] = field(default_factory=dict)
+    unsigned: tuple[str, ...] = ()
     timed: bool = False
     meaningful: float | Callable[[Aircraft], float] | None = None
     limit: float = np.inf
@@ -138,6 +140,10 @@ class Effect:
     def quasi_steady(self) -> bool:
         """Whether it is a term of the present regressors, and of no rate of them."""
         return self.regressor is not None and "dot" not in self.regressor
+
+    def in_words(self, values: Values) -> dict[str, float]:
+        """Fitted values as they are told and written into a file."""
+        return {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
 
     def smallest_that_matters(self, aircraft: Aircraft) -> float | None:
         """`meaningful` for this aircraft."""

@@ -14,15 +14,16 @@ _DEG = np.pi / 180.0
 
 
 def _surface_operator(
-    kind: str, surface: str, sizes: Iterable[float], operate: Callable, meaningful: float, limit: float
-) -> Effect:
+    kind: str, surface: str, sizes: Iterable[float], operate: Callable, meaningful: float, limit: float,
+    unsigned: tuple[str, ...] = ("value",),
+) -> Effect:  # fmt: skip
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
         return {f"d_{surface}": operate(t, recorded, values["value"]) - recorded}
 
     return Effect(
         kind=kind, target=surface, linear=False, grid=tuple({"value": v} for v in sizes), series=series,
-        meaningful=meaningful, limit=limit,
+        unsigned=unsigned, meaningful=meaningful, limit=limit,
     )  # fmt: skip
 
 
@@ -39,7 +40,7 @@ def actuator_lag(surface: str) -> Effect:
     sentence="The {label} follows its command {size} late.",
 )  # fmt: skip
 def input_delay(surface: str) -> Effect:
-    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2), operators.delay, 0.01, 0.5)
+    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2), operators.delay, 0.01, 0.5, ())
 
 
 @cause(

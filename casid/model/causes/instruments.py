@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,9 @@ def sensor_scale(target: str) -> Effect:
     )  # fmt: skip
 
 
-def _slow_reading(kind: str, target: str, operate: Callable, instrument: Callable | None = None) -> Effect:
+def _slow_reading(
+    kind: str, target: str, operate: Callable, instrument: Callable | None = None, unsigned: tuple[str, ...] = ()
+) -> Effect:
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
         return {c: operate(t, readings[c], values["value"]) for c in group_channels(target) if c in readings}
 
@@ -73,7 +76,7 @@ def _slow_reading(kind: str, target: str, operate: Callable, instrument: Callabl
     return Effect(
         kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
         kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)), output=output,
-        undo=undo, instrument=instrument, meaningful=0.01, limit=1.0,
+        undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0,
     )  # fmt: skip
 
 
@@ -90,10 +93,11 @@ def sensor_delay(target: str) -> Effect:
     sentence="The measured {label} lags with a time constant of {size}.",
 )  # fmt: skip
 def sensor_lag(target: str) -> Effect:
+    def instrument(true: Any, read: Any, values: Symbols) -> Any:
+        return (true - read) / values["value"]
+
     # shorter than a sampling interval a lag cannot be told from a delay, and `undo` takes it for one
-    return _slow_reading(
-        "sensor_lag", target, operators.lag, lambda true, read, values: (true - read) / values["value"]
-    )
+    return _slow_reading("sensor_lag", target, operators.lag, instrument, ("value",))
 
 
 _DRIVEN_BY = {
