@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -101,6 +102,15 @@ def test_kernel_equals_casadi_with_the_control_law_in_the_loop():
 @needs_compiler
 def test_kernel_equals_casadi_with_missing_samples():
     found = compare(do328_problem("B", missing=True), MultipleShooting(interval=25))
+    assert max(found.values()) < 1e-10, found
+
+
+@needs_compiler
+@pytest.mark.parametrize("missing", [False, True])
+def test_kernel_equals_casadi_with_correlated_noise(missing):
+    problem, rng = do328_problem("B", missing=missing), np.random.default_rng(8)
+    factor = np.array(list(problem.noise.values()))[:, None] * (np.eye(5) + 0.5 * np.tril(rng.standard_normal((5, 5))))
+    found = compare(replace(problem, noise=factor @ factor.T), MultipleShooting(interval=25))
     assert max(found.values()) < 1e-10, found
 
 

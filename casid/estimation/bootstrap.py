@@ -61,7 +61,7 @@ class Bootstrap:
 
 
 def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, float]) -> Problem:
-    """The problem of a fit with data drawn from it: predicted outputs, white noise of the fit's levels, the same
+    """The problem of a fit with data drawn from it: predicted outputs, white noise of the fit's covariance, the same
     samples missing; white noise of 1-sigma `input_noise` (input -> value, SI) on the inputs that the estimator sees.
 
     It starts at the fit's estimates. Raises EstimationError for EquationError, which predicts no data.
@@ -72,14 +72,18 @@ def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, 
     for name in input_noise:
         if name not in problem.model.inputs:
             raise unknown("input", name, problem.model.inputs, "bootstrap: input_noise")
+    root = np.linalg.cholesky(fit.noise_covariance[: len(outputs), : len(outputs)])
     records = []
     for record in problem.records:
         predicted = fit.predictions[record.name]
-        drawn = {}
+        drawn, white = {}, np.zeros((len(record), len(outputs)))
         for i, name in enumerate(outputs):
             if name in record:
-                noisy = predicted[:, i] + fit.noise.get(name, 0.0) * rng.standard_normal(len(record))
-                drawn[name] = np.where(np.isfinite(record[name]), noisy, np.nan)
+                white[:, i] = rng.standard_normal(len(record))
+        noisy = predicted[:, : len(outputs)] + white @ root.T
+        for i, name in enumerate(outputs):
+            if name in record:
+                drawn[name] = np.where(np.isfinite(record[name]), noisy[:, i], np.nan)
         for name, sigma in input_noise.items():
             drawn[name] = record[name] + sigma * rng.standard_normal(len(record))
         records.append(record.with_channels(**drawn))

@@ -73,10 +73,10 @@ def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
     if isinstance(method, MultipleShooting) and method.process_noise:
         if isinstance(problem.cost, EquationError):
             raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
-        if problem.noise is None or isinstance(problem.noise, RangeWeights):
+        if problem.noise is None or isinstance(problem.noise, RangeWeights | str):
             raise EstimationError(
                 "solve: with process noise the measurement noise cannot be read off the residuals; "
-                "give Problem(noise={channel: 1-sigma, ...})"
+                "give Problem(noise={channel: 1-sigma, ...}) or its covariance"
             )
 
 
@@ -95,10 +95,11 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
     return Fit(
         problem=problem, values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
         uncertainty=errors, status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin,
-        cost=value.cost,
-        log_likelihood=_log_likelihood(residuals, sigma), stationarity=outcome.stationarity,
+        cost=value.cost, prior_cost=value.rest, log_likelihood=levels.log_likelihood(value.squares),
+        stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
         noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]}, channels=channels,
+        noise_covariance=levels.matrix if levels.full else np.diag(sigma**2),
         predictions=predicted, residuals=residuals, states=_states(objective, outcome),
         multipliers=outcome.limit_multipliers, method=type(method).__name__, solver=type(solver).__name__,
     )  # fmt: skip
@@ -148,13 +149,3 @@ def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
         )
         for r, record in enumerate(objective.problem.records)
     }  # fmt: skip
-
-
-def _log_likelihood(residuals: dict[str, np.ndarray], sigma: np.ndarray) -> float:
-    total = 0.0
-    for array in residuals.values():
-        white = array / sigma
-        total -= 0.5 * float(np.nansum(white**2)) + float(
-            (np.isfinite(array).sum(axis=0) * np.log(sigma * np.sqrt(2 * np.pi))).sum()
-        )
-    return total

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from casid.errors import EstimationError, unknown
-from casid.estimation.cost import OutputError, RangeWeights
+from casid.estimation.cost import OutputError
 from casid.estimation.filter_system import FilterSystem, Step, evaluate_step, trajectory_step
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
 from casid.estimation.kalman import Filter, kalman_filter, residual_column
@@ -170,8 +170,11 @@ def predict(problem: Problem, values: Mapping[str, float], noise: NoiseModel, re
 
 def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSystem:
     model = problem.model
-    if not isinstance(problem.cost, OutputError) or isinstance(problem.noise, RangeWeights) or problem.constraints:
-        raise EstimationError("filter_error: takes OutputError, noise by maximum likelihood or given, no constraints")
+    independent = problem.noise is None or isinstance(problem.noise, Mapping)
+    if not isinstance(problem.cost, OutputError) or not independent or problem.constraints:
+        raise EstimationError(
+            "filter_error: takes OutputError, independent noise by maximum likelihood or given, no constraints"
+        )
     if problem.initial_state.value or problem.initial_state.std:
         raise EstimationError("filter_error: initial states are free with a wide prior; leave initial_state out")
     if not model.disturbances:

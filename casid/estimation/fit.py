@@ -55,9 +55,11 @@ class Fit:
     values            name -> estimate; a per-record one is named "bias_q[m1]"; `parameters` has them with their errors
     uncertainty       the standard errors, computed when they are asked for
     status            "converged", or in words why not; `converged` is its truth value
-    cost              1/2 sum of squares of all weighted residuals, priors included, at the final weights
-    log_likelihood    of the residuals under independent normal noise of `noise`
-    noise             channel -> 1-sigma that the weights stand for (range weights: what the residuals show)
+    cost              1/2 sum of squares of all weighted residuals, priors included, at the final weights;
+                      prior_cost is the part of the priors (of process noise too, where there is any)
+    log_likelihood    of the residuals under normal noise of `noise_covariance`
+    noise             channel -> 1-sigma that the weights stand for (range weights: what the residuals show);
+                      noise_covariance (channels, channels) likewise, with their correlations where those are considered
     stationarity      length of a further Gauss-Newton step in standard deviations of the solution
     defect            largest scaled state defect, zero but for rounding where defects are hard
     predictions, residuals   record -> (N, channels) in the order of `channels`; residual = measured - predicted, NaN
@@ -73,10 +75,12 @@ class Fit:
     iterations: int
     seconds: float
     cost: float
+    prior_cost: float
     log_likelihood: float
     stationarity: float
     defect: float
     noise: Mapping[str, float]
+    noise_covariance: np.ndarray
     channels: Mapping[str, ChannelFit]
     predictions: Mapping[str, np.ndarray]
     residuals: Mapping[str, np.ndarray]
@@ -184,10 +188,10 @@ def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
     """Statistics of one channel over all its samples; NaN are missing."""
     good = np.isfinite(measured)
     z, y = measured[good], predicted[good]
-    rms = float(np.sqrt(np.mean((z - y) ** 2)))
-    spread = float(np.mean((z - z.mean()) ** 2))
-    size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(y**2)))
+    count, error, centred = len(z), z - y, z - z.mean()
+    rms, spread = math.sqrt(error @ error / count), float(centred @ centred) / count
+    size = math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
     return ChannelFit(
         rms=rms, R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
-        theil=rms / size if size > 0 else 0.0, samples=int(good.sum()),
+        theil=rms / size if size > 0 else 0.0, samples=count,
     )  # fmt: skip

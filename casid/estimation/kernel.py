@@ -21,7 +21,8 @@ _LOG = logging.getLogger(__name__)
 # with the vector mathematics of glibc where that exists
 _GLIBC = platform.libc_ver()[0] == "glibc" and platform.machine() == "x86_64"
 FLAGS = (
-    "-O2", "-march=native", "-fno-math-errno", "-shared", "-fPIC", *(("-DCASID_MVEC", "-lmvec") if _GLIBC else ())
+    "-O2", "-funroll-loops", "-march=native", "-fno-math-errno", "-shared", "-fPIC",
+    *(("-DCASID_MVEC", "-lmvec") if _GLIBC else ()),
 )  # fmt: skip
 _COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.2, 1.2e-4  # s, measured with gcc on one core
 _SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
@@ -65,11 +66,12 @@ class Kernel:
         self._simulate, self._linearise, self._reduce = loaded.simulate, loaded.linearise, loaded.reduce
         self._simulate.argtypes = (number, number, *[address] * 9)
         self._linearise.argtypes = (number, number, *[address] * 5, number, *[address] * 7)
-        self._reduce.argtypes = (number, *[address] * 6, ctypes.c_double, *[address] * 4)
+        self._reduce.argtypes = (number, *[address] * 10)
         self._simulate.restype = self._linearise.restype = None
         self._work = loaded.work
         self._work.argtypes, self._work.restype = (number,), number
         self._space = np.empty(0)
+        self._below = np.tril_indices(sizes.o)
 
     def pack(self, layout: Layout) -> Packed:
         """The data of a layout; the last block is filled up with the last segment."""
@@ -113,15 +115,14 @@ class Kernel:
             covariance=np.empty((count, n, n)) if self.sizes.v else None,
             rows=np.zeros((count, length, o, nf)) if rows else None,
         )  # fmt: skip
-        below = np.tril_indices(o)
         _call(self._linearise, count, length, packed.live, packed.data, nodes, parameters,
-              weights[:, below[0], below[1]], is_dense(weights), intensity, found.hessian, found.channel_gradient,
+              weights[:, *self._below], is_dense(weights), intensity, found.hessian, found.channel_gradient,
               found.transition, found.end, found.covariance, found.rows)  # fmt: skip
         return found
 
     def reduce(
         self, hessian: np.ndarray, gradient: np.ndarray, transition: np.ndarray, defect: np.ndarray,
-        covariance: np.ndarray | None, scale: np.ndarray, cost_scale: float,
+        covariance: np.ndarray | None, scale: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """states (M, n, 1+f), multipliers (M-1, n, 1+f) and (f, 1+f) minus the gradient and information, see `kkt`; not
         for two threads at once. Raises numpy.linalg.LinAlgError when the system is singular."""
@@ -131,7 +132,7 @@ class Kernel:
             self._space = _aligned((size,))
         states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
         information = np.empty((self.sizes.f, sides))
-        if _call(self._reduce, count, hessian, gradient, transition, defect, covariance, scale, cost_scale, self._space,
+        if _call(self._reduce, count, hessian, gradient, transition, defect, covariance, scale, self._space,
                  states, multipliers, information):  # fmt: skip
             raise np.linalg.LinAlgError("singular states and multipliers")
         return states, multipliers, information

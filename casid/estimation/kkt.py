@@ -70,13 +70,10 @@ class BandedKKT:
 
         Raises numpy.linalg.LinAlgError when the system is singular.
         """
-        n = self.n
-        diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
-        so = 1.0 / max(float(diagonal.max(axis=1).mean()), 1e-300)
         if kernel is None:
-            a, b = transition[:-1, :, :n], transition[:-1, :, n:]
-            return self._by_lapack(hessian, gradient, a, b, defect, covariance, scale, so)
-        states, multipliers, information = kernel.reduce(hessian, gradient, transition, defect, covariance, scale, so)
+            a, b = transition[:-1, :, : self.n], transition[:-1, :, self.n :]
+            return self._by_lapack(hessian, gradient, a, b, defect, covariance, scale)
+        states, multipliers, information = kernel.reduce(hessian, gradient, transition, defect, covariance, scale)
         if not np.isfinite(information).all():  # every unknown is in it
             raise np.linalg.LinAlgError("singular states and multipliers")
         reduced = information[:, 1:]
@@ -87,10 +84,12 @@ class BandedKKT:
 
     def _by_lapack(
         self, hessian: np.ndarray, gradient: np.ndarray, a: np.ndarray, b: np.ndarray, defect: np.ndarray,
-        covariance: np.ndarray | None, scale: np.ndarray, so: float,
+        covariance: np.ndarray | None, scale: np.ndarray,
     ) -> Reduced:  # fmt: skip
         n, m = self.n, self.segments
         f = hessian.shape[1] - n
+        diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
+        so = 1.0 / max(float(diagonal.max(axis=1).mean()), 1e-300)
         outer = scale[:, None] * scale
         flat = self._band_storage
         flat[:] = 0.0

@@ -12,6 +12,11 @@ REDUCE = r"""
 #define SIDES (F + 1)
 #define RIGHT ((SIDES + W - 1) / W)
 #define UNKNOWNS(count) (N * (2 * (count) - 1))
+#if defined(__GNUC__) && !defined(__clang__)
+#define UNROLLED __attribute__((optimize("O3"))) /* at -O2 gcc keeps the short loops over vectors as loops */
+#else
+#define UNROLLED
+#endif
 typedef double U __attribute__((vector_size(8 * W), aligned(8), may_alias)); /* a vector that starts anywhere */
 
 /* doubles of work space that `reduce` needs */
@@ -26,14 +31,18 @@ static inline void exchange(double *a, double *b, int vectors)
     }
 }
 
-static int solve_banded(long size, double *a, U (*b)[RIGHT])
+UNROLLED static int solve_banded(long size, double *a, U (*b)[RIGHT])
 {
     for (long j = 0; j < size; j++) {
         const long last = j + BAND < size ? j + BAND : size - 1;
         double *top = a + j * ROW + BAND;
         long pivot = j;
-        for (long r = j + 1; r <= last; r++)
-            if (fabs(a[r * ROW + BAND + j - r]) > fabs(a[pivot * ROW + BAND + j - pivot])) pivot = r;
+        double largest = fabs(top[0]);
+        for (long r = j + 1; r <= last; r++) {
+            const double size = fabs(a[r * ROW + BAND + j - r]);
+            pivot = size > largest ? r : pivot;
+            largest = size > largest ? size : largest;
+        }
         double *row = a + pivot * ROW + BAND + j - pivot;
         if (!(fabs(row[0]) > 0.0)) return 1;
         if (pivot != j) {
@@ -65,16 +74,27 @@ static int solve_banded(long size, double *a, U (*b)[RIGHT])
 }
 
 /* hessian (count, NF, NF), gradient (count, NF), transition (count, N, NF), defect (count-1, N), covariance
-   (count-1, N, N) or NULL, scale (N), so scales the cost; states (count, N, SIDES), multipliers (count-1, N, SIDES),
+   (count-1, N, N) or NULL, scale (N); states (count, N, SIDES), multipliers (count-1, N, SIDES),
    information (F, SIDES): its column 0 is minus the gradient. 1 when the system is singular. */
+UNROLLED
 int reduce(long count, const double *hessian, const double *gradient, const double *transition, const double *defect,
-           const double *covariance, const double *scale, double so, double *space, double *states,
+           const double *covariance, const double *scale, double *space, double *states,
            double *multipliers, double *information)
 {
     const long size = UNKNOWNS(count);
     U (*b)[RIGHT] = (U (*)[RIGHT])space;
     double *a = space + size * RIGHT * W;
     memset(space, 0, work(count) * sizeof(double));
+    double so = 0.0; /* scales the cost: mean of the largest scaled curvatures of the nodes */
+    for (long k = 0; k < count; k++) {
+        double largest = 0.0;
+        for (int i = 0; i < N; i++) {
+            const double own = hessian[(k * NF + i) * NF + i] * scale[i] * scale[i];
+            largest = own > largest ? own : largest;
+        }
+        so += largest;
+    }
+    so = count / (so > 1e-300 ? so : 1e-300);
     for (long k = 0; k < count; k++) {
         const double *h = hessian + k * NF * NF, *g = gradient + k * NF, *t = transition + k * N * NF;
         for (long i = 0, row = 2 * N * k; i < N; i++, row++) {

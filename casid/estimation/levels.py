@@ -79,6 +79,16 @@ class NoiseLevels:
         """Half the sum of squared weighted residuals, from sums of squared residuals."""
         return 0.5 * float((self.share * squares / self.sigma**2).sum())
 
+    @property
+    def matrix(self) -> np.ndarray:
+        """(channels, channels) covariance."""
+        return np.diag(self.sigma**2)
+
+    def log_likelihood(self, squares: np.ndarray) -> float:
+        """Of residuals with these sums of squares; with range weights, under the noise that the residuals show."""
+        sigma = self.rms(squares) if self.proportional else self.sigma
+        return -float((0.5 * squares / sigma**2 + self.present * np.log(sigma * np.sqrt(2 * np.pi))).sum())
+
     def concentrated(self, squares: np.ndarray) -> float:
         """The cost with sigma at its optimum for these residuals, up to a constant (same slope as `cost` there)."""
         rms, counts = self.rms(squares), self.share * self.present

@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.errors import EstimationError
 from casid.estimation.collocation import LiftedCollocation
 from casid.estimation.cost import cost_weights
 from casid.estimation.equation_part import EquationPart, EquationValue
+from casid.estimation.full_noise import FullNoise, moments_of
 from casid.estimation.kkt import BandedKKT, Reduced
 from casid.estimation.layout import Layout
 from casid.estimation.levels import NoiseLevels
@@ -38,8 +40,8 @@ class Point:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Value:
     """cost at a point: `rest` of priors and process noise, and what `squares` (channels,), the sums of squared
-    residuals, cost at the present noise; constraint residuals: defects (T, n), limits (rows,) beyond the linear limits,
-    gap of collocation."""
+    residuals (with a full covariance their moments, see full_noise), cost at the present noise; constraint residuals:
+    defects (T, n), limits (rows,) beyond the linear limits, gap of collocation."""
 
     cost: float
     rest: float
@@ -100,6 +102,8 @@ class Objective:
         n = len(problem.model.states)
         self.scale = problem.model.scale_vector()
         self.rows, self.lower, self.upper = problem.linear_rows
+        own = [problem.columns(r) for r in range(len(problem.records))]
+        self._columns = [(columns, np.ix_(columns, columns)) for columns in own]
         self.factor: np.ndarray | None = None  # (T, n, n) square root of the covariance of soft defects
         if layout is not None:
             self.layout = layout
@@ -125,14 +129,23 @@ class Objective:
 
     # ---- weights
 
-    def _noise_levels(self) -> NoiseLevels:
+    def _noise_levels(self) -> NoiseLevels | FullNoise:
         measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
         if self.equations is not None:
             measured = _side_by_side(measured, np.concatenate(self.equations.targets()))
         outputs = len(self.problem.model.outputs) if self.dynamics is not None else 0
         share = np.full(measured.shape[1], self.equation_share)
         share[:outputs] = self.part
-        return NoiseLevels(self.problem.noise, self.channel_names, measured, share)
+        noise = self.problem.noise
+        if not isinstance(noise, str | np.ndarray):
+            return NoiseLevels(noise, self.channel_names, measured, share)
+        independent, seen = NoiseLevels(None, self.channel_names, measured, share), self.layout.seen
+        return FullNoise(
+            names=self.channel_names, start=independent.sigma, floor=independent.floor,
+            given=noise if isinstance(noise, np.ndarray) else None, seen=seen,
+            counts=np.bincount(self.layout.pattern.ravel(), minlength=len(seen)),
+            measured=moments_of(self.layout.z, self.layout.pattern, seen),
+        )  # fmt: skip
 
     def _measured_outputs(self) -> np.ndarray:
         return np.concatenate([self.problem.measured(record) for record in self.problem.records])
@@ -150,7 +163,9 @@ class Objective:
 
     @property
     def output_weights(self) -> np.ndarray:
-        """(o,) factor of each output residual where their noise is independent."""
+        """(o,) factor of each output residual; raises EstimationError where their noise is correlated."""
+        if self.levels.full:
+            raise EstimationError("this takes independent noise of the outputs; the problem's has correlations")
         return np.sqrt(self.part) / self.levels.sigma[: len(self.problem.model.outputs)]
 
     @property
@@ -160,7 +175,9 @@ class Objective:
         return np.sqrt(self.equation_share) / self.levels.sigma[start:]
 
     def _squares(self, trajectory: Trajectory | None, equations: EquationValue | None) -> np.ndarray:
-        """(channels,) sums of squared residuals."""
+        """(channels,) sums of squared residuals; with a full covariance their moments."""
+        if self.levels.full and trajectory is not None:
+            return moments_of(trajectory.y - self.layout.z, self.layout.pattern, self.layout.seen)
         found = []
         if trajectory is not None and trajectory.squares is not None:
             found.append(trajectory.squares.sum(axis=0))
@@ -244,19 +261,19 @@ class Objective:
                 self.factor = _square_root(blocks.covariance[layout.tied], self.scale)
             for r in range(len(self.problem.records)):
                 reduced.append(self._reduce(r, blocks, point))
-                columns = self.problem.columns(r)
-                hessian[np.ix_(columns, columns)] += reduced[r].hessian
+                columns, grid = self._columns[r]
+                hessian[grid] += reduced[r].hessian
                 gradient[columns] += reduced[r].gradient
                 if not self.levels.fixed:
                     own = blocks.channel_gradient[layout.segments_of(r)]
                     along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
                     channels[: along.shape[0], columns] += along
         for r, residuals in enumerate(value.equations.residuals if value.equations is not None else ()):
-            columns = self.problem.columns(r)
+            columns, grid = self._columns[r]
             for samples, rows in self.equation_slabs(point, r):
                 residual = np.nan_to_num(residuals[samples]) * self.equation_weights
                 flat = rows.reshape(-1, rows.shape[2])
-                equation_hessian[np.ix_(columns, columns)] += flat.T @ flat
+                equation_hessian[grid] += flat.T @ flat
                 by_equation = np.einsum("kef,ke->ef", rows, residual)
                 channels[-len(by_equation) :, columns] += by_equation
                 gradient[columns] += by_equation.sum(axis=0)
@@ -328,7 +345,8 @@ class Objective:
 
     def _noise_curvature(self, linear: Linearised) -> np.ndarray:
         """What the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares) has the
-        term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each other."""
+        term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each other.
+        With a full covariance it is the part of the whitened channels' own variances."""
         if self.levels.proportional:
             return np.zeros_like(linear.hessian)
         counts = np.maximum(self.levels.share * self.levels.present, 1.0)

@@ -39,7 +39,9 @@ class Problem:
     start         start values by name (a per-record name without brackets means every record); default: nominal
     noise         None: the 1-sigma of every measured channel is estimated along with the parameters;
                   name -> 1-sigma of every output (and every equation, where the cost has any);
-                  RangeWeights(): weights by range (paper eq. 13)
+                  RangeWeights(): weights by range (paper eq. 13);
+                  "full": noise of the outputs is correlated, its covariance is estimated along with the parameters;
+                  an array (outputs, outputs): that covariance, in the order of `model.outputs`
     prior         use `model.prior_std` about the nominal values, for the free parameters that have one
     constraints   from `parameter`, `linear`, `path`
     feedback      digital control law in the loop: the records' inputs are then the commands that it adds to
@@ -55,7 +57,7 @@ class Problem:
     fixed: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     cost: Cost = field(default_factory=OutputError)
-    noise: Mapping[str, float] | RangeWeights | None = None
+    noise: Mapping[str, float] | RangeWeights | np.ndarray | str | None = None
     prior: bool = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
@@ -77,6 +79,12 @@ class Problem:
         _check_initial_state(self.model, self.initial_state)
         if self.feedback is not None and self.feedback.model is not self.model:
             raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")
+        if isinstance(self.noise, str) and self.noise != "full":
+            raise unknown("noise", self.noise, ("full",), "Problem")
+        if isinstance(self.noise, str | np.ndarray) and not isinstance(self.cost, OutputError):
+            raise EstimationError(
+                f"Problem: correlated noise is that of the outputs; {type(self.cost).__name__} takes noise per channel"
+            )
         for constraint in self.constraints:
             self._check_constraint(constraint)
 

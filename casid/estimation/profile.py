@@ -65,9 +65,7 @@ def profile(
 
 def negative_log_posterior(fit: Fit) -> float:
     """-ln L of a fit plus what its priors cost, up to a constant of the problem."""
-    sigma = np.array([fit.noise.get(name, np.inf) for name in fit.problem.model.outputs])
-    squares = sum(float(np.nansum((residuals / sigma) ** 2)) for residuals in fit.residuals.values())
-    return -fit.log_likelihood + fit.cost - 0.5 * squares
+    return fit.prior_cost - fit.log_likelihood
 
 
 def _check(fit: Fit, level: float, method: Transcription) -> None:

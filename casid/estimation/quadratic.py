@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
+from scipy.linalg import get_lapack_funcs, null_space
+
+_potrf, _potri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)
 
 
 def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
@@ -30,6 +32,16 @@ def inverse_along(free: np.ndarray, information: np.ndarray) -> np.ndarray:
     return free @ (scale[:, None] * np.linalg.inv(inner * np.outer(scale, scale)) * scale) @ free.T
 
 
+def _inverse(matrix: np.ndarray) -> np.ndarray | None:
+    """Of a positive definite matrix with a unit diagonal; None where its smallest eigenvalue is below about 1e-13."""
+    factor, info = _potrf(matrix, lower=1)
+    if info != 0:
+        return None
+    half, info = _potri(factor, lower=1, overwrite_c=1)
+    inverse = np.tril(half) + np.tril(half, -1).T
+    return inverse if info == 0 and np.linalg.norm(inverse) < 1e13 else None
+
+
 def parameter_step(
     hessian: np.ndarray, gradient: np.ndarray, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -40,9 +52,10 @@ def parameter_step(
     """
     scale = jacobi_scale(hessian)
     h, g = hessian * np.outer(scale, scale), gradient * scale
-    free = -np.linalg.solve(h, g) if np.linalg.eigvalsh(h)[0] > 1e-13 else None
-    if free is None:
+    inverse = _inverse(h)
+    if inverse is None:
         raise np.linalg.LinAlgError("the parameters cannot be told apart")
+    free = -inverse @ g
     if not len(rows):
         return free * scale, np.zeros(0)
     c = rows * scale
