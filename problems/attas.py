@@ -14,6 +14,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.estimation import Problem
+from casid.model.aircraft import Aircraft, Inertia
 from casid.model.system import Model, define_model
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_record
@@ -24,6 +25,7 @@ COLUMNS = ColumnMap.from_options(
         "t=1", "ax=2", "ay=3", "az=4", "p=7:deg/s", "q=8:deg/s", "r=9:deg/s", "phi=10:deg", "theta=11:deg",
         "psi=12:deg", "alpha=13:deg", "beta=14:deg", "V=15", "altitude=16:ft", "pdot=17:deg/s2", "qdot=18:deg/s2",
         "rdot=19:deg/s2", "delta_e=22:deg", "delta_a=0.5*29:deg,-0.5*28:deg", "delta_r=30:deg", "rho=34",
+        "thrust=1*37,1*38",
     ]
 )  # fmt: skip
 _GAP = 1.0  # s
@@ -33,6 +35,30 @@ LATERAL = {
     "Np": -0.17432, "Nr": -0.46721, "Nda": -0.36744, "Ndr": -1.69576, "Nb": 2.99233,
 }  # fmt: skip
 LONGITUDINAL = {"Za": -0.48336, "Ma": -4.92651, "Mq": -2.00573, "Mde": -7.20807}
+
+# handbook values of a twin-jet transport, good enough to start from; what is not here starts from zero
+_FIRST_GUESS = {
+    "CL_0": 0.2, "CL_alpha": 5.0, "CD_0": 0.03, "Cm_alpha": -1.0, "Cm_q": -15.0, "Cm_delta_e": -1.5, "CY_beta": -0.9,
+    "Cl_beta": -0.1, "Cl_p": -0.6, "Cl_delta_a": -0.2, "Cn_beta": 0.15, "Cn_r": -0.2, "Cn_delta_r": -0.15,
+}  # fmt: skip
+_LONGITUDINAL_TERMS, _LATERAL_TERMS = ("0", "alpha", "q", "delta_e"), ("0", "beta", "p", "r", "delta_a", "delta_r")
+_TERMS = {
+    "CL": _LONGITUDINAL_TERMS, "CD": ("0", "alpha", "delta_e"), "CY": _LATERAL_TERMS,
+    "Cl": _LATERAL_TERMS, "Cm": _LONGITUDINAL_TERMS, "Cn": _LATERAL_TERMS,
+}  # fmt: skip
+
+
+def aircraft() -> Aircraft:
+    """A linear aircraft file for the diagnosis: mass properties of the supplement, derivatives to be found.
+
+    One elevator, aileron and rudder angle; thrust, the sum of both engines, along the body axis through the c.g.
+    """
+    derivatives = {f"{c}_{term}": _FIRST_GUESS.get(f"{c}_{term}", 0.0) for c, terms in _TERMS.items() for term in terms}
+    return Aircraft(
+        name="ATTAS", mass=17631.0, inertia=Inertia(Ixx=1.33367e5, Iyy=2.52687e5, Izz=3.59593e5, Ixz=1.1442e4),
+        area=64.0, moment_length_lateral=21.5, moment_length_pitch=3.159, rate_length_lateral=10.75,
+        rate_length_pitch=1.5795, derivatives=derivatives,
+    )  # fmt: skip
 
 
 def records_from(folder: str | Path, name: str) -> list[Record]:

@@ -43,6 +43,7 @@ def flights(
     duration_s: float = 20.0,
     rate_hz: float = 25.0,
     disturbance: Mapping[str, np.ndarray] | None = None,
+    noise: Mapping[str, float] = NOISE,
 ) -> list[Record]:
     """`count` records m1, m2, ... with the hidden effects and any further `disturbance` flown, white noise added.
 
@@ -73,7 +74,7 @@ def flights(
             acting[station] = acting[station] + series
         flown = simulate(model, commanded, level.state, values, acting, substeps=2)
         read = readings(hidden, [name], t[:, None], flown.outputs[:, None], model.outputs, known)[:, 0]
-        measured = {o: read[:, model.outputs.index(o)] + rng.normal(0.0, s, len(t)) for o, s in NOISE.items()}
+        measured = {o: read[:, model.outputs.index(o)] + rng.normal(0.0, s, len(t)) for o, s in noise.items()}
         surfaces = {s: channels[s] + rng.normal(0.0, SURFACE_NOISE, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
         records.append(Record(name=name, t=t, channels={**channels, **surfaces, **measured}))
     return records

@@ -16,6 +16,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.naming import name_causes
+from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.statistics import channel_fits, free_simulation
@@ -65,6 +66,7 @@ def diagnose(
     fitted, held = split(records, hold_out)
     flight = prepare(aircraft, fitted)
     known = attached_effects(flight)
+    flight = with_noise_level(flight, known)
     stages.begin("kinematics")
     kinematic, instruments, turbulence = _kinematics(flight)
     stages.begin("baseline fit")

@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.estimation.innovations import Batch, NoiseModel, evaluate, make_batch
-from casid.estimation.noise import denoise, pooled_sigma
+from casid.estimation.noise import denoise, density_sigma, high_band_holds, motion_edge, pooled_sigma
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model, flight_inputs
@@ -27,6 +27,7 @@ from casid.model.system import Model
 from casid.records.record import Record
 from casid.signals import SURFACES
 
+_CLEARLY = 1.2  # ratio above which a noise density is more than a high band within its scatter
 _LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
 
 
@@ -36,6 +37,8 @@ class Flight:
 
     axes, outputs  which model the records can feed, and which channels it must explain
     sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
+    doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
+                   to be raised by `with_noise_above`
     quiet          the records with denoised inputs: what fingerprints of effects are made of. Noise in a recorded input
                    is noise in such a fingerprint too, and would match the residual that it causes itself
     """
@@ -47,6 +50,7 @@ class Flight:
     quiet: tuple[Record, ...]
     sigma: dict[str, float]
     input_sigma: dict[str, float]
+    doubted: tuple[str, ...] = ()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
 
     @property
@@ -67,6 +71,22 @@ class Flight:
 
     def batch(self, model: Model) -> Batch:
         return make_batch(model, self.records)
+
+    def with_noise_above(self, left: Sequence[Record]) -> Flight:
+        """This flight with the noise of doubted outputs as in `left`, what a fitted model leaves of every record.
+
+        Counted is what is left in the octave above the motion (`motion_edge`), and of that no more than was measured
+        there. Assumes that the noise is as dense below that octave as in it, and that what is left in it is no fault.
+        """
+        edge = motion_edge(self.records)
+        if edge == 0.0:
+            return self
+        raised = {}
+        for name in self.doubted:
+            density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in (left, self.records))
+            if density > _CLEARLY * self.sigma[name]:
+                raised[name] = density
+        return replace(self, sigma=self.sigma | raised, _models={})
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight."""
@@ -100,9 +120,12 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     }
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
     quiet = tuple(_with_quiet_inputs(record, input_sigma) for record in ready)
+    edge = motion_edge(ready)
+    doubted = tuple(o for o in outputs if not aircraft.noise.get(o) and not high_band_holds(ready, o, edge))
     return Flight(
-        aircraft=aircraft, axes=axes, outputs=outputs, records=ready, quiet=quiet, sigma=sigma, input_sigma=input_sigma
-    )
+        aircraft=aircraft, axes=axes, outputs=outputs, records=ready, quiet=quiet, sigma=sigma,
+        input_sigma=input_sigma, doubted=doubted,
+    )  # fmt: skip
 
 
 def _with_quiet_inputs(record: Record, input_sigma: dict[str, float]) -> Record:

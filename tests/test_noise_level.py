@@ -1,0 +1,98 @@
+"""Noise of channels that were filtered, quantised or neither: the density in the band of the motion is what counts.
+
+Truth: noise made here with a known density, added to simulated flights; white noise of 1-sigma s, low-pass filtered
+before sampling, keeps its density below the filter's corner. A factor of two covers the octave it is read from, the
+filter's own droop and the noise that recorded surfaces bring into the simulation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_flights import NOISE, flights
+from scipy import signal
+
+from casid.diagnosis.flight import Flight, prepare
+from casid.diagnosis.noise_level import with_noise_level
+from casid.estimation.noise import density_sigma, high_band_holds, motion_edge
+from casid.records.record import Record
+from problems.do328 import do328
+
+_OVERSAMPLING, _LEAD = 8, 200
+_FACTOR = 2.0
+
+
+def filtered_noise(rng: np.random.Generator, n: int, rate_hz: float, corner_hz: float) -> np.ndarray:
+    """(n,) unit white noise, Butterworth filtered of second order at several times the rate, then sampled."""
+    white = rng.normal(0.0, np.sqrt(_OVERSAMPLING), (n + _LEAD) * _OVERSAMPLING)
+    low_pass = signal.butter(2, corner_hz, fs=rate_hz * _OVERSAMPLING, output="sos")
+    return np.asarray(signal.sosfilt(low_pass, white))[_LEAD * _OVERSAMPLING :: _OVERSAMPLING]
+
+
+def measured(rate_hz: float, corner_hz: float, step: float) -> list[Record]:
+    """Do 328 flights with filtered noise of density as in NOISE, quantised in steps of `step` times that."""
+    rng, records = np.random.default_rng(5), []
+    count = 1 if rate_hz > 50.0 else 3  # enough samples, less to wait for
+    for record in flights(seed=1, count=count, rate_hz=rate_hz, noise=dict.fromkeys(NOISE, 0.0)):
+        channels = {}
+        for name, sigma in NOISE.items():
+            values = record[name] + sigma * filtered_noise(rng, len(record), rate_hz, corner_hz)
+            channels[name] = np.round(values / (step * sigma)) * step * sigma if step else values
+        records.append(record.with_channels(**channels))
+    return records
+
+
+def ratios(flight: Flight) -> np.ndarray:
+    return np.array([flight.sigma[name] / NOISE[name] for name in flight.outputs])
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 25.0, 50.0, 100.0])
+def test_white_noise_is_read_from_the_high_band(rate_hz: float) -> None:
+    flight = prepare(do328(), flights(seed=1, rate_hz=rate_hz))
+    assert flight.doubted == ()
+    assert with_noise_level(flight, []) is flight
+    np.testing.assert_allclose(ratios(flight), 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "corner_hz", "step"),
+    [(20.0, 5.0, 0.0), (25.0, 5.0, 0.0), (25.0, 10.0, 0.0), (50.0, 5.0, 0.05), (50.0, 10.0, 0.3), (100.0, 10.0, 0.0)],
+)
+def test_filtered_noise_has_the_density_below_its_filter(rate_hz: float, corner_hz: float, step: float) -> None:
+    flight = prepare(do328(), measured(rate_hz, corner_hz, step))
+    found = ratios(with_noise_level(flight, []))
+    assert found.min() > 1.0 / _FACTOR and found.max() < _FACTOR
+
+
+def test_the_high_band_of_filtered_noise_is_far_too_low() -> None:
+    """Second order: density falls by (f / corner)^2 in amplitude, so at 25 Hz to a hundredth and less of its power."""
+    flight = prepare(do328(), measured(50.0, 5.0, 0.0))
+    assert flight.doubted == flight.outputs
+    assert ratios(flight).max() < 0.15
+
+
+def test_noise_below_the_quantisation_is_not_believed() -> None:
+    """White noise of a fifth of the step: most differences vanish, and what is recorded is the rounding error."""
+    rng, t = np.random.default_rng(2), np.arange(0.0, 30.0, 0.02)
+    values = np.round((np.sin(t) + rng.normal(0.0, 0.002, len(t))) / 0.01) * 0.01
+    record = Record(name="m", t=t, channels={"theta": values})
+    assert not high_band_holds([record], "theta", 0.5)
+
+
+def test_density_of_a_channel_at_its_own_rate() -> None:
+    """Every fourth sample of white noise is white noise of the same 1-sigma at a quarter of the rate."""
+    rng, t = np.random.default_rng(3), np.arange(0.0, 80.0, 0.01)
+    values = rng.normal(0.0, 0.7, len(t))
+    slow = np.where(np.arange(len(t)) % 4 == 0, values, np.nan)
+    record = Record(name="m", t=t, channels={"V": values, "alpha": slow})
+    for name, band in (("V", (1.0, 40.0)), ("alpha", (1.0, 10.0)), ("alpha", (10.0, 40.0))):
+        assert density_sigma([record], name, band) == pytest.approx(0.7, rel=0.1)
+
+
+def test_edge_of_the_motion() -> None:
+    """A rate that is a sum of two lines: 90 % of the power of its slope lies below the higher one or not."""
+    t = np.arange(0.0, 40.0, 0.02)
+    for high, edge in ((0.02, 0.5), (0.5, 2.0)):
+        q = np.sin(2.0 * np.pi * 0.5 * t) + high * np.sin(2.0 * np.pi * 2.0 * t)
+        assert motion_edge([Record(name="m", t=t, channels={"q": q})]) == pytest.approx(edge, abs=0.06)
+    assert motion_edge([Record(name="m", t=t, channels={"alpha": t})]) == 0.0
