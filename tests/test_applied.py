@@ -110,6 +110,7 @@ def test_a_lag_of_the_aerodynamics_can_be_estimated_and_written(tmp_path):
     guessed = do328().with_effects([guess])
     applied = apply_effects(guessed, [read], outputs=("alpha", "q", "az"))
     assert applied.unseen_by_equations == ("unsteady_aero(Cm, lagged)",)
+    assert applied.model.units["unsteady_aero(Cm, lagged).time_constant"] == "s"
     fit = solve(Problem(applied.model, applied.records, free=["unsteady_aero*"]), MultipleShooting())
     assert fit.converged, fit.status
     written = with_estimates(guessed, fit.values, {n: e.std for n, e in fit.parameters.items()})
@@ -158,6 +159,18 @@ def test_a_ringing_instrument_is_undone_exactly():
     assert np.abs(read["q"] - plain["q"]).max() > 1e-4
     applied = apply_effects(do328().with_effects([ringing]), [read])
     np.testing.assert_allclose(applied.records[0]["q"], plain["q"], atol=1e-12)
+
+
+def test_what_no_record_has_is_left_alone():
+    """Slow or ringing instruments of channels that were not recorded: the rest of the flight stays as it was."""
+    values = [
+        EffectValue(kind="structural_mode", target="ay", value=0.5, parameters={"frequency_hz": 3.0}),
+        EffectValue(kind="sensor_delay", target="beta", value=0.1),
+    ]
+    plain = plain_flight().without("ay", "beta")
+    applied = apply_effects(do328().with_effects(values), [plain])
+    np.testing.assert_array_equal(applied.records[0]["q"], plain["q"])
+    np.testing.assert_array_equal(applied.readings(plain, refly(applied)), refly(applied))
 
 
 def test_a_lag_of_an_instrument_can_be_estimated():

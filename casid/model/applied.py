@@ -271,7 +271,7 @@ def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -
     """The record as instruments without these delays and oscillations would have given it, latest effect first."""
     for value in reversed(undone):
         effect = effect_of(value)
-        if not _concerns(value, record.name) or not any(channel in record for channel in effect.reads):
+        if not _concerns(value, record.name):
             continue
         values, read = _values(value, effect), record.channels
         if effect.undo is not None:

@@ -153,7 +153,7 @@ def parameter_units(names: Iterable[str], effects: Sequence[Effect]) -> dict[str
         name: unit_of(name[5:]) if name.startswith("bias_") else ("1" if name.endswith("_0") else "1/rad")
         for name in names
     }
-    units |= {name: "" for e in effects for name in _parameters(e)}
+    units |= {f"{e.name}.{key}": unit for e in effects for key, unit in e.units.items()}
     return units | {e.name: e.unit for e in effects}
 
 

@@ -66,6 +66,7 @@ class Effect:
     enters       disturbance station at which an unknown time history would stand for it
 
     What a model that has it needs:
+    units        SI units of the further parameters that `change` takes
     states       further state -> channel that it starts from; `change` sets its rate in `path.derivative`
     instrument   (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
     undo         inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds
@@ -94,6 +95,7 @@ class Effect:
     members: tuple[str, ...] = ()
     enters: str | None = None
     station: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
     states: Mapping[str, str] = field(default_factory=dict)
     change: Callable[[SignalPath, Symbols], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None

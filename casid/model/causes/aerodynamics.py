@@ -77,7 +77,7 @@ def lagged_aero(coefficient: str) -> Effect:
     return Effect(
         kind="unsteady_aero", target=coefficient, variant="lagged", enters=f"d{coefficient}", limit=60.0,
         grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)), unsigned=("time_constant",),
-        states={behind: angle}, station="coefficients", change=change, series=series,
+        units={"time_constant": "s"}, states={behind: angle}, station="coefficients", change=change, series=series,
     )  # fmt: skip
 
 

@@ -116,6 +116,8 @@ def structural_mode(channel: str) -> Effect:
     drive = _DRIVEN_BY[channel]
 
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
+        if channel not in readings:
+            return {}
         ringing = operators.mode(t, readings[drive], values["frequency_hz"])
         return {channel: readings[channel] + values["value"] * ringing}
 
