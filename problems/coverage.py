@@ -35,7 +35,7 @@ LAG_ONE = 0.9  # correlation of the coloured noise from one sample to the next
 LEVEL, NORMAL = 0.95, 1.959963984540054
 KINDS: Mapping[str, str] = MappingProxyType({
     "cramer_rao": "Cramer-Rao", "corrected": "corrected for coloured residuals",
-    "input_noise": "Cramer-Rao with the noise of the inputs", "profile": "profile likelihood",
+    "input_noise": "noise of the inputs, colour of the residuals", "profile": "profile likelihood",
     "bootstrap": "parametric bootstrap, white noise", "bootstrap_inputs": "parametric bootstrap with noisy inputs",
     "filter": "filter error, noise of the inputs estimated",
 })  # fmt: skip

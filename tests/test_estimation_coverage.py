@@ -62,6 +62,18 @@ def test_coloured_noise_needs_the_correction():
     assert rows["cramer_rao"].share < 0.7 < 0.87 < rows["corrected"].share
 
 
+def test_noisy_surfaces_under_coloured_noise_need_the_colour_of_what_the_inputs_leave():
+    rows = coverage("both", ["cramer_rao", "input_noise"], RUNS)
+    assert rows["cramer_rao"].share < 0.6 < 0.87 < rows["input_noise"].share
+
+
+def test_the_aircraft_is_covered_too():
+    """16 derivatives at once: each within the bounds that one study in two thousand leaves."""
+    row = coverage("destabilised", ["corrected"], 30)["corrected"]
+    assert row.runs == 30 and len(row.parameters) == 16
+    assert min(row.parameters.values()) >= binom.ppf(0.0005 / 16, 30, 0.95) / 30
+
+
 def test_bootstrap_and_filter_give_an_interval_about_their_estimate():
     for condition, kind in (("clean", "bootstrap"), ("surfaces", "bootstrap_inputs"), ("surfaces", "filter")):
         found = run({"condition": condition, "seed": 1, "kinds": [kind], "draws": 39})[kind]

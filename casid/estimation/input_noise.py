@@ -4,10 +4,10 @@ An output-error fit takes its inputs as exact. Noise n_j of an input at sample j
 them the gradient of the cost by G_j' n_j, where G_j comes from one backward pass (adjoint) over the fit's linearised
 system with the states re-estimated. The estimate moves by the inverse information times that, so that
 
-    cov = I^-1 (sum_i J_i' W R W J_i + sum_j G_j' S G_j) I^-1
+    cov = I^-1 (sum_ij J_i' W R(i-j) W J_j + sum_j G_j' S G_j) I^-1
 
-with the measurement noise R and the input noise S. First order in the noise: the attenuation of estimates by errors in
-variables, of second order, is not in it.
+with the autocovariance R of the measurement noise and the input noise S. First order in the noise: the attenuation of
+estimates by errors in variables, of second order, is not in it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,17 @@ from casid.estimation.cost import OutputError
 from casid.estimation.fit import Fit
 from casid.estimation.noise import pooled_sigma
 from casid.estimation.relinearise import AtFit, relinearise
+from casid.estimation.residual_colour import (
+    ORDER,
+    Colour,
+    autoregression,
+    coloured_score,
+    gathered,
+    noise_autocovariance,
+)
 from casid.estimation.steps import cached, output_function, sample_derivatives, step_function
 from casid.estimation.transcription import MultipleShooting
+from casid.estimation.uncertainty import prior_information, score_pieces
 from casid.model.system import Model
 
 _DEFAULT_METHOD = MultipleShooting()
@@ -49,10 +58,11 @@ class InputErrors:
 def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleShooting = _DEFAULT_METHOD) -> InputErrors:
     """Covariance of the estimates when inputs are measured with white noise of 1-sigma `sigma` (input -> value, SI).
 
-    Where the fit estimated the measurement noise, its residuals hold the effect of the inputs as well: then their mean
-    square less what the inputs are expected to cause counts as measurement noise, and never less than the noise of the
-    band above the motion. `method` as in `relinearise`. Raises InputError for a name
-    that is no input or a negative sigma, EstimationError for a cost other than OutputError.
+    Measurement noise that was given is white. Where the fit estimated it, its residuals hold the effect of the inputs
+    as well: then their autocovariance less what the inputs are expected to cause is that of the measurement noise (see
+    residual_colour), and its variance never less than the noise of the band above the motion. `method` as in
+    `relinearise`. Raises InputError for a name that is no input or a negative sigma, EstimationError for a cost other
+    than OutputError.
     """
     problem = fit.problem
     if not isinstance(problem.cost, OutputError):
@@ -66,15 +76,11 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
             raise InputError(f"input_noise_errors: sigma of '{name}' is {value}; expected a 1-sigma, zero or more")
     at = relinearise(fit, method)
     spread = np.array([sigma.get(name, 0.0) for name in problem.model.inputs])
-    measured = at.linear.hessian.copy()
-    driven = np.zeros_like(measured)
     slopes = _slopes(at)
-    lost = 1.0 - (_measurement_sigma(at, slopes, spread) * at.objective.output_weights) ** 2
-    rows, gains = _rows_and_gains(at, slopes)
-    for r in range(len(problem.records)):
+    measured, driven = _measured_score(at, slopes, spread), np.zeros_like(at.linear.hessian)
+    for r, gains in enumerate(_gains(at, slopes)):
         grid = np.ix_(problem.columns(r), problem.columns(r))
-        measured[grid] -= np.einsum("nof,nog,o->fg", rows[r], rows[r], lost)
-        scaled = gains[r] * spread[:, None]
+        scaled = gains * spread[:, None]
         driven[grid] += np.einsum("nmf,nmg->fg", scaled, scaled)
     inverse = at.inverse
     covariance = inverse @ (measured + driven) @ inverse
@@ -107,41 +113,78 @@ def with_noisy_inputs(model: Model, *inputs: str) -> Model:
     )  # fmt: skip
 
 
-def _measurement_sigma(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
-    """(outputs,) 1-sigma of what is left of the residuals when noise `spread` (inputs,) is taken from them."""
-    fit, problem = at.fit, at.objective.problem
-    sigma = np.array([fit.noise.get(name, 1.0) for name in problem.model.outputs])
+def _measured_score(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
+    """(parameters, parameters) covariance of the gradient from the measurement noise, and the priors' information."""
+    problem, weights = at.objective.problem, at.objective.output_weights
+    sums = gathered(score_pieces(at.objective, at.value, at.linear))
+    prior = prior_information(at.linear, sums)
     if isinstance(problem.noise, Mapping):
-        return sigma
-    caused = _caused_variance(at, slopes, spread)
-    for i, name in enumerate(problem.model.outputs):
-        high = pooled_sigma([record[name] for record in problem.records if name in record])
-        least = min(sigma[i], high) if np.isfinite(high) else sigma[i]
-        sigma[i] = max(least, np.sqrt(max(sigma[i] ** 2 - caused[i], 0.0)))
-    return sigma
+        given = np.array([problem.noise[name] for name in problem.model.outputs]) * weights
+        colours = {c: Colour(a=np.ones(1), variance=float(given[c] ** 2)) for c in sums}
+    else:
+        noise, caused = noise_autocovariance(sums, prior, at.free), _caused(at, slopes, spread)
+        least = weights**2 * _least_variance(at)
+        colours = {c: _left(noise[c], weights[c] ** 2 * caused[:, c], least[c], own.count) for c, own in sums.items()}
+    pieces = score_pieces(at.objective, at.value, at.linear)
+    return prior + coloured_score(colours, sums, pieces, len(prior))
 
 
-def _caused_variance(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
-    """(outputs,) mean variance of the outputs over the samples present, from input noise since a record's start."""
+def _left(noise: np.ndarray, caused: np.ndarray, least: float, count: int) -> Colour:
+    """Colour of the measurement noise of a channel: (lags,) autocovariance of its residuals less what is caused.
+
+    White where that explains the residuals better than an autoregression does, by AIC, and where the difference has
+    less power at low frequency, where the sensitivities are, than white noise of its variance: what is caused, and
+    partly absorbed by the fit, was then taken off twice.
+    """
+    left = noise - caused
+    left[0] = max(left[0], min(least, noise[0]))
+    white = Colour(a=np.ones(1), variance=float(left[0]))
+    whole = autoregression(noise, count)
+    if not 0.0 < whole.variance < np.inf:
+        return white
+    expected = autoregression(caused + np.r_[left[0], np.zeros(len(left) - 1)], count)
+    ways = np.correlate(expected.a, expected.a, "full")[len(expected.a) - 1 :]
+    error = float(2.0 * ways @ noise[: len(ways)] - ways[0] * noise[0])  # of prediction, by what is expected
+    cost_white = count * (np.log(expected.variance) + error / expected.variance) + 2
+    cost_whole = count * (np.log(whole.variance) + 1.0) + 2 * len(whole.a)
+    coloured = autoregression(left, count)
+    lower = coloured.variance / coloured.a.sum() ** 2 < white.variance
+    return white if lower or cost_white <= cost_whole else coloured
+
+
+def _least_variance(at: AtFit) -> np.ndarray:
+    """(outputs,) of the noise in the band above the motion; zero where it cannot be judged."""
+    problem = at.objective.problem
+    high = [pooled_sigma([r[name] for r in problem.records if name in r]) for name in problem.model.outputs]
+    return np.nan_to_num(np.square(high))
+
+
+def _caused(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
+    """(lags, outputs) mean autocovariance of the outputs over the samples present, from input noise since a record's
+    start."""
     a, _, e0, e1, c, _, df = slopes
     layout, n = at.objective.layout, a.shape[2]
     gain, direct = (e0 + e1) * spread, df * spread
-    total, covariance = np.zeros(c.shape[2]), np.zeros((n, n))
+    total, outputs = np.zeros((ORDER + 1, c.shape[2])), c.shape[2]
+    covariance, cross = np.zeros((n, n)), np.zeros((ORDER, n, outputs))
     for k in range(layout.segments):
         if k in layout.first:
-            covariance = np.zeros((n, n))
+            covariance, cross = np.zeros((n, n)), np.zeros((ORDER, n, outputs))
         for i in range(layout.length):
-            own = np.einsum("on,nm,om->o", c[k, i], covariance, c[k, i]) + (direct[k, i] ** 2).sum(axis=1)
-            total += layout.present[k, i] * own
+            seen, own_c, step = layout.present[k, i], c[k, i], a[k, i]
+            from_states = covariance @ own_c.T
+            total[0] += seen * (np.einsum("on,no->o", own_c, from_states) + (direct[k, i] ** 2).sum(axis=1))
+            total[1:] += seen * np.einsum("on,lno->lo", own_c, cross)
+            # of the state after the step with each of the outputs up to now, the newest first
+            newest = step @ from_states + gain[k, i] @ direct[k, i].T
             # an unstable aircraft drifts without end, which its estimator follows: only finite numbers are needed
-            step = a[k, i] @ covariance @ a[k, i].T + gain[k, i] @ gain[k, i].T
-            covariance = np.clip(step, -_ENDLESS, _ENDLESS)
+            cross = np.clip(np.concatenate([newest[None], step @ cross[:-1]]), -_ENDLESS, _ENDLESS)
+            covariance = np.clip(step @ covariance @ step.T + gain[k, i] @ gain[k, i].T, -_ENDLESS, _ENDLESS)
     return total / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
 
 
-def _rows_and_gains(at: AtFit, slopes: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Per record: weighted sensitivities (N, outputs, f) of the outputs to the parameters with the states
-    re-estimated, and derivatives (N, inputs, f) of the gradient with respect to every sample of the inputs."""
+def _gains(at: AtFit, slopes: list[np.ndarray]) -> list[np.ndarray]:
+    """Per record: derivatives (N, inputs, f) of the gradient with respect to every sample of the inputs."""
     objective, problem = at.objective, at.objective.problem
     layout, weights = objective.layout, objective.output_weights
     a, b, e0, e1, c, d, df = slopes
@@ -163,7 +206,7 @@ def _rows_and_gains(at: AtFit, slopes: list[np.ndarray]) -> tuple[list[np.ndarra
     after = adjoint[1:].transpose(1, 0, 2, 3)
     here = (weighted * df).transpose(0, 1, 3, 2) @ rows + e0.transpose(0, 1, 3, 2) @ after
     following = e1.transpose(0, 1, 3, 2) @ after
-    found_rows, found_gains = [], []
+    found = []
     for r, record in enumerate(problem.records):
         flat = layout.sample[r]
         own = here.reshape(-1, *here.shape[2:])[flat]
@@ -173,9 +216,8 @@ def _rows_and_gains(at: AtFit, slopes: list[np.ndarray]) -> tuple[list[np.ndarra
             own[-1] += end[-1]
         else:
             own = own + end
-        found_rows.append(rows.reshape(-1, *rows.shape[2:])[flat])
-        found_gains.append(own)
-    return found_rows, found_gains
+        found.append(own)
+    return found
 
 
 def _slopes(at: AtFit) -> list[np.ndarray]:
