@@ -79,3 +79,12 @@ def volume(estimates: np.ndarray, sizes: np.ndarray, criterion: str = "D") -> fl
     if criterion == "D":
         return float(0.5 * np.linalg.slogdet(covariance)[1] / len(sizes))
     return float(0.5 * np.log(np.trace(covariance) / len(sizes)))
+
+
+def volume_std(estimates: np.ndarray, sizes: np.ndarray, criterion: str = "D") -> float:
+    """Standard deviation of `volume` from so many runs, of normal estimates, to first order."""
+    if criterion == "D":
+        return float(1.0 / np.sqrt(2.0 * len(estimates) * len(sizes)))
+    covariance = np.cov((estimates / sizes).T)
+    # few parameters may dominate the trace: var tr S = 2 tr(S^2)/n
+    return float(np.sqrt((covariance**2).sum() / (2.0 * len(estimates))) / np.trace(covariance))

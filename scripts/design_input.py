@@ -27,7 +27,7 @@ from casid.report.design_figures import designed_histories, scatter_bars
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.paper_page import Section, figure, paragraph, table, write_page
 from casid.report.progress import progress
-from problems.designed_inputs import EXPERIMENTS, flown, volume
+from problems.designed_inputs import EXPERIMENTS, flown, volume, volume_std
 
 SHAPES = {"pulses4": Steps(pulses=4), "pulses8": Steps(pulses=8), "multisine": Multisine(lines=8)}
 STANDARD = "3-2-1-1"
@@ -95,7 +95,8 @@ def compared(
     scatter = {title: values.std(axis=0, ddof=1) for title, values in estimates.items()}
     truth = dict(zip(experiment.model.parameters, experiment.model.nominal_vector(experiment.values), strict=True))
     rows, ratios, lines = [], {}, [f"{name}: mean over {len(experiment.free)} parameters, against the {STANDARD}"]
-    base = volume(estimates[STANDARD], experiment.sizes, criterion)
+    volumes = {title: volume(values, experiment.sizes, criterion) for title, values in estimates.items()}
+    known = {title: volume_std(values, experiment.sizes, criterion) for title, values in estimates.items()}
     for title, design in designs.items():
         pairs = []
         for i, n in enumerate(experiment.free):
@@ -107,9 +108,9 @@ def compared(
         if title == STANDARD:
             continue
         ratios[title] = pairs
-        mean = float(np.exp(volume(estimates[title], experiment.sizes, criterion) - base))
+        mean = float(np.exp(volumes[title] - volumes[STANDARD]))
         predicted = float(np.exp(0.5 * (design.cost - designs[STANDARD].cost)))
-        chance = 1.96 * mean / np.sqrt(len(experiment.free) * len(estimates[title]))
+        chance = 1.96 * mean * float(np.hypot(known[title], known[STANDARD]))
         fewer = sum(m < 1.0 for m, _ in pairs)
         lines.append(
             f"  {title:10} ({design.status}) scatter {mean:.3f} +-{chance:.3f} of the standard's, bound {predicted:.3f}"

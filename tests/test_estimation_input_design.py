@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from casid.errors import EstimationError, InputError
 from casid.estimation import Experiment, Multisine, Problem, Steps, design_input, solve, standard_3211
 from casid.model.system import define_model
-from problems.designed_inputs import EXPERIMENTS, flown, volume
+from problems.designed_inputs import EXPERIMENTS, flown, volume, volume_std
 
 REPO = Path(__file__).resolve().parent.parent
 LIMIT, SURFACE = 0.04, 0.05
@@ -122,6 +122,16 @@ def test_flown_in_simulation_the_design_scatters_less_than_the_standard():
         volumes.append(volume(estimates, problem.sizes))
     # a log standard deviation from n runs is known to 1/sqrt(2 n), its mean over five axes to 1/sqrt(10 n); twice
     assert volumes[1] - volumes[0] < -3.0 / np.sqrt(5 * runs)
+
+
+@pytest.mark.parametrize("criterion", ["D", "A"])
+def test_the_volume_is_known_as_well_as_it_says(criterion):
+    """Scatter over 400 draws of 100 normal estimates of three parameters, one of which dominates the trace."""
+    rng, sizes = np.random.default_rng(0), np.array([1.0, 2.0, 5.0])
+    draws = [sizes * [1.0, 0.2, 0.1] * rng.standard_normal((100, 3)) for _ in range(400)]
+    scatter = np.std([volume(d, sizes, criterion) for d in draws])
+    said = np.mean([volume_std(d, sizes, criterion) for d in draws])
+    assert said == pytest.approx(scatter, rel=4 / np.sqrt(800))
 
 
 def test_what_cannot_be_designed_is_said():

@@ -68,25 +68,23 @@ class Experiment:
                     raise unknown(what, name, valid, "Experiment")
                 if not size > 0.0:
                     raise InputError(f"Experiment: {what} '{name}' has the size {size}; expected a positive number")
-        if not self.surfaces or not self.noise:
-            raise InputError("Experiment: name at least one surface that moves and one output that is measured")
+        if not self.surfaces or not self.noise or not self.parameters:
+            raise InputError(
+                "Experiment: name a surface that moves, an output that is measured and a parameter at least"
+            )
         for name in model.inputs:
             if name not in self.rest:
                 raise InputError(f"Experiment: rest has no value of the input '{name}'; give one for each input")
         if not 0.0 < 10 * self.dt < self.duration:
             raise InputError(f"Experiment: {self.duration} s in steps of {self.dt} s; expected more than ten samples")
-        self.free  # noqa: B018
+        for glob in self.parameters:
+            if not any(fnmatchcase(name, glob) for name in model.parameters):
+                raise unknown("parameter", glob, model.parameters, "Experiment: parameters")
 
     @cached_property
     def free(self) -> tuple[str, ...]:
         """Parameters to be estimated, in the model's order."""
-        chosen = set()
-        for glob in self.parameters:
-            found = [name for name in self.model.parameters if fnmatchcase(name, glob)]
-            if not found:
-                raise unknown("parameter", glob, self.model.parameters, "Experiment: parameters")
-            chosen.update(found)
-        return tuple(name for name in self.model.parameters if name in chosen)
+        return tuple(n for n in self.model.parameters if any(fnmatchcase(n, glob) for glob in self.parameters))
 
     @cached_property
     def sizes(self) -> np.ndarray:
