@@ -233,6 +233,22 @@ def test_residuals_that_the_inputs_do_not_explain_stay_measurement_noise():
     assert all(errors.std[name] > 1.5 * fit[name].std for name in errors.std)
 
 
+def test_correlated_measurement_noise_is_whitened_for_noisy_inputs_too():
+    """A covariance without correlation is noise by channel; one with it changes what the inputs do, not by much."""
+    record, sigma = noisy_flight(), {"delta_e": 0.003}
+    matrix = np.diag(np.square(list(NOISE.values())))
+    plain, given = (
+        input_noise_errors(solve(Problem(short_period(), [record], free=["*"], noise=noise)), sigma)
+        for noise in (NOISE, matrix)
+    )
+    np.testing.assert_allclose(given.covariance, plain.covariance, rtol=1e-8)
+    estimated, full = (
+        input_noise_errors(solve(Problem(short_period(), [record], free=["*"], noise=noise)), sigma)
+        for noise in (None, "full")
+    )
+    np.testing.assert_allclose(list(full.std.values()), list(estimated.std.values()), rtol=0.1)
+
+
 def test_without_input_noise_nothing_is_added():
     record = noisy_flight()
     fit = solve(Problem(short_period(), [record], free=["*"], noise=NOISE), SingleShooting())

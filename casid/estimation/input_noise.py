@@ -115,16 +115,18 @@ def with_noisy_inputs(model: Model, *inputs: str) -> Model:
 
 def _measured_score(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
     """(parameters, parameters) covariance of the gradient from the measurement noise, and the priors' information."""
-    problem, weights = at.objective.problem, at.objective.output_weights
-    sums = gathered(score_pieces(at.objective, at.value, at.linear))
+    objective = at.objective
+    sums = gathered(score_pieces(objective, at.value, at.linear))
     prior = prior_information(at.linear, sums)
-    if isinstance(problem.noise, Mapping):
-        given = np.array([problem.noise[name] for name in problem.model.outputs]) * weights
-        colours = {c: Colour(a=np.ones(1), variance=float(given[c] ** 2)) for c in sums}
+    if isinstance(objective.problem.noise, Mapping | np.ndarray):
+        colours = {c: Colour(a=np.ones(1), variance=1.0) for c in sums}  # of whitened residuals
     else:
-        noise, caused = noise_autocovariance(sums, prior, at.free), _caused(at, slopes, spread)
-        least = weights**2 * _least_variance(at)
-        colours = {c: _left(noise[c], weights[c] ** 2 * caused[:, c], least[c], own.count) for c, own in sums.items()}
+        # of whole samples; what is missing from others changes their whitening, but little of what is caused
+        whiten = objective.levels.whitening(np.ones((1, len(objective.problem.model.outputs))))[0]
+        caused = np.einsum("io,loj,ij->li", whiten, _caused(at, slopes, spread), whiten)
+        least = np.einsum("io,o,io->i", whiten, _least_variance(at), whiten)
+        noise = noise_autocovariance(sums, prior, at.free)
+        colours = {c: _left(noise[c], caused[:, c], least[c], own.count) for c, own in sums.items()}
     pieces = score_pieces(at.objective, at.value, at.linear)
     return prior + coloured_score(colours, sums, pieces, len(prior))
 
@@ -160,37 +162,37 @@ def _least_variance(at: AtFit) -> np.ndarray:
 
 
 def _caused(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarray:
-    """(lags, outputs) mean autocovariance of the outputs over the samples present, from input noise since a record's
-    start."""
+    """(lags, outputs, outputs) mean covariance of the outputs with those of so many samples before, over the samples
+    present, from input noise since a record's start."""
     a, _, e0, e1, c, _, df = slopes
     layout, n = at.objective.layout, a.shape[2]
     gain, direct = (e0 + e1) * spread, df * spread
-    total, outputs = np.zeros((ORDER + 1, c.shape[2])), c.shape[2]
-    covariance, cross = np.zeros((n, n)), np.zeros((ORDER, n, outputs))
+    outputs = c.shape[2]
+    total, covariance, cross = np.zeros((ORDER + 1, outputs, outputs)), np.zeros((n, n)), np.zeros((ORDER, n, outputs))
     for k in range(layout.segments):
         if k in layout.first:
             covariance, cross = np.zeros((n, n)), np.zeros((ORDER, n, outputs))
         for i in range(layout.length):
-            seen, own_c, step = layout.present[k, i], c[k, i], a[k, i]
+            seen, own_c, step = layout.present[k, i][:, None], c[k, i], a[k, i]
             from_states = covariance @ own_c.T
-            total[0] += seen * (np.einsum("on,no->o", own_c, from_states) + (direct[k, i] ** 2).sum(axis=1))
-            total[1:] += seen * np.einsum("on,lno->lo", own_c, cross)
+            total[0] += seen * (own_c @ from_states + direct[k, i] @ direct[k, i].T)
+            total[1:] += seen * (own_c @ cross)
             # of the state after the step with each of the outputs up to now, the newest first
             newest = step @ from_states + gain[k, i] @ direct[k, i].T
             # an unstable aircraft drifts without end, which its estimator follows: only finite numbers are needed
             cross = np.clip(np.concatenate([newest[None], step @ cross[:-1]]), -_ENDLESS, _ENDLESS)
             covariance = np.clip(step @ covariance @ step.T + gain[k, i] @ gain[k, i].T, -_ENDLESS, _ENDLESS)
-    return total / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
+    return total / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)[:, None]
 
 
 def _gains(at: AtFit, slopes: list[np.ndarray]) -> list[np.ndarray]:
     """Per record: derivatives (N, inputs, f) of the gradient with respect to every sample of the inputs."""
     objective, problem = at.objective, at.objective.problem
-    layout, weights = objective.layout, objective.output_weights
+    layout = objective.layout
     a, b, e0, e1, c, d, df = slopes
     count, length = layout.segments, layout.length
     n, f = a.shape[2], b.shape[3]
-    weighted = (weights * layout.present)[..., None]
+    whiten = objective.whitening[layout.pattern]
     sensitivity = np.zeros((length + 1, count, n, f))
     adjoint = np.zeros((length + 1, count, n, f))
     for r, reduced in enumerate(at.linear.reduced):
@@ -199,12 +201,12 @@ def _gains(at: AtFit, slopes: list[np.ndarray]) -> list[np.ndarray]:
         adjoint[length, own.start : own.stop - 1] = reduced.l_p
     for i in range(length):
         sensitivity[i + 1] = a[:, i] @ sensitivity[i] + b[:, i]
-    rows = weighted * (c @ sensitivity[:-1].transpose(1, 0, 2, 3) + d)
+    rows = whiten @ (c @ sensitivity[:-1].transpose(1, 0, 2, 3) + d)
     for i in reversed(range(length)):
-        own_c = (weighted * c)[:, i]
+        own_c = whiten[:, i] @ c[:, i]
         adjoint[i] = a[:, i].transpose(0, 2, 1) @ adjoint[i + 1] + own_c.transpose(0, 2, 1) @ rows[:, i]
     after = adjoint[1:].transpose(1, 0, 2, 3)
-    here = (weighted * df).transpose(0, 1, 3, 2) @ rows + e0.transpose(0, 1, 3, 2) @ after
+    here = (whiten @ df).transpose(0, 1, 3, 2) @ rows + e0.transpose(0, 1, 3, 2) @ after
     following = e1.transpose(0, 1, 3, 2) @ after
     found = []
     for r, record in enumerate(problem.records):
