@@ -165,6 +165,8 @@ def test_a_draw_keeps_missing_samples_and_depends_on_its_seed_alone():
     assert replica(fit, 3) == replica(fit, 3) != replica(fit, 4)
     both = collected(fit, [replica(fit, 3), None, replica(fit, 4)])
     assert both.failed == 1 and len(both.estimates) == 2
+    with pytest.raises(EstimationError, match="needs 39 runs, 2 converged"):
+        both.interval("Mq")
     with pytest.raises(EstimationError, match="too few"):
         collected(fit, [None, None])
     with pytest.raises(InputError, match="delta_e"):

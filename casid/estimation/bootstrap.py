@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -47,9 +48,17 @@ class Bootstrap:
         return float(self.estimates[:, self._index(name)].mean() - self.values[name])
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Basic bootstrap interval: quantiles of the error, turned about the estimate, so that a bias is undone."""
+        """Basic bootstrap interval: quantiles of the error, turned about the estimate, so that a bias is undone.
+
+        Raises InputError for a level outside (0, 1), EstimationError for a level that so few runs cannot show.
+        """
         if not 0.0 < level < 1.0:
             raise InputError(f"bootstrap: level is {level}; expected a probability inside (0, 1), like 0.95")
+        fewest = math.ceil(2.0 / (1.0 - level) - 1.0 - 1e-9)
+        if len(self.estimates) < fewest:
+            raise EstimationError(
+                f"bootstrap: an interval of {level:.0%} needs {fewest} runs, {len(self.estimates)} converged; draw more"
+            )
         tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
         low, high = np.quantile(self.estimates[:, self._index(name)], tails, method="weibull")
         return float(2 * self.values[name] - high), float(2 * self.values[name] - low)

@@ -40,6 +40,9 @@ class Uncertainty:
                  residual_colour); channels count as independent.
     confused     names of parameters that the data cannot tell apart
 
+    Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
+    equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
+    does, bias above all, is in neither covariance.
     Parameters held by an active limit have no variance along it. Both covariances are not a number where parameters
     are confused and where nothing could be linearised (`linear` None).
     """
