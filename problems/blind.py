@@ -48,18 +48,19 @@ _MOST = {"alpha": 0.21, "beta": 0.26, "phi": 1.2, "theta": 0.6}  # rad from the 
 _DEG = np.pi / 180.0
 
 
-def set_name(of: str, case: str, seed: int) -> str:
+def set_name(of: str, case: str, seed: int, size: float = 1.0) -> str:
     """Name of a set's folder and answer; it does not tell what is inside."""
-    return hashlib.sha256(f"{of} {case} {seed}".encode()).hexdigest()[:10]
+    return hashlib.sha256(f"{of} {case} {seed} {size:g}".encode()).hexdigest()[:10]
 
 
-def hide(of: str, case: str, seed: int, sets: str | Path, answers: str | Path) -> str:
+def hide(of: str, case: str, seed: int, sets: str | Path, answers: str | Path, size: float = 1.0) -> str:
     """Fly a set, write its records and aircraft file below `sets` and its answer below `answers`; returns its name.
 
-    of, case   one of SETS and of CASES. Raises InputError for an unknown one, and without jsbsim for "jsbsim".
+    of, case   one of SETS and of CASES;  size  factor on the size that is drawn
+    Raises InputError for an unknown set or case, and without jsbsim for "jsbsim".
     """
-    flown = fly_set(of, case, seed)
-    name = set_name(of, case, seed)
+    flown = fly_set(of, case, seed, size)
+    name = set_name(of, case, seed, size)
     folder = Path(sets) / name
     folder.mkdir(parents=True, exist_ok=True)
     Path(answers).mkdir(parents=True, exist_ok=True)
@@ -79,8 +80,8 @@ class Set:
     answer: Answer
 
 
-def fly_set(of: str, case: str, seed: int) -> Set:
-    """The set of a case and a seed: the same ones give the same numbers."""
+def fly_set(of: str, case: str, seed: int, size: float = 1.0) -> Set:
+    """The set of a case and a seed: the same ones give the same numbers, but for the size of what is hidden."""
     if of not in SETS:
         raise unknown("set", of, SETS)
     if case not in CASES:
@@ -88,7 +89,7 @@ def fly_set(of: str, case: str, seed: int) -> Set:
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([zlib.crc32(f"{of} {case}".encode()), seed, attempt])
         try:
-            return _attempt(of, case, seed, rng)
+            return _attempt(of, case, seed, size, rng)
         except InputError as error:
             if "jsbsim" in str(error) and "pip" in str(error):
                 raise
@@ -147,11 +148,13 @@ def _plan(of: str, case: str, seed: int, rng: np.random.Generator) -> _Plan:
     )  # fmt: skip
 
 
-def _attempt(of: str, case: str, seed: int, rng: np.random.Generator) -> Set:
+def _attempt(of: str, case: str, seed: int, size: float, rng: np.random.Generator) -> Set:
     plan = _plan(of, case, seed, rng)
     healthy = plan.fly((), ())
     scene, bare, found = _scene(plan, healthy)
     hidden, outside = _hidden(case, scene, rng)
+    hidden = tuple(one.scaled(size) for one in hidden)
+    outside = replace(outside, size=size * outside.size) if outside else None
     flown = healthy
     if hidden:
         inside = [one for one in hidden if one.kind in KINDS]
@@ -162,7 +165,7 @@ def _attempt(of: str, case: str, seed: int, rng: np.random.Generator) -> Set:
     hidden = tuple(_as_flown(one, plan) for one in hidden)
     noise = np.random.default_rng([plan.seed, 4])
     answer = Answer(
-        of=of, case=case, seed=seed, aircraft=bare.name, hidden=hidden,
+        of=of, case=case, seed=seed, size=size, aircraft=bare.name, hidden=hidden,
         mismatch={c: float(f"{np.sqrt(max(1.0 - r2, 0.0)):.3g}") for c, r2 in found.R2.items()},
         conditions={
             "rate_hz": plan.rate_hz, "noise": round(plan.noise, 3), "durations_s": plan.durations,

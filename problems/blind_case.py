@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from casid.model.terms import COEFFICIENTS
 from casid.model.vocabulary import KINDS, effect_unit
 
 RECORDS: tuple[str, ...] = ("m1", "m2", "m3", "m4")  # the last is what `scripts/diagnose.py` holds back
@@ -63,12 +64,19 @@ class Hidden:
         """SI unit of `value`; an effect outside the catalogue is a share, or of its channel."""
         return effect_unit(self.kind, self.target, self.term) if self.kind in KINDS else "(of the effect)"
 
+    def scaled(self, factor: float) -> Hidden:
+        """The same effect, `factor` times as large; a rate limit is the larger the slower it is."""
+        steps = {name: factor * x if name in COEFFICIENTS else x for name, x in self.parameters.items()}
+        value = self.value / factor if self.kind == "rate_limit" else self.value * factor
+        return replace(self, value=value, parameters=steps)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
     """The sealed answer of a set.
 
     of          "do328" or "jsbsim";  case, seed  what it was drawn from;  aircraft  what flew
+    size        factor on the drawn size; 1: what an engineer would notice
     hidden      empty: clean
     mismatch    coefficient -> what the terms of the aircraft file, at their best, leave of it without anything hidden:
                 r.m.s. as a part of the coefficient's variation
@@ -78,6 +86,7 @@ class Answer:
     of: str
     case: str
     seed: int
+    size: float
     aircraft: str
     hidden: tuple[Hidden, ...]
     mismatch: Mapping[str, float]

@@ -18,6 +18,7 @@ Found = Mapping[str, Any]
 OTHER_WORDS: Mapping[str, tuple[tuple[str, str, str | None], ...]] = {
     "rotor_gyroscope": (("aero_term", "Cm", "r"), ("aero_term", "Cn", "q")),
 }
+ELSEWHERE = "same kind, elsewhere"
 NOTHING, UNEXPLAINED, FAILED = "adequate", "unexplained", "failed"
 
 
@@ -25,14 +26,14 @@ NOTHING, UNEXPLAINED, FAILED = "adequate", "unexplained", "failed"
 class Score:
     """One set scored.
 
-    named      kind of the strongest cause (the answer's, when that is in its set), or NOTHING, UNEXPLAINED, FAILED
+    named      kind of the strongest cause (the answer's, when that is in its set), ELSEWHERE when its kind is right but
+               its target or term is not, or NOTHING, UNEXPLAINED, FAILED
     first      the answer is the strongest cause or in its set; `hits` of the hidden effects are among all causes
     same_family  the strongest cause is of the family of a hidden effect
     wrong      causes (with their sets) that are nothing of what is hidden
     described  outside the catalogue: every cause says the same in other words
     onsets     hidden onsets and how many lie in the stated interval
     sized      relative error and whether the 95 % interval has the size; None: not named by its own name
-    power      hidden size over the smallest size that the records show, as stated; None: not stated
     """
 
     answer: Answer
@@ -45,7 +46,6 @@ class Score:
     described: bool
     onsets: tuple[int, int]
     sized: tuple[float, bool] | None
-    power: float | None
     seconds: float
 
 
@@ -54,7 +54,7 @@ def score(answer: Answer, found: Found) -> Score:
     if "failed" in found:
         return Score(
             answer=answer, verdict=FAILED, named=FAILED, first=False, hits=0, same_family=False, wrong=0,
-            described=False, onsets=(0, 0), sized=None, power=None, seconds=0.0,
+            described=False, onsets=(0, 0), sized=None, seconds=0.0,
         )  # fmt: skip
     causes, hidden = found["causes"], answer.hidden
     strongest = list(_set(causes[0])) if causes else []
@@ -67,7 +67,7 @@ def score(answer: Answer, found: Found) -> Score:
         same_family=any(_family(o) == _family_of(h) for o in strongest[:1] for h in hidden) or first,
         wrong=sum(not any(_same(h, o) for h in hidden for o in _set(c)) for c in causes),
         described=bool(words) and all(words), onsets=_onsets(hidden, causes), sized=_sized(hidden, own),
-        power=_power(hidden, found["smallest_detectable"]), seconds=sum(found["seconds"].values()),
+        seconds=sum(found["seconds"].values()),
     )  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def _named(hidden: tuple[Hidden, ...], found: Found, first: bool) -> str:
     strongest = found["causes"][0]
     if first:
         return next(h.kind for h in hidden for o in _set(strongest) if _same(h, o))
-    return strongest["kind"]
+    return ELSEWHERE if any(h.kind == strongest["kind"] for h in hidden) else strongest["kind"]
 
 
 def _onsets(hidden: tuple[Hidden, ...], causes: list[Found]) -> tuple[int, int]:
@@ -131,12 +131,3 @@ def _sized(hidden: tuple[Hidden, ...], own: Found | None) -> tuple[float, bool] 
         return None
     truth, error = hidden[0].value, own["value"] - hidden[0].value
     return error / abs(truth), abs(error) <= 1.96 * own["std"]
-
-
-def _power(hidden: tuple[Hidden, ...], detectable: Mapping[str, float | None]) -> float | None:
-    if len(hidden) != 1:
-        return None
-    one = hidden[0]
-    inside = one.target + (f":{one.term}" if one.term else "")
-    least = detectable.get(f"{one.kind}({inside})" if inside else one.kind)
-    return abs(one.value) / least if least else None

@@ -8,10 +8,9 @@ from typing import Any
 
 from casid.model.vocabulary import KINDS
 from problems.blind_case import FAMILIES, OUTSIDE
-from problems.blind_score import FAILED, NOTHING, UNEXPLAINED, Score
+from problems.blind_score import ELSEWHERE, FAILED, NOTHING, UNEXPLAINED, Score
 
-POWER_EDGES = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, float("inf"))
-COLUMNS = ("named", NOTHING, UNEXPLAINED, FAILED)
+_NO_NAME = (NOTHING, UNEXPLAINED, FAILED)
 
 
 def group(score: Score) -> str:
@@ -21,12 +20,12 @@ def group(score: Score) -> str:
 
 
 def rows() -> tuple[str, ...]:
-    """Rows of the confusion matrix, in the order of the families."""
-    return ("clean", *(kind for kinds in FAMILIES.values() for kind in kinds), "two", *OUTSIDE)
+    """Rows of the confusion matrix, in the order of the families; two effects at once have no place in it."""
+    return ("clean", *(kind for kinds in FAMILIES.values() for kind in kinds), *OUTSIDE)
 
 
 def confusion(scores: Iterable[Score]) -> dict[tuple[str, str], int]:
-    """(row, column) -> number of sets; columns are kinds, then NOTHING, UNEXPLAINED, FAILED."""
+    """(row, column) -> number of sets; see `rows` and `columns`."""
     counts: dict[tuple[str, str], int] = {}
     for score in scores:
         cell = (group(score), score.named)
@@ -36,7 +35,7 @@ def confusion(scores: Iterable[Score]) -> dict[tuple[str, str], int]:
 
 def columns() -> tuple[str, ...]:
     """Columns of the confusion matrix."""
-    return (*(kind for kinds in FAMILIES.values() for kind in kinds), NOTHING, UNEXPLAINED, FAILED)
+    return (*(kind for kinds in FAMILIES.values() for kind in kinds), ELSEWHERE, *_NO_NAME)
 
 
 def summary(scores: Sequence[Score]) -> list[tuple[str, str]]:
@@ -60,7 +59,7 @@ def summary(scores: Sequence[Score]) -> list[tuple[str, str]]:
         ("one effect: a further, wrong name besides", _rate(single, lambda s: s.first and s.wrong > 0)),
         ("one effect, but 'adequate'", _rate(single, lambda s: s.named == NOTHING)),
         ("one effect, but 'unexplained' with no name", _rate(single, lambda s: s.named == UNEXPLAINED)),
-        ("one effect: a wrong name first", _rate(single, lambda s: s.named in KINDS and not s.first)),
+        ("one effect: a wrong name first", _rate(single, lambda s: s.named not in _NO_NAME and not s.first)),
         ("clean: sets with a name", _rate(clean, lambda s: s.wrong > 0)),
         ("clean: 'unexplained'", _rate(clean, lambda s: s.named == UNEXPLAINED)),
         ("outside the catalogue: a wrong name", _rate(outside, lambda s: s.wrong > 0 and not s.described)),
@@ -80,7 +79,7 @@ def summary(scores: Sequence[Score]) -> list[tuple[str, str]]:
 def by_kind(scores: Sequence[Score]) -> list[dict[str, Any]]:
     """One line per row of the confusion matrix that has sets."""
     table = []
-    for name in rows():
+    for name in (*rows(), "two"):
         here = [s for s in scores if group(s) == name]
         if not here:
             continue
@@ -106,17 +105,19 @@ def by_kind(scores: Sequence[Score]) -> list[dict[str, Any]]:
 
 
 def power(scores: Sequence[Score]) -> list[dict[str, Any]]:
-    """Detection against size, in units of the smallest size that the records themselves are said to show."""
-    known = [s for s in scores if group(s) in KINDS and s.power is not None]
+    """Detection against size, in units of the size that an engineer would notice."""
     table = []
-    for low, high in zip(POWER_EDGES, POWER_EDGES[1:], strict=False):
-        here = [s for s in known if s.power is not None and low <= s.power < high]
+    for size in sorted({s.answer.size for s in scores}, reverse=True):
+        here = [s for s in scores if group(s) in KINDS and s.answer.size == size]
         if here:
-            words = f"{low:g} to {high:g}" if high < float("inf") else f"above {low:g}"
             table.append(
                 {
-                    "size / smallest detectable": words, "sets": len(here),
-                    "first or in its set": sum(s.first for s in here), "any name": sum(s.named in KINDS for s in here),
+                    "size": f"{size:g}", "sets": len(here), "first or in its set": sum(s.first for s in here),
+                    "family": sum(s.same_family for s in here), "wrong name first": sum(
+                        s.named not in _NO_NAME and not s.first for s in here
+                    ),
+                    "adequate": sum(s.named == NOTHING for s in here),
+                    "unexplained": sum(s.named == UNEXPLAINED for s in here),
                 }
             )  # fmt: skip
     return table

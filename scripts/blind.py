@@ -11,8 +11,8 @@ Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean da
              DIR/blind.md, DIR/blind.csv (a line per set), DIR/confusion_<set>.csv and .svg, DIR/run.json. Ctrl-C or
              worse leaves what was finished in DIR; the same command resumes.
 
-    python scripts/blind.py [--sets do328 jsbsim] [--seeds 1..1] [--kinds GLOB ...] [--jobs N | --scheduler ADDRESS]
-        [--resume] [--out DIR] [--table FILE]
+    python scripts/blind.py [--sets do328 jsbsim] [--seeds 1..1] [--kinds GLOB ...] [--sizes 1 0.5 0.25]
+        [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR] [--table FILE]
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from casid.campaign.digest import source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script
+from casid.model.vocabulary import KINDS
 from casid.report.confusion import confusion_matrix
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
@@ -50,6 +51,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
     parser.add_argument("--seeds", default="1..1", help=f"A..B; from {REPORTING_FROM} on for reported results")
     parser.add_argument("--kinds", nargs="+", default=["*"], metavar="GLOB", help="of cases, like 'sensor_*' or clean*")
+    parser.add_argument(
+        "--sizes", nargs="+", type=float, default=[1.0], metavar="FACTOR",
+        help="on the size of what is hidden, for detection against size; the other tables are of size 1",
+    )  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=int, default=2, help="local processes; 0: none besides this one")
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a running Dask cluster, tcp://host:port")
@@ -75,22 +80,26 @@ def parse_seeds(text: str) -> range:
     return range(first, last + 1)
 
 
-def tasks(sets: Sequence[str], seeds: range, globs: Sequence[str], out: Path) -> dict[str, dict[str, Any]]:
-    """Name of a set -> task for `generate`."""
+def tasks(
+    sets: Sequence[str], seeds: range, globs: Sequence[str], sizes: Sequence[float], out: Path
+) -> dict[str, dict[str, Any]]:
+    """Name of a set -> task for `generate`. What hides nothing has one size."""
+    if min(sizes) <= 0.0:
+        raise InputError(f"--sizes {' '.join(map(str, sizes))}: expected factors above zero, like 1 0.5")
     chosen = [case for case in CASES if any(fnmatchcase(case, glob) for glob in globs)]
     if not chosen:
         raise InputError(f"--kinds {' '.join(globs)}: fits none of {', '.join(CASES)}")
     where = {"sets": str(out / "sets"), "answers": str(out / "answers")}
     return {
-        set_name(of, case, seed): {"of": of, "case": case, "seed": seed, **where}
-        for seed in seeds for of in sets for case in chosen
+        set_name(of, case, seed, size): {"of": of, "case": case, "seed": seed, "size": size, **where}
+        for seed in seeds for of in sets for case in chosen for size in (sizes if case in KINDS else (1.0,))
     }  # fmt: skip
 
 
 def run(given: argparse.Namespace) -> tuple[list[str], dict[str, Any]]:
     """Generate and diagnose what is not done yet: the names of the sets, and name -> what was found."""
     out = given.out.resolve()
-    todo = tasks(given.sets, parse_seeds(given.seeds), given.kinds, out)
+    todo = tasks(given.sets, parse_seeds(given.seeds), given.kinds, given.sizes, out)
     how: dict[str, Any] = {"jobs": given.jobs, "scheduler": given.scheduler}
     with progress() as stage:
         with open_store(out / "answers", {"campaign": "blind", "sources": source_digest(*GENERATOR)}) as store:
@@ -114,7 +123,7 @@ def main() -> None:
         (folder / "blind.md").write_text(text, encoding="utf-8")
         write_lines(folder / "blind.csv", [line(name, s, found[name]) for name, s in scores.items()])
         for of in given.sets:
-            write_confusion(folder, of, [s for s in scores.values() if s.answer.of == of])
+            write_confusion(folder, of, [s for s in scores.values() if s.answer.of == of and s.answer.size == 1.0])
         write_provenance(made_with, folder / "run.json")
     if given.table:
         given.table.write_text(text, encoding="utf-8")
@@ -123,7 +132,8 @@ def main() -> None:
 
 
 def _options(given: argparse.Namespace) -> list[str]:
-    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *(f"'{g}'" for g in given.kinds)]
+    sizes = ["--sizes", *(f"{size:g}" for size in given.sizes)]
+    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *(f"'{g}'" for g in given.kinds), *sizes]
 
 
 def page(scores: Sequence[Score], command: str, commit: str | None) -> str:
@@ -137,14 +147,16 @@ def page(scores: Sequence[Score], command: str, commit: str | None) -> str:
         "sensors, aerodynamics, mass and propulsion, air (`problems/blind_case.py`).",
     ]
     for of in SETS:
-        here = [s for s in scores if s.answer.of == of]
-        if not here:
+        every = [s for s in scores if s.answer.of == of]
+        if not every:
             continue
-        flown = ", ".join(sorted({s.answer.aircraft for s in here}))
-        found = [{"what": what, "measured": measured} for what, measured in summary(here)]
-        parts += [f"## {of}: {flown}", markdown(found), "### By kind", markdown(by_kind(here))]
-        detected = power(here)
-        if detected:
+        here = [s for s in every if s.answer.size == 1.0]
+        parts.append(f"## {of}: {', '.join(sorted({s.answer.aircraft for s in every}))}")
+        if here:
+            found = [{"what": what, "measured": measured} for what, measured in summary(here)]
+            parts += [markdown(found), "### By kind", markdown(by_kind(here))]
+        detected = power(every)
+        if len(detected) > 1 or not here:
             parts += ["### Detection against size", markdown(detected)]
     return "\n\n".join(parts) + "\n"
 
@@ -154,9 +166,10 @@ def line(name: str, s: Score, found: Mapping[str, Any]) -> dict[str, Any]:
     hidden = "; ".join(_words(h.__dict__) for h in s.answer.hidden)
     causes = "; ".join(_words(c) for c in found.get("causes", ()))
     return {
-        "name": name, "of": s.answer.of, "case": s.answer.case, "seed": s.answer.seed, "aircraft": s.answer.aircraft,
+        "name": name, "of": s.answer.of, "case": s.answer.case, "seed": s.answer.seed, "size": s.answer.size,
+        "aircraft": s.answer.aircraft,
         "hidden": hidden, "verdict": s.verdict, "causes": causes, "first": s.first, "family": s.same_family,
-        "hits": s.hits, "wrong": s.wrong, "power": s.power, "seconds": round(s.seconds, 1),
+        "hits": s.hits, "wrong": s.wrong, "seconds": round(s.seconds, 1),
         "unexplained": " ".join(found.get("unexplained", ())), "failed": found.get("failed", ""),
     }  # fmt: skip
 
@@ -180,9 +193,7 @@ def write_confusion(folder: Path, of: str, scores: Sequence[Score]) -> None:
     ]
     write_lines(folder / f"confusion_{of}.csv", [cell for cell in cells if cell["sets"]])
     right = {row: (row,) for row in rows()} | {"clean": (NOTHING,)}
-    right |= dict.fromkeys(OUTSIDE, (UNEXPLAINED,)) | {
-        "two": tuple(c for c in columns() if c not in (NOTHING, UNEXPLAINED))
-    }
+    right |= dict.fromkeys(OUTSIDE, (UNEXPLAINED,))
     with settings():
         drawn = confusion_matrix(counts, rows(), columns(), right, f"Blind tests, {of}")
         (folder / f"confusion_{of}.svg").write_bytes(drawn.svg())

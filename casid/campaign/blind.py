@@ -20,8 +20,8 @@ _TRIALS = 6  # kept of every round of naming
 
 
 def generate(task: Mapping[str, Any]) -> str:
-    """Hide a set: task of, case, seed, and the folders for sets and answers. Returns the name of the set."""
-    return hide(task["of"], task["case"], task["seed"], task["sets"], task["answers"])
+    """Hide a set: task of, case, seed, size, and the folders for sets and answers. Returns the name of the set."""
+    return hide(task["of"], task["case"], task["seed"], task["sets"], task["answers"], task["size"])
 
 
 def solve(task: Mapping[str, Any]) -> dict[str, Any]:
