@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from casid.diagnosis.flight import Flight, Regressors
-from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_series, readings
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.estimation.kalman import Filter, kalman_filter, residual_about
 from casid.model.system import Model
@@ -33,6 +33,7 @@ class Fit:
 
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
+    noise        of instruments and recorded inputs, `acting` what it is behind the attached effects
     disturbances (N, R, nw) that attached effects make; `coloured` (N, R, coloured) most likely histories of the noise's
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
     deviance     -2 log likelihood up to a constant of the data, prior included
@@ -43,6 +44,7 @@ class Fit:
     model: Model
     batch: Batch
     noise: NoiseModel
+    acting: NoiseModel
     functions: PointFunctions
     parameters: np.ndarray
     slots: tuple[Slot, ...]
@@ -76,7 +78,7 @@ class Fit:
     @property
     def moving(self) -> np.ndarray:
         """(N, R, nw) all disturbances of the linearisation."""
-        return self.disturbances + scattered(self.model, self.noise, self.coloured)
+        return self.disturbances + scattered(self.model, self.acting, self.coloured)
 
     @property
     def gradient(self) -> np.ndarray:
@@ -97,6 +99,7 @@ class _Work:
         self.flight, self.noise = flight, noise
         self.model = flight.model([a.effect for a in attached])
         self.batch = flight.batch(self.model)
+        self.dt = float(np.median(self.batch.dt))
         symbolic = [a.name for a in attached if a.effect.symbolic]
         aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
         names = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "states": []}[free]
@@ -111,6 +114,16 @@ class _Work:
             ),
         )
         self.mean, self.weight = self._prior()
+
+    def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
+        """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
+        an effect is accounted for."""
+        names, t, stations = self.batch.names, self.batch.t, self.model.disturbances
+        passing = [one for one in attached if one.effect.noise is not None and not one.records]
+        others = [one for one in attached if one not in passing]
+        recorded = known | {name: self.batch.U[..., i] for i, name in enumerate(self.model.inputs)}
+        W = disturbance_series(others, names, t, known, stations)
+        return W + disturbance_series(passing, names, t, recorded, stations) if passing else W
 
     def _prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and inverse variance of every slot; effects have none."""
@@ -159,7 +172,7 @@ def fit(
     work = _Work(flight, attached, noise, free)
     attached = tuple(attached)
     values = _start_values(work, attached, start)
-    X, moving = _start_trajectory(work, start)
+    X, moving = _start_trajectory(work, attached, start)
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
@@ -195,13 +208,13 @@ def _place(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return fit.values, fit.linear.X, fit.coloured
 
 
-def _start_trajectory(work: _Work, start: Fit | None) -> tuple[np.ndarray, np.ndarray]:
+def _start_trajectory(work: _Work, attached: Sequence[Attached], start: Fit | None) -> tuple[np.ndarray, np.ndarray]:
     """States (N, R, nx) and coloured disturbances (N, R, nc) to begin with."""
-    names = tuple(work.noise.coloured)
+    names = tuple(acting_noise(work.noise, attached, work.dt).coloured)
     still = np.zeros((*work.batch.live.shape, len(names)))
     if start is None or start.flight.records is not work.flight.records:
         return _guess(work), still
-    same = tuple(start.noise.coloured) == names
+    same = tuple(start.acting.coloured) == names
     return start.linear.X, start.coloured if same else still
 
 
@@ -243,16 +256,17 @@ def _evaluate(
     iteration: int,
 ) -> Fit:  # fmt: skip
     batch, model = work.batch, work.model
-    moving = scattered(model, work.noise, coloured)
+    acting = acting_noise(work.noise, attached, work.dt)
+    moving = scattered(model, acting, coloured)
     known = work.regressors.along(X, moving)
-    W = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
+    W = work.series(attached, known)
     P = work.parameters(values, attached)
     linear = linearise(work.functions, batch, P, X, W + moving)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
     linear = replace(linear, output=read, residual=np.where(linear.seen, batch.Z - read, 0.0))
-    kalman = kalman_filter(linear, work.noise)
+    kalman = kalman_filter(linear, acting)
     Y, F = _columns(work, attached, linear, known)
-    white = kalman.whiten(*residual_about(linear, work.noise, coloured))[..., 0]
+    white = kalman.whiten(*residual_about(linear, acting, coloured))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant))
@@ -264,6 +278,7 @@ def _evaluate(
         model=model,
         batch=batch,
         noise=work.noise,
+        acting=acting,
         functions=work.functions,
         parameters=P,
         slots=work.slots,
@@ -309,9 +324,7 @@ def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: d
         h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
         sides = [one.with_values({slot.key: one.values[slot.key] + sign * h}) for sign in (1, -1)]
         if one.effect.series is not None:
-            plus, minus = (
-                disturbance_series([side], batch.names, batch.t, known, model.disturbances) for side in sides
-            )
+            plus, minus = (work.series([side], known) for side in sides)
             y, f = inject(linear, stations, (plus - minus) / (2 * h))
             Y.append(y.sum(axis=3, keepdims=True))
             F.append(f.sum(axis=3, keepdims=True))
@@ -327,7 +340,7 @@ def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: d
 def _step(work: _Work, now: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Change of values, trajectory and coloured disturbances by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
-    Y, F, first = residual_about(now.linear, work.noise, now.coloured)
+    Y, F, first = residual_about(now.linear, now.acting, now.coloured)
     by_slot = _columns(work, now.attached, now.linear, now.known)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]

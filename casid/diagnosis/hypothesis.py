@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from casid.estimation.innovations import NoiseModel
 from casid.model.effect import Effect
 
 
@@ -45,6 +46,16 @@ class Attached:
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
         return replace(self, values=dict(self.values) | dict(values))
+
+
+def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> NoiseModel:
+    """What noise of recorded inputs is behind the attached effects; those of some records only leave it as it is."""
+    white, coloured = dict(noise.white), dict(noise.coloured)
+    for one in attached:
+        station = f"d_{one.effect.target}"
+        if one.effect.noise is not None and not one.records and station in white:
+            coloured[station] = one.effect.noise(white.pop(station), dt, one.values)
+    return replace(noise, white=white, coloured=coloured)
 
 
 def disturbance_series(

@@ -64,6 +64,8 @@ class Effect:
     regressor    term that the value multiplies in the coefficient `target`
     members      coefficients that change together, the first by the value, the others by parameters of their names
     enters       disturbance station at which an unknown time history would stand for it
+    noise        (1-sigma, sampling interval, values) -> (1-sigma, correlation time) of what white noise in the recorded
+                 input `target` is behind `series`, which then takes the record as it is; None: white still
 
     What a model that has it needs:
     units        SI units of the further parameters that `change` takes
@@ -94,6 +96,7 @@ class Effect:
     regressor: str | None = None
     members: tuple[str, ...] = ()
     enters: str | None = None
+    noise: Callable[[float, float, Values], tuple[float, float]] | None = None
     station: str | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     states: Mapping[str, str] = field(default_factory=dict)

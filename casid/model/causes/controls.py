@@ -16,6 +16,7 @@ _DEG = np.pi / 180.0
 def _surface_operator(
     kind: str, surface: str, sizes: Iterable[float], operate: Callable, meaningful: float, limit: float,
     unsigned: tuple[str, ...] = ("value",),
+    noise: Callable[[float, float, Values], tuple[float, float]] | None = None,
 ) -> Effect:  # fmt: skip
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
@@ -23,7 +24,7 @@ def _surface_operator(
 
     return Effect(
         kind=kind, target=surface, linear=False, grid=tuple({"value": v} for v in sizes), series=series,
-        unsigned=unsigned, meaningful=meaningful, limit=limit,
+        unsigned=unsigned, meaningful=meaningful, limit=limit, noise=noise,
     )  # fmt: skip
 
 
@@ -32,7 +33,12 @@ def _surface_operator(
     sentence="The {label} follows its command with a lag of {size} that the model does not have.",
 )  # fmt: skip
 def actuator_lag(surface: str) -> Effect:
-    return _surface_operator("actuator_lag", surface, (0.03, 0.06, 0.12, 0.25), operators.lag, 0.01, 1.0)
+    def noise(sigma: float, dt: float, values: Values) -> tuple[float, float]:
+        T = max(abs(values["value"]), dt)
+        return sigma * float(np.sqrt(np.tanh(dt / (2.0 * T)))), T
+
+    sizes = (0.03, 0.06, 0.12, 0.25)
+    return _surface_operator("actuator_lag", surface, sizes, operators.lag, 0.01, 1.0, noise=noise)
 
 
 @cause(
