@@ -11,7 +11,7 @@ import numpy as np
 from casid.diagnosis.evidence import Evidence, gram_of, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import ONSET_STEP, Candidate, Screen, fingerprints
+from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect, Series, Values
@@ -39,7 +39,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
         first, last = base.flight.records[r].t[0], base.flight.records[r].t[-1]
         near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
         times = np.union1d(np.round(near, 6), np.round(np.arange(first, last, _COARSE), 6))
-        times = times[(times > first + _FINE) & (times < last - _FINE)]
+        times = times[(times >= first + EDGE) & (times <= last - EDGE)]
         keep = np.zeros((1, len(names)))
         keep[0, r] = 1.0
         profile = []
@@ -89,7 +89,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     base, price = evidence.fit, Screen(evidence).price
     coefficients = coefficient_names(base.flight.aircraft.force_axes)
     longest = max(record.duration for record in base.flight.records)
-    onsets = np.arange(0.5, longest - 0.5, ONSET_STEP)
+    onsets = np.arange(EDGE, longest - EDGE, ONSET_STEP)
     durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
     best: tuple[float, int, float, float, np.ndarray, np.ndarray] | None = None
     for duration in durations:

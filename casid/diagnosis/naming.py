@@ -27,6 +27,9 @@ _TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
+# part of a cause's gain that its rough model may leave, to any other cause, and an event's rough shape to another event
+LEFT_BY_A_CAUSE, _OF_EVENT = 0.002, 0.02
+_PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -91,18 +94,18 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     intervals = dict(state.intervals)
     trials = []
     give_up, best_fit = np.inf, None
-    for candidate in _to_try(candidates, cautious, switches):
+    for candidate in _to_try(state.evidence.fit, candidates, cautious, switches):
         trial, fitted, interval = _try(state.evidence, candidate, kinematic, give_up)
         if not trial.refuted:
             give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
         if interval:
             intervals[trial.candidate.name] = interval
         trials.append(trial)
-        trials.sort(key=_order)
+        trials.sort(key=lambda t: _order(t, _price(t, state, least)))
         if trials[0] is trial:
             best_fit = fitted
     best = trials[0] if trials else None
-    named = best is not None and best.net > least and best.meaningful and not best.refuted
+    named = best is not None and _can_be_named(best, _price(best, state, least))
     equivalents = _equivalents(best, trials) if named and best is not None else ()
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
@@ -119,27 +122,43 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     return _standing(weigh(fitted), (*state.rounds, this), intervals)
 
 
-def _order(trial: Trial) -> tuple[bool, float]:
-    return trial.refuted or not trial.meaningful, -trial.net
+def _price(trial: Trial, state: Naming, least: float) -> float:
+    """Gain that a trial must exceed: what the rough shape of an earlier cause leaves is no evidence for another."""
+    timed, prices = trial.candidate.attached.effect.timed, [least]
+    for earlier in (r.trials[0] for r in state.rounds if r.named):
+        both = timed and earlier.candidate.attached.effect.timed
+        prices.append((_OF_EVENT if both else LEFT_BY_A_CAUSE) * earlier.gain)
+    return max(prices)
+
+
+def _can_be_named(trial: Trial, least: float) -> bool:
+    return trial.net > least and trial.meaningful and not trial.refuted
+
+
+def _order(trial: Trial, least: float) -> tuple[bool, float]:
+    return not _can_be_named(trial, least), -trial.net
 
 
 def _to_try(
-    candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate]
+    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate]
 ) -> list[Candidate]:
     """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
-    gain at all. A configuration change is scored in one record only, so it cannot be ranked with the others."""
-    chosen = [*_best_few(candidates, _TRIALS), *_best_few(switches, 1)]
+    gain and a size that matters at all. A configuration change is scored in one record only, so it cannot be ranked
+    with the others."""
+    chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
     names = {c.name for c in chosen}
-    return [*chosen, *(c for c in _best_few(cautious, _CAUTIOUS) if c.name not in names)]
+    return [*chosen, *(c for c in _best_few(base, cautious, _CAUTIOUS) if c.name not in names)]
 
 
-def _best_few(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
     chosen: list[Candidate] = []
     per_coefficient: dict[str, int] = {}
     for candidate in candidates:
         effect = candidate.attached.effect
         if candidate.net < 0.3 * GAIN or len(chosen) == count:
             break
+        if meaningful_share(base, candidate.attached) < _PREDICTED:
+            continue
         if effect.quasi_steady:
             per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
             if per_coefficient[effect.target] > 2:

@@ -23,7 +23,8 @@ from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
 _CHUNK = 96
-ONSET_STEP = 1.0
+ONSET_STEP = 1.0  # s
+EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
 
 
@@ -118,7 +119,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     """
     effects, base = list(effects), evidence.fit
     if onsets is None:
-        onsets = np.arange(0.5, max(record.duration for record in base.flight.records) - 0.5, ONSET_STEP)
+        onsets = np.arange(EDGE, max(record.duration for record in base.flight.records) - EDGE, ONSET_STEP)
     rows: list[tuple[Effect, Mapping[str, float], float | None]] = []
     for effect in effects:
         for values in effect.grid:

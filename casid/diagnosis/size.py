@@ -6,8 +6,9 @@ import numpy as np
 
 from casid.diagnosis.evidence import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.fit import Fit
-from casid.diagnosis.hypothesis import Attached, disturbance_series
+from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.model.terms import parse_term
+from casid.signals import SURFACES
 
 SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
 CHANGE = 0.3  # of a derivative over the records, from half that share on
@@ -21,18 +22,43 @@ def plausible(one: Attached, share: float) -> bool:
 
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:
-    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, for an oscillation
-    `SHARE` of the variation of its channel, or for what adds to a coefficient `SHARE` of that coefficient's variation,
-    as far as derivatives cannot imitate it, or half of that when it makes a derivative vary by `CHANGE`."""
+    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
+    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, or half of that when
+    it makes a derivative vary by `CHANGE`.
+
+    What stands between a record and a surface, or a channel and its reading, must besides make `SHARE` of difference
+    to a coefficient or a channel: a surface that hardly moves may be slow without any consequence."""
     effect, value = one.effect, one.values["value"]
     if effect.amplitude is not None:
-        measured = fitted.batch.Z[..., fitted.model.outputs.index(effect.target)]
-        return abs(value) * effect.amplitude / (SHARE * float(np.nanstd(measured)))
+        return _consequence(fitted, one) / SHARE
     smallest = effect.smallest_that_matters(fitted.flight.aircraft)
     if smallest is not None:
-        return abs(value) / smallest if smallest > 0 else 1.0
+        own = abs(value) / smallest if smallest > 0 else np.inf
+        return min(own, _consequence(fitted, one) / SHARE)
     share = _coefficient_share(fitted, one)
     return max(share / SHARE, min(2.0 * share / SHARE, _derivative_change(fitted, one) / CHANGE))
+
+
+def _consequence(fitted: Fit, one: Attached) -> float:
+    """Largest r.m.s. difference that an operator on a surface makes to a coefficient, or one on a reading to a channel,
+    over its variation; infinite for other effects."""
+    names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
+    if one.effect.output is not None:
+        outputs, read = fitted.model.outputs, fitted.linear.output
+        without = [a for a in fitted.attached if a.name != one.name]
+        plain, seen = (readings(a, names, t, read, outputs, fitted.known) for a in (without, [*without, one]))
+        change, size = np.std((seen - plain)[live], axis=0), np.std(plain[live], axis=0)
+        return float(np.max(change / np.maximum(size, 1e-12)))
+    if one.effect.target not in SURFACES or one.effect.series is None:
+        return np.inf
+    W = disturbance_series([one], names, t, fitted.known, fitted.model.disturbances)
+    moved = W[..., fitted.model.disturbances.index(f"d_{one.effect.target}")]
+    shares = [0.0]
+    for coefficient, size in variation(fitted).items():
+        slope = fitted.derivatives.get(f"{coefficient}_{one.effect.target}", 0.0)
+        left = unlike_derivatives(fitted, coefficient, slope * moved)
+        shares.append(float(np.std(left[live])) / max(size, 1e-12))
+    return max(shares)
 
 
 def _derivative_change(fitted: Fit, one: Attached) -> float:

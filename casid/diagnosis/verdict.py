@@ -62,6 +62,7 @@ def causes_of(
             effect = trial.candidate.attached.effect
             if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in seen:
                 minor.append(_cause(trial, naming, (), None))
+                seen.add(effect.key)
     minor += _small_terms(naming.evidence, {(m.target, m.term) for m in minor})
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
