@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, MEASURED, Picture, blank, channel_axis, settings
 
@@ -60,11 +61,13 @@ def over_variable(
             for estimator, own in estimates.items():
                 place.plot(x[key][order], own[key][order], color=_COLOURS[estimator], linestyle=_DASHES[estimator],
                            label=f"{estimator} error")  # fmt: skip
-            place.set_title(key.replace("_", " ", 1))
-            place.ticklabel_format(axis="both", style="sci", scilimits=(-2, 2))
+            place.set_title("{} due to {}".format(*key.split("_", 1)))
+            for axis in (place.xaxis, place.yaxis):
+                axis.set_major_locator(MaxNLocator(3))
+                axis.set_major_formatter("{x:g}")
         for place in axes[len(truth) :]:
             place.set_visible(False)
         handles, words = axes[0].get_legend_handles_labels()
-        drawing.legend(handles, words, loc="outside lower center", ncols=4)
+        drawing.legend(handles, words, loc="outside lower center", ncols=4, markerscale=5)
     alt = "Contribution of each term over its variable: truth as points, estimates as straight lines."
     return Picture(name=name, figure=drawing, title=title, caption=caption, alt=alt)

@@ -23,9 +23,13 @@ caption { padding-bottom: .3rem; font-weight: 600; }
 .wide { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: .2rem .7rem .2rem 0; border-bottom: 1px solid #ddd; }
-th:first-child, td:first-child, td.text { text-align: left; }
+th:first-child, td:first-child, th.text, td.text { text-align: left; }
+td.short { white-space: nowrap; }
 @media print { .wide { overflow: visible; } tr, figure { break-inside: avoid; } h2 { break-after: avoid; } }
 """
+
+
+_SHORT = 16  # characters of a text that stays on one line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +46,10 @@ def paragraph(text: str) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "") -> str:
     """Numbers to three digits, texts as they are, None as a dash."""
-    top = "".join(f"<th scope='col'>{escape(text)}</th>" for text in head)
+    rows = list(rows)
+    texts = [all(isinstance(row[i], str) for row in rows) for i in range(len(head))] if rows else [False] * len(head)
+    kinds = [" class='text'" if text else "" for text in texts]
+    top = "".join(f"<th scope='col'{kind}>{escape(text)}</th>" for kind, text in zip(kinds, head, strict=True))
     body = "".join("<tr>" + "".join(_cell(value) for value in row) + "</tr>" for row in rows)
     named = f"<caption>{escape(caption)}</caption>" if caption else ""
     return f"<div class='wide'><table>{named}<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
@@ -50,7 +57,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "")
 
 def _cell(value: Any) -> str:
     if isinstance(value, str):
-        return f"<td class='text'>{escape(value)}</td>"
+        return f"<td class='text{' short' if len(value) <= _SHORT else ''}'>{escape(value)}</td>"
     return f"<td>{number(value)}</td>"
 
 
@@ -79,7 +86,7 @@ def write_page(
     body = [f"<h1>{escape(title)}</h1>", *map(paragraph, lead)]
     for section in sections:
         body += [f"<h2>{escape(section.title)}</h2>", *section.parts]
-    facts = "; ".join(f"{key}: {value}" for key, value in made_with.items())
+    facts = "; ".join(f"{key}: {_plain(value)}" for key, value in made_with.items() if value is not None)
     body.append(f"<h2>How this was made</h2>{paragraph(facts)}")
     text = (
         f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>"
@@ -89,3 +96,9 @@ def write_page(
         + "\n</body></html>\n"
     )
     Path(path).write_text(text, encoding="utf-8")
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {one}" for key, one in value.items())
+    return " ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from casid.report.paper_page import Section, figure, paragraph, table, write_page
 from casid.report.style import BASELINE, EXPLAINED, FAINT, Picture, blank, settings
@@ -88,18 +89,21 @@ def basin_picture(results: Results, aircraft: Sequence[str], methods: Sequence[s
                         x, y = (float(part) for part in key.split()[-2:])
                         place.plot(x, y, "s", color=_COLOURS[outcome(result)], markersize=9)
                 place.plot(1.0, 1.0, "+", color="black", markersize=9, markeredgewidth=1.5)
-                place.set_title(f"{method}, {name}")
+                if i == 0:
+                    place.set_title(method)
+                place.margins(0.08)
+                place.xaxis.set_major_locator(MaxNLocator(4, integer=True))
                 if i == len(aircraft) - 1:
                     place.set_xlabel(f"{names[0]} / true")
                 if j == 0:
-                    place.set_ylabel(f"{names[1]} / true")
+                    place.set_ylabel(f"{name}\n{names[1]} / true")
         marks = [axes[0, 0].plot([], [], "s", color=colour, label=kind)[0] for kind, colour in
                  zip(_KINDS, _COLOURS, strict=True)]  # fmt: skip
         drawing.legend(handles=marks, loc="outside lower center", ncols=3)
     return Picture(
         name="basin", figure=drawing, title="The basin of attraction, cut along two derivatives",
         caption="Each square is a start; the other derivatives start at 0.7 times their true values. The cross is the "
-        "truth.",
+        "truth. Upper row: the stable aircraft; lower row: the destabilised one." ,
         alt="Grids of starts coloured by whether the right optimum is found, for three methods.",
     )  # fmt: skip
 

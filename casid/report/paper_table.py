@@ -22,6 +22,8 @@ class Part(Protocol):
     @property
     def cells(self) -> int: ...
     @property
+    def largest(self) -> float | None: ...
+    @property
     def answer(self) -> str: ...
 
 
@@ -83,11 +85,17 @@ def _claims(answers: Mapping[str, Sequence[Claim]], printed: Sequence[Claim]) ->
     for i, claim in enumerate(printed):
         rows.append([f"{claim.number}. {claim.words}", *(own[i].answer for own in answers.values()), claim.answer])
         for j, part in enumerate(claim.parts):
-            own = [f"{c[i].parts[j].holds} of {c[i].parts[j].cells}" for c in answers.values()]
-            exact = [c[i].parts[j].words for c in answers.values()] if claim.number == 1 else [part.words]
-            rows.append([f"    {' / '.join(dict.fromkeys(exact))}", *own, f"{part.holds} of {part.cells}"])
+            own = [_counted(c[i].parts[j]) for c in answers.values()]
+            rows.append([f"– {part.words}", *own, _counted(part)])
     caption = "cells of the table that bear the claim out; confirmed from 90 %, refuted below 50 %, else it depends"
     return table(["claim", *answers, "the paper's own table"], rows, caption)
+
+
+def _counted(part: Part) -> str:
+    if not part.cells:
+        return "–"
+    worst = f", up to {part.largest:.0e}" if part.largest is not None else ""
+    return f"{part.holds} of {part.cells}{worst}"
 
 
 def _counts(rows: Sequence[Mapping[str, Any]], published: Cells, prefix: str) -> str:

@@ -6,10 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FixedLocator, NullLocator
 
 from casid.report.paper_page import table
-from casid.report.style import RECORD_COLOURS, RECORD_MARKERS, Picture, blank, settings
+from casid.report.style import FAINT, RECORD_COLOURS, RECORD_MARKERS, Picture, blank, settings
 
+_ENDS = {"0": "output", "1": "equation"}
+_TICKS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5)
 Results = Mapping[str, Mapping[str, Any]]
 
 
@@ -52,17 +55,28 @@ def trade_off(rows: Sequence[Sequence[Any]], cases: Mapping[str, str]) -> Pictur
             x, y = [row[2] for row in own], [row[3] for row in own]
             axes.plot(x, y, f"-{RECORD_MARKERS[i]}", color=RECORD_COLOURS[i], markersize=4, label=f"{case}: {words}")
             for row in own:
-                if row[1] in ("0", "0.5", "1"):
-                    axes.annotate(row[1], (row[2], row[3]), textcoords="offset points", xytext=(5, 4), fontsize=8.5)
+                if row[1] in _ENDS:
+                    axes.annotate(
+                        _ENDS[row[1]], (row[2], row[3]), textcoords="offset points", xytext=(0, 7), fontsize=8.5,
+                        color=RECORD_COLOURS[i], ha="center",
+                    )  # fmt: skip
         axes.set_xlabel("mismatch in the equation domain / that at 50/50")
         axes.set_ylabel("mismatch in the output domain / that at 50/50")
         axes.set_xscale("log")
         axes.set_yscale("log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(FixedLocator(_TICKS))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
+        axes.axhline(1.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.axvline(1.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.margins(0.1)
         axes.legend()
     return Picture(
         name="trade_off", figure=drawing, title="Trade-off between the two domains",
         caption="Mean absolute differences from noise-free truth, geometric mean over the channels of a domain; "
-        "the numbers are the weight of the equation part.",
+        "the weight of the equation part grows along a curve from 'output' (pure output error) to 'equation' (pure "
+        "equation error). Where the grey lines cross lies 50/50; below and left of it is better.",
         alt="Curves of output-domain against equation-domain mismatch along the weight.",
     )  # fmt: skip
 
