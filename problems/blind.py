@@ -249,14 +249,20 @@ def _drifting(record: Record, hidden: Hidden) -> Record:
 
 
 def _as_flown(hidden: Hidden, plan: _Plan) -> Hidden:
-    """Turbulence of JSBSim has the r.m.s. velocity of the spectrum's severity, not the one that was drawn."""
-    if hidden.kind != "turbulence" or plan.frame is None:
+    """Turbulence has the r.m.s. velocity that was met in these records, per axis; a spectrum only promises it."""
+    if hidden.kind != "turbulence":
         return hidden
-    logs = []
+    squares = []
     for i, name in enumerate(RECORDS):
-        still = {n: np.zeros(round(plan.durations[i] * RATE_HZ) + 1) for n in (*SURFACES, "throttle")}
-        logs.append(blind_jsbsim.fly(plan.frame, name, still, [hidden], None, plan.seed + i)[0])
-    return replace(hidden, value=float(f"{blind_jsbsim.air_rms(logs):.4g}"))
+        t = np.arange(round(plan.durations[i] * RATE_HZ) + 1) / RATE_HZ
+        if plan.frame is None:
+            met = blind_do328.air(t, hidden.value, plan.seed + i)
+            squares += [np.mean(met[f"wind_{axis}"] ** 2) for axis in "xyz"]
+        else:
+            still = {n: np.zeros_like(t) for n in (*SURFACES, "throttle")}
+            log, _ = blind_jsbsim.fly(plan.frame, name, still, [hidden], None, plan.seed + i)
+            squares += [np.mean(log.channels[f"turb_{axis}"] ** 2) for axis in "xyz"]
+    return replace(hidden, value=float(f"{np.sqrt(np.mean(squares)):.4g}"))
 
 
 def _recorded(record: Record, plan: _Plan, rng: np.random.Generator) -> Record:

@@ -61,7 +61,7 @@ def fly(
     gusts = dict[str, np.ndarray]()
     for one in here:
         if one.kind == "turbulence":
-            gusts = turbulence(np.random.default_rng([seed, 3]), t, one.value, level.V)
+            gusts = air(t, one.value, seed)
     outputs = _flown(applied, start, gusts, outside)
     read = dict(applied.records[0].channels) | dict(zip(OUTPUTS, outputs.T, strict=True))
     for value in instruments:
@@ -126,6 +126,11 @@ def _flown(applied: Applied, start: np.ndarray, gusts: Mapping[str, np.ndarray],
         if change < _SETTLED * np.abs(flown.states).max():
             return flown.outputs
     raise InputError(f"Do 328: the motion under '{outside.kind}' does not settle; choose a smaller size")
+
+
+def air(t: np.ndarray, sigma: float, seed: int) -> dict[str, np.ndarray]:
+    """The turbulence of the flight with that seed, see `turbulence`."""
+    return turbulence(np.random.default_rng([seed, 3]), t, sigma, V_TRIM)
 
 
 def turbulence(rng: np.random.Generator, t: np.ndarray, sigma: float, V: float) -> dict[str, np.ndarray]:

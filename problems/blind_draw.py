@@ -110,7 +110,8 @@ def _servo(rng: Rng, kind: str, scene: Scene) -> Hidden:
 
 
 def _effectiveness(rng: Rng, scene: Scene) -> Hidden:
-    target = str(rng.choice((*SURFACES, "thrust")))
+    # JSBSim's records have the thrust that is really there, so none can be missing
+    target = str(rng.choice((*SURFACES, "thrust") if scene.free_steps else SURFACES))
     onsets = _events(rng, scene, None if target == "thrust" else target)
     return Hidden(
         kind="effectiveness_change", target=target, value=-_digits(rng.uniform(0.15, 0.50)), records=tuple(onsets),

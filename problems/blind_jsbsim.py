@@ -90,9 +90,3 @@ def merged(edits: Sequence[Edit]) -> Edit:
                     raise ValueError(f"two changes of '{name}' in one aircraft")
                 taken[name] = value
     return replace(null, **taken)
-
-
-def air_rms(logs: Sequence[Log]) -> float:
-    """r.m.s. velocity [m/s] of the turbulence that was flown, per axis."""
-    axes = ("turb_x", "turb_y", "turb_z")
-    return float(np.sqrt(np.mean([np.mean(log.channels[axis] ** 2) for log in logs for axis in axes])))
