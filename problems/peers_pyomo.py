@@ -17,7 +17,7 @@ def pyomo(task: Task) -> tuple[np.ndarray, float]:
     from pyomo.environ import SolverFactory, value  # pyright: ignore[reportMissingImports]
 
     if shutil.which("ipopt") is None:
-        raise ModuleNotFoundError("no executable 'ipopt' (Debian: coinor-ipopt)")
+        raise ModuleNotFoundError("no executable 'ipopt'")
     model = build(task)
     SolverFactory("ipopt").solve(model, options={"tol": 1e-8})
     return np.array([value(model.p[i]) for i in range(16)]), float(value(model.cost))

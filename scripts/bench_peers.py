@@ -3,8 +3,8 @@
 Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, opty, pyomo.dae against ours
 Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
              prior (problems/peers.py). Theirs and ours in turn in one process, medians of processor time (all run on
-             one thread), building and standard errors in. A peer that is not installed is said and left out
-             (`pip install casid[bench]`; pyomo also needs the executable ipopt, Debian's coinor-ipopt).
+             one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no bounds.
+             A peer that is not installed is said and left out (CONTRIBUTING.md says what it takes).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 
@@ -28,6 +28,10 @@ PEERS = {"scipy_rk4": scipy_rk4, "scipy_ivp": scipy_ivp, "casadi_ipopt_gn": casa
          "pyomo": pyomo}  # fmt: skip
 # standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
 SAME = {"scipy_rk4": 1e-3, "casadi_ipopt_gn": 1e-3, "scipy_ivp": 0.05, "opty": 0.2, "pyomo": 0.05}
+NEEDS = {
+    "opty": "pip install 'casid[bench]', which builds cyipopt against libipopt",
+    "pyomo": "pip install 'casid[bench]', and an executable 'ipopt' on the path",
+}
 OURS_PER_TURN, WARM = 5, 12
 
 
@@ -55,12 +59,12 @@ def _compare(name: str, repeats: int, fit: Fit) -> dict[str, str | float] | None
     theirs, ours, data = [], [], task()
     try:
         for _ in range(repeats):
-            ours += processor_seconds_of(lambda: solve(our_problem()), OURS_PER_TURN)
+            ours += processor_seconds_of(lambda: solve(our_problem()).covariance, OURS_PER_TURN)
             begin = processor_seconds()
             parameters, cost = PEERS[name](data)
             theirs.append(processor_seconds() - begin)
     except ModuleNotFoundError as error:
-        print(f"{name}: {error}, left out")
+        print(f"{name}: {error}, left out; install {NEEDS.get(name, name)}; see CONTRIBUTING.md, Benchmarks")
         return None
     away = max(abs(p - fit[n].value) / fit[n].std for n, p in zip(TRUTH, parameters, strict=True))
     if not fit.converged or not away < SAME[name]:

@@ -37,7 +37,7 @@ def test_a_peer_reaches_our_optimum_and_a_missing_one_is_said(load_script, monke
     arguments = ["--peers", "casadi_ipopt_gn", "opty", "--repeats", "1", "--json", str(path)]
     monkeypatch.setattr(sys, "argv", ["bench_peers.py", *arguments])
     script.main()
-    assert "opty: No module named 'opty', left out" in capsys.readouterr().out
+    assert "opty: No module named 'opty', left out; install" in capsys.readouterr().out
     (row,) = json.loads(path.read_text())["rows"]
     assert row["peer"] == "casadi_ipopt_gn" and row["cost"] == pytest.approx(row["ours_cost"], rel=1e-8)
     assert row["ratio"] == pytest.approx(row["seconds"] / row["ours_seconds"])
