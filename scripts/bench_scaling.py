@@ -2,7 +2,7 @@
 
 Question     is an estimation linear in the samples up to 64000 (20 minutes at 50 Hz), and in the records up to 100?
 Set-up       stable Do 328 in long flights (problems/long_flight.py), 16 moment derivatives from 0.7 x truth, multiple
-             shooting over 25 samples. Median seconds of `solve`, standard errors in; peak of the arrays that live at
+             shooting over 25 samples. Median seconds of `solve` and all standard errors; peak of the arrays that live at
              once (tracemalloc, a run of its own), and of the whole process so far.
 Expectation  exponent of seconds per iteration over samples at most 1.1; below 1 GB. At each size the estimate is right:
              `away` is the largest distance from the truth in standard deviations.
@@ -52,9 +52,9 @@ def _measure(series: str, problem: Problem, repeats: int) -> dict[str, Any]:
     away = max(abs(fit[n].value - STABLE[n]) / fit[n].std for n in MOMENT_DERIVATIVES)
     if not fit.converged or away > FAR:
         raise InputError(f"{series}: {fit.status}, {away:.2g} standard deviations from the truth")
-    seconds = median(seconds_of(lambda: solve(problem), repeats))
+    seconds = median(seconds_of(lambda: solve(problem).parameters, repeats))
     tracemalloc.start()
-    solve(problem)
+    _ = solve(problem).parameters
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     samples, records = len(problem.records[0]), len(problem.records)
