@@ -154,6 +154,18 @@ def test_bootstrap_scatter_is_the_covariance_under_white_noise():
     assert drawn.std("Mq") == pytest.approx(drawn.estimates[:, list(TRUTH).index("Mq")].std(ddof=1))
 
 
+def test_bootstrap_with_noisy_inputs_scatters_as_the_adjoint_says():
+    """Two ways to the same covariance, draws and first-order propagation: chi-square; the plain bound is too small."""
+    fit = solve(Problem(short_period(), [noisy_flight(hold="held")], free=["*"], noise=NOISE))
+    sigma, runs = {"delta_e": 0.003}, 80
+    drawn = bootstrap(fit, runs, seed=6, input_noise=sigma)
+    error = drawn.estimates - drawn.estimates.mean(axis=0)
+    low, high = chi2.ppf([0.001, 0.999], error.size - error.shape[1])
+    covariances = fit.covariance, input_noise_errors(fit, sigma).covariance
+    plain, known = (float(np.einsum("ri,ij,rj->", error, np.linalg.inv(c), error)) for c in covariances)
+    assert low < known < high < plain
+
+
 def test_a_draw_keeps_missing_samples_and_depends_on_its_seed_alone():
     record = noisy_flight()
     q = record["q"].copy()
