@@ -1,7 +1,9 @@
 """Simulated unstable short period under feedback: single shooting ends in a wrong minimum, multiple shooting does not.
 
 Test case 8 of R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., AIAA 2015 (data: `unStabAC_sim.asc` in
-supplement 10.2514/4.102790): vertical speed w and pitch rate q with the measured elevator as input.
+supplement 10.2514/4.102790): vertical speed w and pitch rate q with the measured elevator as input. The wrong minimum
+is reached from START when the initial state is held in trim, as the book holds it. With a free one even Gauss-Newton
+with full steps gets out of it again.
 """
 
 from __future__ import annotations
