@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 from scipy.stats import chi2
 
 from casid.estimation import MultipleShooting, Problem, RangeWeights, SingleShooting, solve
+from casid.estimation.uncertainty import Uncertainty
 from casid.model.system import define_model
 from casid.records.record import Record
 
@@ -97,6 +101,16 @@ def test_a_line_has_the_covariance_of_ordinary_least_squares(method):
     np.testing.assert_allclose(estimated.covariance, residual / 60 * np.linalg.inv(phi.T @ phi), rtol=1e-6)
     a, b = (estimated[name] for name in "ab")
     assert estimated.correlation("a", "b") == pytest.approx(estimated.covariance[0, 1] / (a.std * b.std))
+
+
+def test_a_departed_motion_leaves_nothing_known():
+    """Sensitivities that grew to 1e150 make an information matrix of garbage: no parameter is known, no exception."""
+    objective: Any = SimpleNamespace(rows=np.zeros((0, 2)), problem=SimpleNamespace(parameters=("a", "b")))
+    linear: Any = SimpleNamespace(hessian=-1e300 * np.ones((2, 2)))
+    value: Any = None
+    nothing = Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=np.zeros(0))
+    assert nothing.confused == ("a", "b")
+    assert np.isnan(nothing.covariance).all() and np.isnan(nothing.corrected).all()
 
 
 def test_parameters_that_cannot_be_told_apart_are_named():

@@ -73,7 +73,11 @@ class Uncertainty:
         free, names = self._free, self.objective.problem.parameters
         inner = free.T @ self.linear.hessian @ free
         scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
-        eigenvalues, vectors = np.linalg.eigh(inner * np.outer(scale, scale))
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = inner * np.outer(scale, scale)
+        if not np.isfinite(scaled).all():  # the motion has departed: nothing can be said
+            return tuple(names)
+        eigenvalues, vectors = np.linalg.eigh(scaled)
         lost = vectors[:, eigenvalues < _RANK]
         if not lost.size:
             return ()
