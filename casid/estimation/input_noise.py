@@ -25,6 +25,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.noise import pooled_sigma
 from casid.estimation.relinearise import AtFit, relinearise
 from casid.estimation.residual_colour import (
+    BLOCKS,
     ORDER,
     Colour,
     autoregression,
@@ -39,6 +40,7 @@ from casid.model.system import Model
 
 _DEFAULT_METHOD = MultipleShooting()
 _ENDLESS = 1e100
+_LAGS = (ORDER + 1) * max(BLOCKS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,9 +128,18 @@ def _measured_score(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> 
         caused = np.einsum("io,loj,ij->li", whiten, _caused(at, slopes, spread), whiten)
         least = np.einsum("io,o,io->i", whiten, _least_variance(at), whiten)
         noise = noise_autocovariance(sums, prior, at.free)
-        colours = {c: _left(noise[c], caused[:, c], least[c], own.count) for c, own in sums.items()}
+        colours = {
+            c: _left(noise[c], _of_blocks(caused[:, c], own.block), least[c], own.count) for c, own in sums.items()
+        }
     pieces = score_pieces(at.objective, at.value, at.linear)
     return prior + coloured_score(colours, sums, pieces, len(prior))
+
+
+def _of_blocks(autocovariance: np.ndarray, size: int) -> np.ndarray:
+    """(ORDER + 1,) of sums over blocks of `size` samples, over the root of the size."""
+    apart = np.arange(1 - size, size)
+    at = np.abs(size * np.arange(ORDER + 1)[:, None] + apart)
+    return autocovariance[at] @ (1.0 - np.abs(apart) / size)
 
 
 def _left(noise: np.ndarray, caused: np.ndarray, least: float, count: int) -> Colour:
@@ -168,10 +179,10 @@ def _caused(at: AtFit, slopes: list[np.ndarray], spread: np.ndarray) -> np.ndarr
     layout, n = at.objective.layout, a.shape[2]
     gain, direct = (e0 + e1) * spread, df * spread
     outputs = c.shape[2]
-    total, covariance, cross = np.zeros((ORDER + 1, outputs, outputs)), np.zeros((n, n)), np.zeros((ORDER, n, outputs))
+    total, covariance, cross = np.zeros((_LAGS, outputs, outputs)), np.zeros((n, n)), np.zeros((_LAGS - 1, n, outputs))
     for k in range(layout.segments):
         if k in layout.first:
-            covariance, cross = np.zeros((n, n)), np.zeros((ORDER, n, outputs))
+            covariance, cross = np.zeros((n, n)), np.zeros((_LAGS - 1, n, outputs))
         for i in range(layout.length):
             seen, own_c, step = layout.present[k, i][:, None], c[k, i], a[k, i]
             from_states = covariance @ own_c.T

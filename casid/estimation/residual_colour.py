@@ -11,6 +11,10 @@ Durbin. This is expectation and maximisation of the restricted likelihood (Patte
 Cheang and Reinsel, JASA 95, 2000). For white noise it divides the sum of squares by samples less parameters. The order
 is that of least AIC. Initial states, which take few degrees of freedom and only at the start, are not counted.
 
+The slow noise that parameters cannot be told from may lie far below white noise when it is sampled fast. Therefore the
+autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
+what is left within the blocks counts as white.
+
 Everything is gathered from pieces of records in the order of time, and keeps no more of them than the last few rows.
 """
 
@@ -19,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
@@ -28,8 +33,10 @@ from casid.estimation.quadratic import inverse_along
 
 ORDER = 12  # highest of the autoregression: the lags that are gathered
 _SAMPLES_PER_ORDER = 10
+BLOCKS = (1, 2, 4, 8)  # samples per block that are tried
+_KEPT = 0.97  # of the sums of squares of the sensitivities that the means of the blocks must keep
 _ROUNDS = 2  # of expectation and maximisation: what more would change is below one per cent of a standard deviation
-_BLOCK = 1024  # samples per product of matrices: they stay in the cache
+_CHUNK = 1024  # samples per product of matrices: they stay in the cache
 _PREDICTED = 1e-12  # of the variance: what an autoregression leaves of residuals without noise
 _LEAST = 1e-16  # variance of weighted residuals that is rounding
 
@@ -71,62 +78,132 @@ def coloured_score(
     colours: Mapping[int, Colour], sums: Mapping[int, ChannelSums], pieces: Iterable[Piece], count: int
 ) -> np.ndarray:
     """(count, count) covariance of the gradient of 1/2 sum of squared residuals in the `count` parameters: sum of
-    X' R X over channels. `sums` are those of the pieces."""
+    X' R X over channels. `sums` are those of the pieces, `colours` those of their blocks."""
     total = np.zeros((count, count))
     for c, own in sums.items():
-        if colours[c].white:
-            own.spread(total, own.inner(np.array([colours[c].variance])))
+        within = own.variance_within
+        own.spread(total, own.gram(within))
+        own.spread(total, own.inner(np.array([colours[c].variance if colours[c].white else 0.0]) - within))
     if all(colour.white for colour in colours.values()):
         return total
-    filters: dict[tuple[int, int], _Filter] = {}
+    filters: dict[tuple[int, int], tuple[_Blocks, _Filter]] = {}
     for piece in pieces:
         if not colours[piece.channel].white:
             key = piece.channel, piece.record
             if key not in filters:
-                filters[key] = _Filter(colours[piece.channel], piece.columns)
-            filters[key].add(piece.rows)
-    for run in filters.values():
+                width = len(piece.columns)
+                run = _Filter(colours[piece.channel], piece.columns)
+                filters[key] = _Blocks(sums[piece.channel].block, width), run
+            blocks, run = filters[key]
+            run.add(blocks.add(piece.rows))
+    for _, run in filters.values():
         total[np.ix_(run.columns, run.columns)] += run.score()
     return total
 
 
+class _Blocks:
+    """Sums over blocks of `size` rows of a stream (m, width), over the root of the size, so that white noise keeps its
+    variance; what does not fill a block waits for more."""
+
+    def __init__(self, size: int, width: int) -> None:
+        self._size, self._waiting = size, np.zeros((0, width))
+
+    def add(self, rows: np.ndarray) -> np.ndarray:
+        """(blocks, width) that are complete now."""
+        if self._size == 1:
+            return rows
+        both = np.concatenate([self._waiting, rows])
+        full = len(both) // self._size * self._size
+        self._waiting = both[full:]
+        return both[:full].reshape(-1, self._size, both.shape[1]).sum(axis=1) / math.sqrt(self._size)
+
+
+class _Lagged:
+    """Of one stream (m, width): sums of rows_(i-k) rows_i' for the lags k, and the number of rows."""
+
+    def __init__(self, width: int) -> None:
+        self.sums, self.count = np.zeros((ORDER + 1, width, width)), 0
+        self._last = np.zeros((ORDER, width))
+
+    def add(self, rows: np.ndarray) -> None:
+        both = np.concatenate([self._last, rows])
+        for start in range(0, len(rows), _CHUNK):
+            part = rows[start : start + _CHUNK]
+            for k in range(ORDER + 1):
+                behind = start + ORDER - k
+                self.sums[k] += both[behind : behind + len(part)].T @ part
+        self._last = both[-ORDER:]
+        self.count += len(rows)
+
+
 class ChannelSums:
-    """Of one channel: sums over samples of [x; r]_(i-k) [x; r]_i' for the lags k, by record, and the samples."""
+    """Of one channel: lagged sums of [x; r] by record, for every size of block."""
 
     def __init__(self) -> None:
         self.columns: dict[int, np.ndarray] = {}
-        self.lagged: dict[int, np.ndarray] = {}
-        self._last: dict[int, np.ndarray] = {}
-        self.count = 0
+        self._streams: dict[int, list[tuple[_Blocks, _Lagged]]] = {}
 
     def add(self, piece: Piece) -> None:
         own = np.column_stack([piece.rows, piece.residuals])
         width = own.shape[1]
         if piece.record not in self.columns:
             self.columns[piece.record] = piece.columns
-            self.lagged[piece.record] = np.zeros((ORDER + 1, width, width))
-            self._last[piece.record] = np.zeros((ORDER, width))
-        both = np.concatenate([self._last[piece.record], own])
-        for start in range(0, len(own), _BLOCK):
-            part = own[start : start + _BLOCK]
-            for k in range(ORDER + 1):
-                behind = start + ORDER - k
-                self.lagged[piece.record][k] += both[behind : behind + len(part)].T @ part
-        self._last[piece.record] = both[-ORDER:]
-        self.count += len(own)
+            self._streams[piece.record] = [(_Blocks(size, width), _Lagged(width)) for size in BLOCKS]
+        for blocks, lagged in self._streams[piece.record]:
+            lagged.add(blocks.add(own))
+
+    @cached_property
+    def _level(self) -> int:
+        """Which size of block is used; once all pieces are there."""
+        for level in reversed(range(1, len(BLOCKS))):
+            if self._count(level) >= _SAMPLES_PER_ORDER * ORDER and self._kept(level) >= _KEPT:
+                return level
+        return 0
+
+    def _count(self, level: int) -> int:
+        return sum(streams[level][1].count for streams in self._streams.values())
+
+    def _kept(self, level: int) -> float:
+        """Least share of a sensitivity's sum of squares that is in the means of the blocks."""
+        least = 1.0
+        for streams in self._streams.values():
+            whole, means = (np.diagonal(streams[i][1].sums[0])[:-1] for i in (0, level))
+            seen = whole > 0.0
+            least = min(least, float((means[seen] / whole[seen]).min(initial=1.0)))
+        return least
+
+    @property
+    def block(self) -> int:
+        """Samples per block."""
+        return BLOCKS[self._level]
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return self._count(self._level)
+
+    @property
+    def variance_within(self) -> float:
+        """Of the residuals about the means of their blocks."""
+        if self._level == 0:
+            return 0.0
+        whole, means = (
+            sum(streams[i][1].sums[0][-1, -1] for streams in self._streams.values()) for i in (0, self._level)
+        )
+        return max(float(whole - means), 0.0) / (self._count(0) - self.count)
+
+    def gram(self, factor: float) -> dict[int, np.ndarray]:
+        """By record, `factor` times the sum over all samples of [x; r] [x; r]'."""
+        return {r: factor * streams[0][1].sums[0] for r, streams in self._streams.items()}
 
     def inner(self, weights: np.ndarray) -> dict[int, np.ndarray]:
-        """By record, sum over the lags, both ways, of the sums times `weights` (lags,)."""
+        """By record, sum over the lags, both ways, of the sums over blocks times `weights` (lags,)."""
         found = {}
-        for r, lagged in self.lagged.items():
+        for r, streams in self._streams.items():
+            lagged = streams[self._level][1].sums
             one_way = np.tensordot(weights[1:], lagged[1 : len(weights)], 1)
             found[r] = weights[0] * lagged[0] + one_way + one_way.T
         return found
-
-    @property
-    def information(self) -> dict[int, np.ndarray]:
-        """By record, X' X with the gradient and the sum of squares as its last row and column."""
-        return {r: lagged[0] for r, lagged in self.lagged.items()}
 
     def spread(self, total: np.ndarray, inner: dict[int, np.ndarray]) -> None:
         """Add the parameters' part of `inner` to `total` (parameters, parameters)."""
@@ -134,10 +211,10 @@ class ChannelSums:
             total[np.ix_(self.columns[r], self.columns[r])] += matrix[:-1, :-1]
 
     def autocovariance(self, shift: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """(lags,) expected, of the noise, for parameters off by `shift` with `covariance`."""
+        """(lags,) expected, of the noise of the blocks, for parameters off by `shift` with `covariance`."""
         found = np.zeros(ORDER + 1)
-        for r, lagged in self.lagged.items():
-            columns = self.columns[r]
+        for r, streams in self._streams.items():
+            columns, lagged = self.columns[r], streams[self._level][1].sums
             off = np.append(-shift[columns], 1.0)
             found += lagged @ off @ off
             found += np.tensordot(lagged[:, :-1, :-1], covariance[np.ix_(columns, columns)], 2)
@@ -145,7 +222,7 @@ class ChannelSums:
 
 
 def noise_autocovariance(sums: Mapping[int, ChannelSums], prior: np.ndarray, free: np.ndarray) -> dict[int, np.ndarray]:
-    """Channel -> (lags,) autocovariance of the noise behind its residuals.
+    """Channel -> (lags,) autocovariance of the noise behind its residuals, of blocks.
 
     prior   (parameters, parameters) information besides the data's
     free    (parameters, directions) in which the parameters can move
