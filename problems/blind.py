@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +70,11 @@ def hide(of: str, case: str, seed: int, sets: str | Path, answers: str | Path, s
     flown.aircraft.write(folder / "aircraft.toml")
     flown.answer.write(Path(answers) / f"{name}.json")
     return name
+
+
+def generate(task: Mapping[str, Any]) -> str:
+    """`hide` for a campaign: a task has its arguments."""
+    return hide(**task)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,8 +8,8 @@ Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSB
              for reported results. The sealed answers are opened only when all diagnoses are done; the process that
              diagnoses is given nothing but the folder with records and aircraft file.
 Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean data without a name.
-             DIR/blind.md, DIR/blind.csv (a line per set), DIR/confusion_<set>.csv and .svg, DIR/run.json. Ctrl-C or
-             worse leaves what was finished in DIR; the same command resumes.
+             DIR/blind.md, DIR/blind.csv (a line per set), DIR/confusion_<set>.csv and .svg, DIR/run.json. Ctrl-C
+             makes them of the sets that are finished; the same command resumes, also after worse.
 
     python scripts/blind.py [--sets do328 jsbsim] [--seeds 1..1] [--kinds GLOB ...] [--sizes 1 0.5 0.25]
         [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR] [--table FILE]
@@ -22,11 +22,12 @@ import csv
 import re
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NoReturn
 
-from casid.campaign.blind import generate, solve
+from casid.campaign.blind import solve
 from casid.campaign.counting import counted
 from casid.campaign.digest import source_digest
 from casid.campaign.run import run_campaign
@@ -37,7 +38,7 @@ from casid.report.confusion import confusion_matrix
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import settings
-from problems.blind import CASES, REPORTING_FROM, SETS, set_name
+from problems.blind import CASES, REPORTING_FROM, SETS, generate, set_name
 from problems.blind_case import OUTSIDE, Answer
 from problems.blind_score import NOTHING, UNEXPLAINED, Score, score
 from problems.blind_table import by_kind, columns, confusion, markdown, power, rows, summary
@@ -96,8 +97,9 @@ def tasks(
     }  # fmt: skip
 
 
-def run(given: argparse.Namespace) -> tuple[list[str], dict[str, Any]]:
-    """Generate and diagnose what is not done yet: the names of the sets, and name -> what was found."""
+def run(given: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    """Generate and diagnose what is not done yet, until it is done or Ctrl-C: the number of sets that were asked for,
+    and name -> what was found, of those that are finished."""
     out = given.out.resolve()
     todo = tasks(given.sets, parse_seeds(given.seeds), given.kinds, given.sizes, out)
     how: dict[str, Any] = {"jobs": given.jobs, "scheduler": given.scheduler}
@@ -107,18 +109,23 @@ def run(given: argparse.Namespace) -> tuple[list[str], dict[str, Any]]:
         blind = {name: {"folder": str(out / "sets" / name)} for name in sorted(todo)}
         protocol = {"campaign": "diagnosis", "sources": source_digest(*SOLVER)}
         with open_store(out, protocol, given.resume) as store:
-            run_campaign(blind, solve, store, report=counted(stage, "diagnosing"), **how)
-            found = store.results()
-    return list(todo), found
+            with suppress(KeyboardInterrupt):
+                run_campaign(blind, solve, store, report=counted(stage, "diagnosing"), **how)
+            found = {name: result for name, result in store.results().items() if name in blind}
+    return len(todo), found
 
 
 def main() -> None:
     given = arguments()
     made_with, begin = provenance(0), time.perf_counter()
-    names, found = run(given)
-    scores = {name: score(Answer.read(given.out / "answers" / f"{name}.json"), found[name]) for name in names}
+    wanted, found = run(given)
+    if not found:
+        raise SystemExit(130)
+    scores = {
+        name: score(Answer.read(given.out / "answers" / f"{name}.json"), result) for name, result in found.items()
+    }
     command = " ".join(["python scripts/blind.py", *_options(given)])
-    text = page(list(scores.values()), command, made_with["commit"])
+    text = page(list(scores.values()), wanted, command, made_with["commit"])
     with whole_folder(given.out) as folder:
         (folder / "blind.md").write_text(text, encoding="utf-8")
         write_lines(folder / "blind.csv", [line(name, s, found[name]) for name, s in scores.items()])
@@ -128,7 +135,10 @@ def main() -> None:
     if given.table:
         given.table.write_text(text, encoding="utf-8")
     print(text)
-    print(f"{len(names)} sets, {time.perf_counter() - begin:.0f} s in this run; table: {given.out / 'blind.md'}")
+    took = f"{time.perf_counter() - begin:.0f} s in this run"
+    print(f"{len(scores)} of {wanted} sets, {took}; table: {given.out / 'blind.md'}")
+    if len(scores) < wanted:
+        raise SystemExit(130)
 
 
 def _options(given: argparse.Namespace) -> list[str]:
@@ -136,13 +146,14 @@ def _options(given: argparse.Namespace) -> list[str]:
     return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *(f"'{g}'" for g in given.kinds), *sizes]
 
 
-def page(scores: Sequence[Score], command: str, commit: str | None) -> str:
-    """The results in Markdown."""
+def page(scores: Sequence[Score], wanted: int, command: str, commit: str | None) -> str:
+    """The results in Markdown; `wanted` is the number of sets that the command asks for."""
     seeds = sorted({s.answer.seed for s in scores})
     use = "reporting" if seeds[0] >= REPORTING_FROM else "development"
     parts = [
         "# Blind tests of the diagnosis",
-        f"Made by `{command}` at commit {commit}; seeds {seeds[0]} to {seeds[-1]} ({use}). A name is right when kind, "
+        f"Made by `{command}` at commit {commit}: {len(scores)} of {wanted} sets finished, seeds {seeds[0]} "
+        f"to {seeds[-1]} ({use}). A name is right when kind, "
         "target and term are; causes that the diagnosis says it cannot tell apart count as one. Families: controls, "
         "sensors, aerodynamics, mass and propulsion, air (`problems/blind_case.py`).",
     ]

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from casid.campaign.blind import solve
 from casid.errors import InputError
+from casid.model.terms import parse_term
 from casid.model.vocabulary import KINDS
 from casid.records.record import Record
-from problems import blind_do328
-from problems.blind import CASES, REPORTING_FROM, Set, fly_set, hide, set_name
+from problems import blind_do328, blind_jsbsim
+from problems.blind import CASES, REPORTING_FROM, Set, fly_set, generate, hide, set_name
 from problems.blind_case import FAMILIES, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind_draw import draw_effect, draw_two
 from problems.blind_manoeuvres import CONTROLS, draw_segments, histories
@@ -25,8 +27,9 @@ from problems.blind_outside import SIGNALS, Outside, along
 from problems.blind_scene import Scene, even_products
 from problems.blind_score import ELSEWHERE, NOTHING, UNEXPLAINED, score
 from problems.blind_table import by_kind, columns, confusion, power, rows, summary
-from problems.jsbsim_apriori import coefficients, regressors_of
-from problems.jsbsim_fleet import DEVELOPMENT, REPORTING
+from problems.jsbsim_airframe import RATE_HZ
+from problems.jsbsim_apriori import coefficients, geometry, regress, regressors_of
+from problems.jsbsim_fleet import DEVELOPMENT, REPORTING, fleet_airframe
 
 T = np.arange(0.0, 20.0, 1.0 / blind_do328.FLOWN_HZ)
 
@@ -208,6 +211,26 @@ def test_an_effect_outside_follows_the_motion_that_it_makes(kind: str) -> None:
         assert np.std(left) < 0.02 * max(np.std(found[name] - modelled), 1e-5), name
 
 
+def test_an_effect_outside_is_made_in_jsbsim_too() -> None:
+    """What a hum adds to the yawing moment of JSBSim's flight is the law, once the aircraft's own derivatives have
+    answered for the motion that it causes."""
+    pytest.importorskip("jsbsim", reason='no jsbsim: pip install "casid[jsbsim]"')
+    frame = fleet_airframe("T37")
+    t = np.arange(round(12.0 * RATE_HZ) + 1) / RATE_HZ
+    moved = histories(draw_segments(np.random.default_rng(2), 12.0, frame.units_s, throttle=False), t, frame.sizes)
+    outside = Outside(kind="propeller_hum", target="Cn", size=0.002, V=frame.speed_mps, frequency_hz=2.0)
+    log, calm = blind_jsbsim.fly(frame, "m1", moved)
+    _, humming = blind_jsbsim.fly(frame, "m1", moved, outside=outside)
+    bare = geometry("T37", log, calm)
+    terms = regress(bare, [calm]).values["Cn"]
+    modelled = sum(value * parse_term(term).evaluate(regressors_of(bare, humming)) for term, value in terms.items())
+    added = coefficients(bare, humming)["Cn"] - modelled
+    law = along(outside, t, {name: humming[name] for name in SIGNALS})["Cn"]
+    assert np.std(law) > 5e-4
+    # JSBSim applies in the next step what it is told after this one
+    np.testing.assert_allclose(added[1:], law[:-1], atol=0.03 * law.max())
+
+
 def test_stall_breaks_above_and_ends_below_another_angle() -> None:
     outside = Outside(kind="stall_break", target="Cl", size=1.0, V=100.0, threshold=0.10)
     t = np.arange(0.0, 8.0, 0.01)
@@ -217,6 +240,26 @@ def test_stall_breaks_above_and_ends_below_another_angle() -> None:
     assert lost[t < 1.0].max() == 0.0
     assert lost[(t > 3.0) & (t < 6.0)].min() > 0.9  # still separated below the angle at which it broke
     assert lost[-1] < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("of", "case", "seed"), [("do328", "input_delay", 2), ("jsbsim", "clean-2", 2), ("jsbsim", "cg_offset", 1)]
+)
+def test_what_is_hidden_is_found(of: str, case: str, seed: int, tmp_path: Path) -> None:
+    """The records and the aircraft file alone lead to the answer: named first and nothing else, or nothing at all when
+    nothing is there."""
+    if of == "jsbsim":
+        pytest.importorskip("jsbsim", reason='no jsbsim: pip install "casid[jsbsim]"')
+    places = {"sets": str(tmp_path / "sets"), "answers": str(tmp_path / "answers")}
+    name = generate({"of": of, "case": case, "seed": seed, "size": 1.0, **places})
+    scored = score(Answer.read(tmp_path / "answers" / f"{name}.json"), solve({"folder": str(tmp_path / "sets" / name)}))
+    assert scored.wrong == 0
+    assert scored.first == (case != "clean-2")
+    if case == "clean-2":
+        assert scored.verdict == "adequate"
+    elif scored.sized:
+        assert abs(scored.sized[0]) < 0.1
 
 
 # -- scores ------------------------------------------------------------------------------------------------------------

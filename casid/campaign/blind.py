@@ -1,4 +1,4 @@
-"""Blind tests as a campaign: hide a set, and diagnose a set of which only records and aircraft file are known."""
+"""Blind tests as a campaign: diagnose a set of which only the records and the aircraft file are known."""
 
 from __future__ import annotations
 
@@ -14,14 +14,8 @@ from casid.diagnosis.result import Diagnosis, Trial
 from casid.errors import CasidError
 from casid.model.aircraft import Aircraft
 from casid.records.readers import read_records
-from problems.blind import hide
 
 _TRIALS = 6  # kept of every round of naming
-
-
-def generate(task: Mapping[str, Any]) -> str:
-    """Hide a set: task of, case, seed, size, and the folders for sets and answers. Returns the name of the set."""
-    return hide(task["of"], task["case"], task["seed"], task["sets"], task["answers"], task["size"])
 
 
 def solve(task: Mapping[str, Any]) -> dict[str, Any]:
