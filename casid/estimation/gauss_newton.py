@@ -84,10 +84,10 @@ class _Iteration:
         if self.near and not self.relaxing:
             self.relaxing = True
             self.filter.clear()  # its costs were those at the former noise
-        if self.relaxing:
-            # maximum likelihood for the present parameters
-            self.noise_change = objective.levels.relax(self.value.squares)
         try:
+            if self.relaxing:
+                # maximum likelihood for the present parameters
+                self.noise_change = objective.levels.relax(self.value.squares)
             self.linear = linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
             return f"failed: {error}"

@@ -39,9 +39,9 @@ UNROLLED static int solve_banded(long size, double *a, U (*b)[RIGHT])
         long pivot = j;
         double largest = fabs(top[0]);
         for (long r = j + 1; r <= last; r++) {
-            const double size = fabs(a[r * ROW + BAND + j - r]);
-            pivot = size > largest ? r : pivot;
-            largest = size > largest ? size : largest;
+            const double entry = fabs(a[r * ROW + BAND + j - r]);
+            pivot = entry > largest ? r : pivot;
+            largest = entry > largest ? entry : largest;
         }
         double *row = a + pivot * ROW + BAND + j - pivot;
         if (!(fabs(row[0]) > 0.0)) return 1;

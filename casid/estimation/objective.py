@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.errors import EstimationError
 from casid.estimation.collocation import LiftedCollocation
 from casid.estimation.cost import cost_weights
 from casid.estimation.equation_part import EquationPart, EquationValue
@@ -160,13 +159,6 @@ class Objective:
     def whitening(self) -> np.ndarray:
         """(patterns, o, o) lower triangle that whitens the residuals of each pattern of present samples."""
         return np.sqrt(self.part) * self.levels.whitening(self.layout.seen)
-
-    @property
-    def output_weights(self) -> np.ndarray:
-        """(o,) factor of each output residual; raises EstimationError where their noise is correlated."""
-        if self.levels.full:
-            raise EstimationError("this takes independent noise of the outputs; the problem's has correlations")
-        return np.sqrt(self.part) / self.levels.sigma[: len(self.problem.model.outputs)]
 
     @property
     def equation_weights(self) -> np.ndarray:

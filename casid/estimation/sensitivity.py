@@ -23,7 +23,7 @@ from casid.estimation.layout import Layout
 from casid.estimation.steps import cached, output_function, sample_derivatives, stage_functions, step_function
 from casid.model.system import Model
 
-_SLAB_SAMPLES = 4096
+_SLAB_SAMPLES = 4096  # of which the derivatives are held at once
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
