@@ -22,12 +22,12 @@ A = np.array([1.0, -1.4, 0.7])
 
 def autocovariance(lags: int, a: np.ndarray = A, variance: float = 1.0) -> np.ndarray:
     """(lags,) of an autoregression: its impulse response against itself."""
-    response = lfilter([1.0], a, np.r_[1.0, np.zeros(4000)])
+    response = np.asarray(lfilter([1.0], a, np.r_[1.0, np.zeros(4000)]))
     return variance * np.array([response[: len(response) - k] @ response[k:] for k in range(lags)])
 
 
 def drawn(count: int, a: np.ndarray, seed: int) -> np.ndarray:
-    return lfilter([1.0], a, np.random.default_rng(seed).standard_normal(count + 500))[500:]
+    return np.asarray(lfilter([1.0], a, np.random.default_rng(seed).standard_normal(count + 500)))[500:]
 
 
 def pieces_of(rows: np.ndarray, residuals: np.ndarray, size: int) -> list[Piece]:
