@@ -20,8 +20,9 @@ Rng = np.random.Generator
 _DEG = np.pi / 180.0
 _FITTED = RECORDS[:-1]
 _TRIES = 60
+_NEEDS_DEVICE = ("configuration_change",)  # a flap, gear or speedbrake, which not every aircraft file of JSBSim has
 _LEAST_SHARE = 0.06  # of a coefficient's variation that a drawn aerodynamic term must add visibly
-# channel -> smallest and largest bias; weights stand in the repetitions
+# channel -> smallest and largest bias
 _BIAS: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
         "p": (0.2 * _DEG, 0.6 * _DEG), "q": (0.2 * _DEG, 0.6 * _DEG), "r": (0.2 * _DEG, 0.6 * _DEG),
@@ -45,7 +46,8 @@ def draw_effect(rng: Rng, kind: str, scene: Scene) -> Hidden:
 
 def draw_two(rng: Rng, scene: Scene) -> tuple[Hidden, Hidden]:
     """Two effects of different families at once, of kinds that each can be seen alone."""
-    kinds = [k for k in KINDS if k not in ("mass", "inertia", "turbulence")]
+    hard = ("mass", "inertia", "turbulence", *(() if scene.free_steps or scene.configuration else _NEEDS_DEVICE))
+    kinds = [k for k in KINDS if k not in hard]
     while True:
         first, second = (draw_effect(rng, str(k), scene) for k in rng.choice(kinds, 2, replace=False))
         if family(first.kind, first.target) != family(second.kind, second.target):
@@ -83,7 +85,7 @@ def _events(rng: Rng, scene: Scene, moved: str | None = None, length: float = 0.
             if moved is None or _moves_around(record, moved, onset):
                 onsets[name] = onset
                 break
-    # the throttle is not moved in every record
+    # the input that is to move may rest in all of them
     return onsets or {chosen[0]: round(0.4 * scene.record(chosen[0]).duration, 2)}
 
 
