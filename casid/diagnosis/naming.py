@@ -20,7 +20,8 @@ from casid.model.effect import Effect
 
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
-_REFUTED = 0.3  # a sensor cause must reach this part of the kinematic statistic that its size predicts
+# parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
+_REFUTED, _CONFIRMED = 0.3, 0.7
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
 _TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
@@ -56,7 +57,7 @@ def name_causes(
         state = _one_round(state, catalogue, kinematic, max(GAIN, least))
         if not state.rounds[-1].named:
             break
-        if _explains(firm.missing, state.missing):
+        if _explains(firm.missing, state):
             firm = state
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
             break
@@ -70,15 +71,21 @@ def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) ->
     return Naming(evidence=evidence, missing=tuple(missing_inputs(evidence)), rounds=rounds, intervals=intervals)
 
 
-def _explains(before: Sequence[MissingInput], after: Sequence[MissingInput]) -> bool:
-    """Whether what was missing where the naming helped most is gone, and not only thinned out.
+def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
+    """Whether what was missing is gone where the last cause enters and where the causes named since then helped most,
+    and not only thinned out; or kinematics, which know no aerodynamics, find the last cause too.
 
     An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
     anonymous input at the same station gains is such an imitation.
     """
-    left = {m.station: m.gain for m in after}
-    station, gain = max(((m.station, m.gain) for m in before), key=lambda pair: pair[1] - left[pair[0]])
-    return left[station] < max(_EXPLAINED * gain, _NOTICEABLE)
+    if state.rounds[-1].trials[0].confirmed:
+        return True
+    was, left = {m.station: m.gain for m in before}, {m.station: m.gain for m in state.missing}
+    effect = state.rounds[-1].trials[0].candidate.attached.effect
+    own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
+    helped = max(was, key=lambda s: was[s] - left[s])
+    judged = {helped, *([max(own, key=lambda s: was[s])] if own else [])}
+    return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float) -> Naming:
@@ -184,11 +191,13 @@ def _try(
     one = fitted.attached[-1]
     gain = evidence.deviance - weigh(fitted).deviance
     share = meaningful_share(fitted, one)
+    predicted, achieved = kinematic_check(kinematic, one) if kinematic is not None else (0.0, 0.0)
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
         meaningful=share >= 1.0 and plausible(one, share), share=share,
-        refuted=kinematic is not None and _refuted(kinematic, one),
+        refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
+        confirmed=predicted > KINEMATIC_GAIN and achieved > _CONFIRMED * predicted,
     )  # fmt: skip
     return trial, fitted, interval
 
@@ -241,12 +250,6 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     key = best.candidate.attached.effect.key  # a variant of the best is no other cause
     others = [t for t in trials if t.candidate.attached.effect.key != key]
     return tuple(t for t in others if not t.refuted and t.meaningful and best.net - t.net < reach)
-
-
-def _refuted(kinematic: Evidence, one: Attached) -> bool:
-    """Whether kinematics, which know no aerodynamics, contradict an instrument or air cause of this size."""
-    predicted, achieved = kinematic_check(kinematic, one)
-    return predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted
 
 
 def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:

@@ -59,7 +59,7 @@ class Trial:
     fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it
     gain         drop of the deviance; `net` is less its price
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
-    refuted      contradicted by kinematics
+    refuted      contradicted by kinematics; `confirmed` found by them with this size
     """
 
     candidate: Candidate
@@ -71,6 +71,7 @@ class Trial:
     meaningful: bool
     share: float
     refuted: bool
+    confirmed: bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
