@@ -146,7 +146,7 @@ def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbu
         remaining = ranked if repaired is calm else screen(weigh(repaired, discrepancy=False), others)
         if not (turbulent.named and remaining and remaining[0].net > 0.3 * turbulent.gain):
             break
-        repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], 0.0, repaired)
+        repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], start=repaired)
         if remaining[0].attached.effect.timed:
             repaired, _ = at_peak(repaired, free="effects")
         turbulent = kinematics.turbulence(flight, repaired)

@@ -6,8 +6,9 @@ only (flight path reconstruction); no derivative, actuator, mass or propulsion c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,26 +22,30 @@ _FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a
 _MOMENT_TIME, _MOMENT_SIZE = 0.2, 1.0  # and of a free angular acceleration [rad/s2]
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
-_TURBULENCE_GAIN, _LEAST_TURBULENCE = 150.0, 0.15
+_TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES = 150.0, 0.15, 0.1
 _ROTATIONS = (0.3, 1.0, 3.0)
-_LENGTHS = (0.4, 2.5)  # of the scale length
+_LENGTHS = 2.5  # ratio of the scale lengths that are tried
+_CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _SIGMAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # m/s
 
 
 @dataclass(frozen=True, kw_only=True)
 class Turbulence:
     """r.m.s. gust velocity [m/s] and scale length [m] by maximum likelihood of the kinematics, 1-sigma of the velocity,
-    and the drop of the deviance against calm air."""
+    the drop of the deviance against calm air, and how much of it one axis of moving air alone does not reach: air is
+    turbulent along all axes, a drifting vane moves one."""
 
     sigma: float
     std: float
     gain: float
     records: tuple[str, ...]
     length: float = _SCALE_LENGTH
+    beyond_one_axis: float = 0.0
 
     @property
     def named(self) -> bool:
-        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE
+        all_axes = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
+        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE and all_axes
 
 
 def available(flight: Flight) -> bool:
@@ -68,9 +73,9 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
 
 
 def gusts(
-    flight: Flight, sigma: float, rotation: float = 0.0, length: float = _SCALE_LENGTH
+    flight: Flight, sigma: float, rotation: float = 0.0, length: float = _SCALE_LENGTH, axes: Sequence[str] = WIND
 ) -> dict[str, tuple[float, float]]:
-    """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m] in three axes, as first-order Gauss-Markov
+    """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m] along `axes`, as first-order Gauss-Markov
     processes.
 
     `rotation` scales the rolling, pitching and yawing of the air over the span (MIL-F-8785C, 3.7.5: sigma_p =
@@ -78,7 +83,7 @@ def gusts(
     """
     record = flight.records[0]
     speed = float(np.nanmedian(record["V"])) if "V" in record else flight.aircraft.trim.get("V", 100.0)
-    processes = {name: (sigma, length / speed) for name in WIND}
+    processes = {name: (sigma, length / speed) for name in axes}
     if rotation > 0.0:
         mean = float(np.sqrt(length * 2.0 * flight.aircraft.rate_length_lateral))
         rolling = (rotation * 1.9 * sigma / mean, mean / (2.6 * speed))
@@ -102,42 +107,53 @@ def rotation_of_air(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
 
 
 def reconstruct(
-    flight: Flight, attached: Sequence[Attached] = (), sigma: float = 0.0, start: Fit | None = None,
-    length: float = _SCALE_LENGTH,
+    flight: Flight, attached: Sequence[Attached] = (), moving: Mapping[str, tuple[float, float]] = _CALM,
+    start: Fit | None = None, iterations: int = 5,
 ) -> Fit:  # fmt: skip
-    """Flight path reconstruction: trajectory and instrument effects, with forces free and turbulence `sigma`."""
-    coloured = free_forces(flight) | (gusts(flight, sigma, 0.0, length) if sigma > 0 else {})
-    return fit(flight, attached, flight.noise(coloured), start, free="effects", iterations=5, tolerance=2.0)
+    """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
+    noise = flight.noise(free_forces(flight) | dict(moving))
+    return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
 
 
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
-    """Fit r.m.s. velocity and scale length of turbulence, forces free, on a grid that is refined once at its best."""
-    fitted, deviance = calm, {}
+    """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
+    by parabolas through the deviance."""
+    fitted = calm
 
-    def at(sigma: float, length: float) -> float:
+    def at(sigma: float, length: float, axes: Sequence[str] = WIND) -> float:
         nonlocal fitted
-        fitted = reconstruct(flight, calm.attached, sigma, fitted, length)
+        fitted = reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), fitted, 2)
         return fitted.deviance
 
+    deviance: dict[float, float] = {}
     for sigma in _SIGMAS:
         deviance[sigma] = at(sigma, _SCALE_LENGTH)
         if deviance[sigma] > min(deviance.values()) + 20.0:
             break
-    best, length = min(deviance, key=lambda s: deviance[s]), _SCALE_LENGTH
-    if calm.deviance - deviance[best] < _TURBULENCE_GAIN:
-        gain = max(calm.deviance - deviance[best], 0.0)
-        return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
-    for factor in _LENGTHS:
-        # what the records feel is the strength of the process at short times, sigma^2 / length
-        value = at(best * factor**0.5, factor * _SCALE_LENGTH)
-        if value < min(deviance.values()):
-            best, length = best * (factor * _SCALE_LENGTH / length) ** 0.5, factor * _SCALE_LENGTH
-            deviance = {best: value}
-    for step in (2**-0.5, 2**0.5):
-        deviance[best * step] = at(best * step, length)
-    middle = best
     best = min(deviance, key=lambda s: deviance[s])
-    points = [middle * step for step in (2**-0.5, 1.0, 2**0.5)]
-    curve = np.polyfit(np.log(points), [deviance[p] for p in points], 2)
-    std = best * float(np.sqrt(1.0 / curve[0])) if curve[0] > 0 else best
-    return Turbulence(sigma=best, std=std, gain=calm.deviance - deviance[best], records=flight.names, length=length)
+    gain = max(calm.deviance - deviance[best], 0.0)
+    if gain < _TURBULENCE_GAIN:
+        return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
+    # what the records feel is the strength of the process at short times, sigma^2 / length
+    factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
+    along = [at(best * f**0.5, f * _SCALE_LENGTH) if f != 1.0 else deviance[best] for f in factors]
+    factor, spread = _lowest(factors, along)
+    length, middle = factor * _SCALE_LENGTH, best * factor**0.5
+    sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
+    sigma, narrow = _lowest(sigmas, [at(s, length) for s in sigmas])
+    lowest = at(sigma, length)
+    alone = min(at(sigma, length, (axis,)) for axis in WIND if axis in fitted.model.disturbances)
+    return Turbulence(
+        sigma=sigma, std=sigma * float(np.hypot(narrow, 0.5 * spread)), gain=calm.deviance - lowest,
+        records=flight.names, length=length, beyond_one_axis=alone - lowest,
+    )  # fmt: skip
+
+
+def _lowest(points: np.ndarray, deviance: Sequence[float]) -> tuple[float, float]:
+    """Where a parabola through three points over the logarithm is lowest, no further than half a step outside, and
+    1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
+    x, step = np.log(points), float(np.log(points[1] / points[0]))
+    bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
+    if bend <= 0.0:
+        return float(points[int(np.argmin(deviance))]), step
+    return float(np.exp(x[1] + np.clip(-slope / (2.0 * bend), -1.5 * step, 1.5 * step))), float(bend**-0.5)

@@ -27,6 +27,7 @@ _TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
 _TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
+_WORSE = 1.3  # times what was missing at a station
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave, to any other cause, and an event's rough shape to another event
 LEFT_BY_A_CAUSE, _OF_EVENT = 0.002, 0.02
@@ -73,14 +74,17 @@ def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) ->
 
 def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     """Whether what was missing is gone where the last cause enters and where the causes named since then helped most,
-    and not only thinned out; or kinematics, which know no aerodynamics, find the last cause too.
+    and not only thinned out; or kinematics, which know no aerodynamics, find the last cause too. Never when more is
+    missing somewhere than before: a wrong name distorts what it is put beside.
 
     An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
     anonymous input at the same station gains is such an imitation.
     """
+    was, left = {m.station: m.gain for m in before}, {m.station: m.gain for m in state.missing}
+    if any(left[s] > _WORSE * was[s] + _NOTICEABLE for s in was):
+        return False
     if state.rounds[-1].trials[0].confirmed:
         return True
-    was, left = {m.station: m.gain for m in before}, {m.station: m.gain for m in state.missing}
     effect = state.rounds[-1].trials[0].candidate.attached.effect
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
     helped = max(was, key=lambda s: was[s] - left[s])
