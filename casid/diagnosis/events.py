@@ -18,6 +18,7 @@ from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
+_BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
 _DROP_95 = 3.841  # chi-square, one degree of freedom
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
@@ -152,7 +153,9 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     base, judge = evidence.fit, Screen(evidence)
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
-    prints, onsets = fingerprints(evidence, [effect]), dict(one.onsets)
+    longest = max(record.duration for record in base.flight.records)
+    prints = fingerprints(evidence, [effect], np.arange(EDGE, longest - EDGE, _BETWEEN))
+    onsets = dict(one.onsets)
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:
             continue

@@ -30,7 +30,7 @@ _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may
 _WORSE = 1.3  # times what was missing at a station
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave, to any other cause, and an event's rough shape to another event
-LEFT_BY_A_CAUSE, _OF_EVENT = 0.002, 0.02
+LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
@@ -138,7 +138,7 @@ def _price(trial: Trial, state: Naming, least: float) -> float:
     timed, prices = trial.candidate.attached.effect.timed, [least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
         both = timed and earlier.candidate.attached.effect.timed
-        prices.append((_OF_EVENT if both else LEFT_BY_A_CAUSE) * earlier.gain)
+        prices.append((LEFT_BY_AN_EVENT if both else LEFT_BY_A_CAUSE) * earlier.gain)
     return max(prices)
 
 
@@ -227,6 +227,10 @@ def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[flo
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
     if fitted.attached[-1].effect.timed:
         fitted, interval = at_peak(fitted)
+        wider = further_records(weigh(fitted), fitted.attached[-1])
+        if len(wider.onsets) > len(fitted.attached[-1].onsets):
+            attached = [*fitted.attached[:-1], wider]
+            fitted, interval = at_peak(fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
     one, more = fitted.attached[-1], before - fitted.deviance
     candidate = replace(trial.candidate, attached=one)
     trial = replace(

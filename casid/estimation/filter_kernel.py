@@ -338,12 +338,12 @@ class FilterKernel:
             raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
         return K, root, kept, log_determinant
 
-    def whiten(self, A, C, K, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    def whiten(self, A, C, K, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (R, N, ny, nc) of columns Y, F, first; states (N, R, n, nc) when they are to be kept."""
         (N, R, ny, n), nc = C.shape, Y.shape[3]
-        white, states = np.empty((R, N, ny, nc)), np.empty((N, R, n, nc)) if keep else None
+        white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
-        _call(self._whiten, sizes, A, C, K, root, Y, F, first, ctypes.c_long(0), *[None] * 5, white, states)
+        _call(self._whiten, sizes, A, C, K, root, Y, F, first, ctypes.c_long(0), *[None] * 5, white, states if keep else None)
         return white, states
 
     def whiten_histories(self, A, C, K, root, stations, series, Dw, B0, B1) -> np.ndarray:
