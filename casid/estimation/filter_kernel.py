@@ -343,7 +343,8 @@ class FilterKernel:
         (N, R, ny, n), nc = C.shape, Y.shape[3]
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
-        _call(self._whiten, sizes, A, C, K, root, Y, F, first, ctypes.c_long(0), *[None] * 5, white, states if keep else None)
+        kept = states if keep else None
+        _call(self._whiten, sizes, A, C, K, root, Y, F, first, ctypes.c_long(0), *[None] * 5, white, kept)
         return white, states
 
     def whiten_histories(self, A, C, K, root, stations, series, Dw, B0, B1) -> np.ndarray:
