@@ -7,14 +7,19 @@ filter's own droop and the noise that recorded surfaces bring into the simulatio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from diagnosis_flights import NOISE, flights
 from scipy import signal
 
+from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight import Flight, prepare
+from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.noise_level import with_noise_level
 from casid.estimation.noise import density_sigma, high_band_holds, motion_edge
+from casid.model.causes.controls import actuator_lag
 from casid.records.record import Record
 from problems.do328 import do328
 
@@ -29,11 +34,12 @@ def filtered_noise(rng: np.random.Generator, n: int, rate_hz: float, corner_hz: 
     return np.asarray(signal.sosfilt(low_pass, white))[_LEAD * _OVERSAMPLING :: _OVERSAMPLING]
 
 
-def measured(rate_hz: float, corner_hz: float, step: float) -> list[Record]:
+def measured(
+    rate_hz: float, corner_hz: float, step: float, hidden: Sequence[Attached] = (), count: int = 3
+) -> list[Record]:
     """Do 328 flights with filtered noise of density as in NOISE, quantised in steps of `step` times that."""
     rng, records = np.random.default_rng(5), []
-    count = 1 if rate_hz > 50.0 else 3  # enough samples, less to wait for
-    for record in flights(seed=1, count=count, rate_hz=rate_hz, noise=dict.fromkeys(NOISE, 0.0)):
+    for record in flights(hidden, seed=1, count=count, rate_hz=rate_hz, noise=dict.fromkeys(NOISE, 0.0)):
         channels = {}
         for name, sigma in NOISE.items():
             values = record[name] + sigma * filtered_noise(rng, len(record), rate_hz, corner_hz)
@@ -59,7 +65,8 @@ def test_white_noise_is_read_from_the_high_band(rate_hz: float) -> None:
     [(20.0, 5.0, 0.0), (25.0, 5.0, 0.0), (25.0, 10.0, 0.0), (50.0, 5.0, 0.05), (50.0, 10.0, 0.3), (100.0, 10.0, 0.0)],
 )
 def test_filtered_noise_has_the_density_below_its_filter(rate_hz: float, corner_hz: float, step: float) -> None:
-    flight = prepare(do328(), measured(rate_hz, corner_hz, step))
+    count = 1 if rate_hz > 50.0 else 3  # enough samples, less to wait for
+    flight = prepare(do328(), measured(rate_hz, corner_hz, step, count=count))
     found = ratios(with_noise_level(flight, []))
     assert found.min() > 1.0 / _FACTOR and found.max() < _FACTOR
 
@@ -69,6 +76,19 @@ def test_the_high_band_of_filtered_noise_is_far_too_low() -> None:
     flight = prepare(do328(), measured(50.0, 5.0, 0.0))
     assert flight.doubted == flight.outputs
     assert ratios(flight).max() < 0.15
+
+
+@pytest.mark.slow
+def test_filtered_records_are_diagnosed_like_others() -> None:
+    """Nothing is named where nothing was hidden, and what was hidden is: with the noise of the high band, the first
+    ends in turbulence of 0.5 m/s, and of the second a delay is named beside it."""
+    records = measured(25.0, 5.0, 0.0, count=4)
+    assert diagnose(do328(), records[:3], records[3:]).verdict == "adequate"
+    hidden = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
+    records = measured(25.0, 5.0, 0.0, [hidden], count=4)
+    found = diagnose(do328(), records[:3], records[3:])
+    assert [(cause.kind, cause.target) for cause in found.causes] == [("actuator_lag", "delta_e")]
+    assert abs(found.causes[0].value - 0.12) < 3.0 * found.causes[0].std
 
 
 def test_noise_below_the_quantisation_is_not_believed() -> None:
