@@ -19,7 +19,9 @@ from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
 _BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
-_DROP_95 = 3.841  # chi-square, one degree of freedom
+# chi-square 99.9 %, one degree of freedom, for intervals that promise 95 %: while a surface rests, the profile is flat
+# but for the noise of its record
+_DROP = 10.83
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
 Intervals = dict[str, tuple[float, float]]
@@ -49,7 +51,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
             profile.append(2.0 * match - left)
         drops = np.array(profile)
         onsets[record] = float(times[np.argmax(drops)])
-        inside = np.flatnonzero(drops > drops.max() - _DROP_95)
+        inside = np.flatnonzero(drops > drops.max() - _DROP)
         # the interval ends where the profile was first found too low
         low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(times) - 1)
         intervals[record] = (float(times[low]), float(times[high]))
