@@ -28,7 +28,7 @@ from casid.records.record import Record
 
 _REPAIRS = 3
 # a gust model is rough: a cause in turbulence must gain more than this part of what the turbulence does
-_OF_TURBULENCE = 0.01
+_OF_TURBULENCE = 0.02
 
 
 class Stages:

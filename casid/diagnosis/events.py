@@ -59,7 +59,8 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
 
 
 def at_peak(fitted: Fit, moves: int = 6, free: Literal["all", "effects"] = "all") -> tuple[Fit, Intervals]:
-    """The fit with the onsets of its last effect moved until they stay, `moves` times at most, and their intervals."""
+    """The fit with the onsets of its last effect moved until they stay or moving does not help, `moves` times at most,
+    and their intervals."""
     interval: Intervals = {}
     for _ in range(moves):
         before = fitted.attached[-1]
@@ -67,7 +68,10 @@ def at_peak(fitted: Fit, moves: int = 6, free: Literal["all", "effects"] = "all"
         if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):
             break
         attached = [*fitted.attached[:-1], moved]
-        fitted = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        if other.deviance > fitted.deviance:
+            break
+        fitted = other
     return fitted, interval
 
 

@@ -154,7 +154,7 @@ class Regressors:
         for station in (surface_station, wind_station, air_data_station):
             station(path)
         self.names = tuple(path.regressor)
-        self._inputs = model.inputs
+        self._inputs, self._states = model.inputs, model.states
         self._quiet = make_batch(model, flight.quiet)
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
@@ -167,6 +167,7 @@ class Regressors:
         values = evaluate(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
+        table |= {name: X[..., i] for i, name in enumerate(self._states) if name in ("phi", "theta")}
         for angle, length in self._lengths.items():
             rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._quiet.t.T, strict=True)]
             table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]

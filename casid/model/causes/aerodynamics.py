@@ -19,17 +19,30 @@ if TYPE_CHECKING:
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _LATERAL = ("CY", "Cl", "Cn")
+_ASYMMETRIC = ("beta", "p", "r", "delta_a", "delta_r")
 
 
 def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
     """Every polynomial and cross term of second and third order, every first-order term and Mach, on the six
-    coefficients, that the aircraft file does not have."""
+    coefficients, that the aircraft file does not have; but rates do not act across the plane of symmetry, such as yaw
+    rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no aerodynamics."""
     terms = [*_VARIABLES, "mach"]
     for degree in (2, 3):
         terms += [parse_term("*".join(v)).name for v in combinations_with_replacement(_VARIABLES, degree)]
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     coefficients = coefficient_names(aircraft.force_axes)
-    return (aero_term(c, term) for c in coefficients for term in terms if (c, term) not in present)
+    return (
+        aero_term(c, term)
+        for c in coefficients
+        for term in terms
+        if (c, term) not in present and not _rate_across_symmetry(c, term)
+    )
+
+
+def _rate_across_symmetry(coefficient: str, term: str) -> bool:
+    factors = dict(parse_term(term).factors)
+    odd = sum(power for variable, power in factors.items() if variable in _ASYMMETRIC) % 2 == 1
+    return odd != (coefficient in _LATERAL) and any(rate in factors for rate in ("p", "q", "r"))
 
 
 @cause(

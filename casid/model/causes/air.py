@@ -1,4 +1,8 @@
-"""Causes in the air: it moves, steadily, in gusts or at random. Axes are those of the body."""
+"""Causes in the air: it moves, steadily, in gusts or at random.
+
+Gusts are short and along the axes of the body; a steady change goes on while the aircraft banks, and is along the
+horizon: x forward, y to the right, z down.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,14 @@ _AXES = ("x", "y", "z")
 )  # fmt: skip
 def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {f"wind_{axis}": values["value"] * operators.ramp(t, values["onset"])}
+        wind = values["value"] * operators.ramp(t, values["onset"])
+        phi, theta = known.get("phi", 0.0 * t), known.get("theta", 0.0 * t)
+        along_body = {
+            "x": (np.cos(theta), np.sin(phi) * np.sin(theta), np.cos(phi) * np.sin(theta)),
+            "y": (0.0, np.cos(phi), -np.sin(phi)),
+            "z": (-np.sin(theta), np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)),
+        }[axis]
+        return {f"wind_{body}": share * wind for body, share in zip(_AXES, along_body, strict=True)}
 
     return Effect(
         kind="wind_shear", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True, series=series,
