@@ -7,10 +7,11 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from casid.model import operators
 from casid.model.aircraft import EffectValue
-from casid.model.causes import configuration_change, effectiveness_change
+from casid.model.causes import configuration_change, effectiveness_change, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
@@ -112,8 +113,8 @@ def test_every_series_and_output_effect_changes_something_at_every_size_of_its_g
             assert produce is not None
             for name, series in produce(t, known, values).items():
                 reference = 0.0 if effect.series is not None else known[name]
-                if effect.members and name != f"d{effect.members[0]}":
-                    continue  # its further coefficients have own sizes, zero here
+                if effect.enters not in (None, name):
+                    continue  # further coefficients have own sizes, zero here; further axes need an attitude
                 assert np.abs(series - reference).max() > 1e-4, (effect.name, further)
 
 
@@ -276,3 +277,19 @@ def test_structural_mode_has_the_gain_of_its_transfer_function():
     last = t > 38.0
     expected = abs(w0**2 * 1j * w / (w0**2 - w**2 + 2j * d * w0 * w))
     assert np.abs(out[last]).max() == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_wind_shear_keeps_its_direction_over_the_ground_while_the_aircraft_banks(axis):
+    """The truth is the rotation of 3-2-1 Euler angles: turned back to the horizon, all of it is along the one axis."""
+    t = np.arange(0.0, 10.0, 0.1)
+    phi, theta = 0.6 * np.sin(t), 0.2 * np.cos(0.7 * t)
+    series = wind_shear(axis).series
+    assert series is not None
+    body = series(t, {"phi": phi, "theta": theta}, {"value": 0.5, "onset": 2.0})
+    level = Rotation.from_euler("ZYX", np.stack([0.0 * t, theta, phi], axis=1)).apply(
+        np.stack([body[f"wind_{b}"] for b in "xyz"], axis=1)
+    )
+    expected = np.zeros((len(t), 3))
+    expected[:, "xyz".index(axis)] = 0.5 * np.maximum(t - 2.0, 0.0)
+    np.testing.assert_allclose(level, expected, atol=1e-12)

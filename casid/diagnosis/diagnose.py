@@ -89,12 +89,14 @@ def diagnose(
     lost = next((i for i, g in enumerate(gains) if g is not None and g < 0.0), len(gains))
     final, held_final = steps[lost], on_held[lost]
     stages.begin("missing inputs")
-    left = naming.missing if final is naming.evidence.fit else missing_inputs(weigh(final))
+    same = final is naming.evidence.fit
+    judged = naming.evidence if same else weigh(final)
+    left = naming.missing if same else missing_inputs(judged)
     exact = missing_inputs(weigh(final, discrepancy=False))
     first = exact if final is start else missing_inputs(weigh(start, discrepancy=False))
     stages.begin("verdict")
     causes, minor = causes_of(
-        naming, final, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
+        naming, judged, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
     )
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
     unexplained = still_missing(final, left, max(least, rough))

@@ -25,6 +25,7 @@ SCHEMA = "casid.diagnosis/1"
 class Cause:
     """A named cause, or one that is real but minor.
 
+    std            1-sigma of the value, small terms of the structure allowed for
     statistic      drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters
     held_out_gain  log likelihood per sample gained on records never used; None for an event, which does not recur
     onset_s        record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in

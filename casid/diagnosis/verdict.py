@@ -32,7 +32,7 @@ _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wi
 
 def causes_of(
     naming: Naming,
-    final: Fit,
+    evidence: Evidence,
     turbulence: Turbulence,
     held_gains: Sequence[float | None],
     kept: int,
@@ -40,18 +40,19 @@ def causes_of(
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
+    evidence    of the final fit, in which all causes stand
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
-    kept        number of named rounds that `final` has (-1: not even turbulence): a cause that lasts but loses on
+    kept        number of named rounds that the final fit has (-1: not even turbulence): a cause that lasts but loses on
                 held-out records is not confirmed, nor is what was named after it; they stand under minor
     structure   expected terms that were put into the model beforehand; they are minor
     """
-    named = [r for r in naming.rounds if r.named]
+    named, final = [r for r in naming.rounds if r.named], evidence.fit
     causes, minor = [], []
     if turbulence.named:
         (causes if kept >= 0 else minor).append(_turbulence(turbulence, final.flight.aircraft, held_gains[0]))
     for i, (round_, held) in enumerate(zip(named, held_gains[1:], strict=True)):
         if i < kept:
-            causes.append(_cause(_as_in(final, round_.trials[0]), naming, round_.equivalents, held))
+            causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
         else:
             minor.append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
@@ -67,10 +68,14 @@ def causes_of(
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
-def _as_in(final: Fit, trial: Trial) -> Trial:
-    """The trial with value and std of the final fit, in which later causes stand beside it."""
+def _as_in(evidence: Evidence, trial: Trial) -> Trial:
+    """The trial with its value in the final fit, in which later causes stand beside it, and an honest 1-sigma: small
+    terms of the structure are allowed for, and where they would move the value to is part of it."""
+    final = evidence.fit
     one = next(a for a in final.attached if a.name == trial.candidate.name)
-    return replace(trial, candidate=replace(trial.candidate, attached=one), std=final.std(one.name))
+    index = [slot.name for slot in final.slots].index(one.name)
+    std = float(np.hypot(np.sqrt(evidence.covariance[index, index]), evidence.newton[index]))
+    return replace(trial, candidate=replace(trial.candidate, attached=one), std=std)
 
 
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
