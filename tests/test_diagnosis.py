@@ -86,6 +86,16 @@ def test_an_effect_outside_the_catalogue_stays_unexplained() -> None:
     assert found.missing_after[0].station == "dCl"
 
 
+def test_a_hum_too_fast_for_an_unknown_history_stays_unexplained() -> None:
+    """A sine of 3.3 Hz on the pitching moment: where it enters and its frequency are said, and no name is given."""
+    t = np.arange(0.0, 20.0, 1.0 / 25.0)
+    hum = {"dCm": 8e-3 * np.sin(2.0 * np.pi * 3.3 * t)}
+    found = diagnose(rough_file(), flights(seed=3, count=3, disturbance=hum))
+    assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
+    assert found.unexplained[0].station == "dCm"
+    assert found.unexplained[0].frequency == pytest.approx(3.3, abs=0.03)
+
+
 def test_score_of_absent_causes_is_chi_square() -> None:
     """On clean data each statistic is chi-square with one degree of freedom: sums over 24 noise seeds stay in range.
 

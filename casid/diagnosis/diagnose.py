@@ -14,7 +14,7 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import missing_inputs
+from casid.diagnosis.missing_input import missing_inputs, missing_oscillation
 from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
@@ -99,7 +99,7 @@ def diagnose(
         naming, judged, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
     )
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
-    unexplained = still_missing(final, left, max(least, rough))
+    unexplained = still_missing(final, [*left, *missing_oscillation(judged)], max(least, rough))
     verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
@@ -18,6 +19,7 @@ from casid.model.path import coefficient_names
 
 _SPACING = 0.4  # s between nodes
 _TIMES = (0.4, 1.5, 6.0)  # s
+_BY_CHANCE = 1e-6
 _RATIOS = np.logspace(-3.0, 6.0, 46)
 
 
@@ -30,6 +32,7 @@ class MissingInput:
     size: float
     time_constant: float
     history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    frequency: float | None = None  # Hz, of an oscillation
 
 
 def stations(fit: Fit) -> list[str]:
@@ -44,6 +47,61 @@ def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
     found = [_one_station(evidence, station) for station in stations(evidence.fit)]
     return sorted(found, key=lambda m: -m.gain)
+
+
+def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
+    """The oscillation that the innovations show most clearly, as an unknown input at each station, largest gain first;
+    nothing when no frequency above those of `missing_inputs` stands out.
+
+    A hum is too fast for nodes of an unknown time history. Its frequency is the highest peak of the innovations'
+    periodogram, pooled over records; its amplitude and phase are free in every record.
+    """
+    frequency = _peak_frequency(evidence.fit)
+    if frequency is None:
+        return []
+    found = [_oscillation(evidence, station, frequency) for station in stations(evidence.fit)]
+    return sorted(found, key=lambda m: -m.gain)
+
+
+def _peak_frequency(fit: Fit) -> float | None:
+    """Frequency [Hz] of the highest peak that white innovations would show in `_BY_CHANCE` of all cases at most."""
+    dt, N = float(np.median(fit.batch.dt)), fit.batch.live.shape[0]
+    frequency = np.fft.rfftfreq(2 * N, dt)
+    seen = np.where(fit.linear.seen, fit.white, 0.0)
+    samples = np.maximum(fit.linear.seen.sum(axis=0), 1)
+    power = 2.0 * np.abs(np.fft.rfft(seen, 2 * N, axis=0)) ** 2 / samples  # chi-square, two degrees of freedom
+    power = power.sum(axis=1)  # over the records
+    inside = (frequency > 0.5 / _SPACING) & (frequency < 0.4 / dt)
+    if not inside.any():
+        return None
+    at, _ = np.unravel_index(np.argmax(power[inside]), power[inside].shape)
+    chance = stats.chi2.sf(power[inside].max(), 2 * seen.shape[1]) * power[inside].size
+    return float(frequency[inside][at]) if chance < _BY_CHANCE else None
+
+
+def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingInput:
+    fit = evidence.fit
+    since = fit.batch.t - fit.batch.t[0]
+    angle = 2.0 * np.pi * frequency * since
+    series = np.where(fit.batch.live[..., None], np.stack([np.cos(angle), np.sin(angle)], axis=2), 0.0)
+    white = fit.filter.whiten_histories([fit.model.disturbances.index(station)] * 2, series)
+    gain, history, sizes, first = 0.0, {}, [], fit.batch.t[0]
+    for r, name in enumerate(fit.batch.names):
+        w = white[:, r].reshape(-1, 2)
+        cross = evidence.by_record[r].T @ w
+        gram = w.T @ w - cross.T @ evidence.covariance @ cross
+        match = w.T @ fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
+        inverse = np.linalg.pinv(gram, hermitian=True)
+        amplitude = inverse @ match
+        gain += float(match @ amplitude)
+        sizes.append(float(np.hypot(*amplitude)))
+        t = since[fit.batch.live[:, r], r]
+        wave = np.stack([np.cos(2.0 * np.pi * frequency * t), np.sin(2.0 * np.pi * frequency * t)], axis=1)
+        sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", wave, inverse, wave), 0.0))
+        history[name] = (t + first[r], wave @ amplitude, sigma)
+    return MissingInput(
+        station=station, gain=gain, size=max(sizes), time_constant=1.0 / frequency, history=history, frequency=frequency
+    )
 
 
 def _hats(t: np.ndarray, nodes: np.ndarray) -> np.ndarray:

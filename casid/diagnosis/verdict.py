@@ -165,16 +165,17 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
 
 def still_missing(fit: Fit, missing: Sequence[MissingInput], least: float) -> list[MissingInput]:
     """Anonymous inputs that gain (`least`, if that is more than usual) and matter still: where something enters that no
-    cause of the catalogue explains."""
+    cause of the catalogue explains; largest gain first."""
     enough = max(MISSING_GAIN, least)
-    return [m for m in missing if m.gain > enough and missing_share(fit, m.station, m.history) > MISSING_SHARE]
+    left = [m for m in missing if m.gain > enough and missing_share(fit, m.station, m.history) > MISSING_SHARE]
+    return sorted(left, key=lambda m: -m.gain)
 
 
 def verdict_of(
     causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], fit: Fit
 ) -> tuple[str, str]:
     """(verdict, the sentence that opens the report)."""
-    where = f"{_place(unexplained[0].station)} ({_gain(unexplained[0].gain)})" if unexplained else ""
+    where = _where(unexplained[0]) if unexplained else ""
     if causes:
         told = " ".join(c.sentence for c in causes)
         others = [c for c in causes if c.indistinguishable_from]
@@ -193,6 +194,11 @@ def verdict_of(
         )
     remark = " What is real but too small to matter is listed as minor." if minor else ""
     return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+
+
+def _where(missing: MissingInput) -> str:
+    oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
+    return f"{_place(missing.station)} ({oscillation}{_gain(missing.gain)})"
 
 
 def _place(station: str) -> str:
