@@ -13,7 +13,7 @@ from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
+from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints, rank
 from casid.diagnosis.size import meaningful_share, plausible
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
@@ -199,11 +199,17 @@ def _try(
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
-        meaningful=share >= 1.0 and plausible(one, share), share=share,
+        meaningful=share >= 1.0 and plausible(one, share) and not _from_the_start(fitted, one), share=share,
         refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
         confirmed=predicted > KINEMATIC_GAIN and achieved > _CONFIRMED * predicted,
     )  # fmt: skip
     return trial, fitted, interval
+
+
+def _from_the_start(fitted: Fit, one: Attached) -> bool:
+    """Whether an event sets in as early in every record as events are looked for: then it is none."""
+    first = {record.name: record.t[0] + EDGE for record in fitted.flight.records}
+    return bool(one.onsets) and all(onset < first[record] + 0.1 for record, onset in one.onsets.items())
 
 
 def _std(fitted: Fit, one: Attached) -> float:

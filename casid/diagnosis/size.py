@@ -10,8 +10,9 @@ from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
-SHARE = 0.02  # of the variation of a coefficient: smaller is real but minor
-CHANGE = 0.3  # of a derivative over the records, from half that share on
+SHARE = 0.05  # of the variation of a coefficient: smaller is real but minor; linear structure commonly leaves 2 to 4 %
+_SWITCH = 0.1  # of it, for coefficients that change in mid-record: a bend in a curve looks like a small one
+_CONSEQUENCE = 0.02  # of the variation of a coefficient or channel
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 
 
@@ -23,20 +24,19 @@ def plausible(one: Attached, share: float) -> bool:
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:
     """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
-    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, or half of that when
-    it makes a derivative vary by `CHANGE`.
+    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, `_SWITCH` when it sets
+    in in mid-record.
 
-    What stands between a record and a surface, or a channel and its reading, must besides make `SHARE` of difference
-    to a coefficient or a channel: a surface that hardly moves may be slow without any consequence."""
+    What stands between a record and a surface, or a channel and its reading, must besides make `_CONSEQUENCE` of
+    difference to a coefficient or a channel: a surface that hardly moves may be slow without any consequence."""
     effect, value = one.effect, one.values["value"]
     if effect.amplitude is not None:
-        return _consequence(fitted, one) / SHARE
+        return _consequence(fitted, one) / _CONSEQUENCE
     smallest = effect.smallest_that_matters(fitted.flight.aircraft)
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
-        return min(own, _consequence(fitted, one) / SHARE)
-    share = _coefficient_share(fitted, one)
-    return max(share / SHARE, min(2.0 * share / SHARE, _derivative_change(fitted, one) / CHANGE))
+        return min(own, _consequence(fitted, one) / _CONSEQUENCE)
+    return _coefficient_share(fitted, one) / (_SWITCH if effect.members else SHARE)
 
 
 def _consequence(fitted: Fit, one: Attached) -> float:
@@ -59,23 +59,6 @@ def _consequence(fitted: Fit, one: Attached) -> float:
         left = unlike_derivatives(fitted, coefficient, slope * moved)
         shares.append(float(np.std(left[live])) / max(size, 1e-12))
     return max(shares)
-
-
-def _derivative_change(fitted: Fit, one: Attached) -> float:
-    """How much a product term makes a fitted derivative vary over the records, relative to that derivative: alpha*beta
-    in Cl is a dihedral effect that depends on the angle of attack."""
-    if one.effect.regressor is None:
-        return 0.0
-    factors, largest = dict(parse_term(one.effect.regressor).factors), 0.0
-    for variable, power in factors.items():
-        derivative = fitted.derivatives.get(f"{one.effect.target}_{variable}", 0.0)
-        rest = {v: n - (v == variable) for v, n in factors.items() if n - (v == variable) > 0}
-        if derivative == 0.0 or not rest:
-            continue
-        series = np.prod([fitted.known[v] ** n for v, n in rest.items()], axis=0)
-        spread = float(np.std(np.broadcast_to(series, fitted.batch.live.shape)[fitted.batch.live]))
-        largest = max(largest, abs(power * one.values["value"] * spread / derivative))
-    return largest
 
 
 def _coefficient_share(fitted: Fit, one: Attached) -> float:

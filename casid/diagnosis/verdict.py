@@ -24,7 +24,7 @@ from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence
 
-MISSING_GAIN, MISSING_SHARE = 150.0, 0.05
+MISSING_GAIN = 150.0
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
@@ -167,7 +167,7 @@ def still_missing(fit: Fit, missing: Sequence[MissingInput], least: float) -> li
     """Anonymous inputs that gain (`least`, if that is more than usual) and matter still: where something enters that no
     cause of the catalogue explains; largest gain first."""
     enough = max(MISSING_GAIN, least)
-    left = [m for m in missing if m.gain > enough and missing_share(fit, m.station, m.history) > MISSING_SHARE]
+    left = [m for m in missing if m.gain > enough and missing_share(fit, m.station, m.history) > SHARE]
     return sorted(left, key=lambda m: -m.gain)
 
 

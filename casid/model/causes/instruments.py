@@ -24,7 +24,7 @@ _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdo
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
 _DEG = np.pi / 180.0
 _BIAS_MATTERS = {
-    "m/s": 0.2, "rad": 0.1 * _DEG, "rad/s": 0.03 * _DEG, "m/s2": 0.03, "rad/s2": 0.1 * _DEG, "m": 5.0,
+    "m/s": 0.5, "rad": 0.1 * _DEG, "rad/s": 0.03 * _DEG, "m/s2": 0.03, "rad/s2": 0.1 * _DEG, "m": 5.0,
 }  # fmt: skip
 
 
@@ -77,6 +77,7 @@ def _slow_reading(
         kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
         kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)), output=output,
         undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0,
+        by_record=instrument is None,  # a state is in the model of all records
     )  # fmt: skip
 
 
