@@ -88,9 +88,13 @@ def test_open_loop_single_shooting_fails_where_multiple_shooting_is_exact() -> N
 
 
 def test_sensitivities_that_overflow_are_a_status_and_no_exception() -> None:
-    """Open loop on this record single shooting ends where the information matrix has no eigenvalues in numbers."""
+    """Open loop on this record single shooting ends where the information matrix may have no eigenvalues in numbers.
+
+    Where a diverging search ends depends on its last digits, and so on when its functions are compiled: a failure or
+    the limit of iterations, with or without a standard error, but never a solution and never an exception."""
     fit = estimate(fly(Condition(case="G", manoeuvre=7, variant=1)), "output", "single-open")
-    assert fit.status.startswith("failed") and np.isnan(fit["Cm_alpha"].std)
+    assert fit.status.startswith(("failed", "stopped"))
+    assert np.isnan(fit["Cm_alpha"].std) or fit["Cm_alpha"].std > 0.0
 
 
 def test_a_law_taken_as_linear_between_samples_is_not_exact() -> None:
