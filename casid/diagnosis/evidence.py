@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.linalg import blas
+from scipy.linalg import get_blas_funcs
 
 from casid.diagnosis.fit import Fit, scaled_inverse
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
@@ -80,7 +80,8 @@ def gram_of(columns: np.ndarray) -> np.ndarray:
     """columns' columns, at half the cost of the product."""
     if not columns.shape[1]:
         return np.zeros((0, 0))
-    half = blas.dsyrk(1.0, columns.T)
+    (syrk,) = get_blas_funcs(("syrk",), (columns,))
+    half = syrk(1.0, columns.T)
     return half + np.triu(half, 1).T
 
 
