@@ -17,13 +17,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-pytest.importorskip("jsbsim", reason='no jsbsim: pip install "casid[jsbsim]"')
-
-from casid.errors import InputError  # noqa: E402
-from casid.model.aircraft import Aircraft  # noqa: E402
-from casid.records.readers import read_record  # noqa: E402
-from problems.jsbsim_airframe import AIRFRAMES, airframe  # noqa: E402
-from problems.jsbsim_apriori import (  # noqa: E402
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.records.readers import read_record
+from problems.jsbsim_airframe import AIRFRAMES, airframe
+from problems.jsbsim_apriori import (
     Regression,
     aircraft_file,
     coefficients,
@@ -31,11 +29,13 @@ from problems.jsbsim_apriori import (  # noqa: E402
     healthy_flights,
     regress,
 )
-from problems.jsbsim_corpus import DIGITS, SIZES, cases, flights, rounded, truth  # noqa: E402
-from problems.jsbsim_faults import Fault, instrument_fault  # noqa: E402
-from problems.jsbsim_fdm import Log  # noqa: E402
-from problems.jsbsim_flight import Flight, fly, log_of, record_of  # noqa: E402
-from problems.jsbsim_manoeuvres import CARDS  # noqa: E402
+from problems.jsbsim_corpus import DIGITS, SIZES, cases, flights, rounded, truth
+from problems.jsbsim_faults import Fault, instrument_fault
+from problems.jsbsim_fdm import Log
+from problems.jsbsim_flight import Flight, fly, log_of, record_of
+from problems.jsbsim_manoeuvres import CARDS
+
+pytest.importorskip("jsbsim", reason='no jsbsim: pip install "casid[jsbsim]"')
 
 # Table values of JSBSim's aircraft files; those that a table makes depend on Mach or Reynolds number are left out.
 FILE_VALUES = {

@@ -70,6 +70,10 @@ def at_peak(fitted: Fit, moves: int = 6, free: Literal["all", "effects"] = "all"
         attached = [*fitted.attached[:-1], moved]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
         if other.deviance > fitted.deviance:
+            # the profile promised what the fit does not keep: both onsets are possible
+            interval = {
+                r: (min(low, before.onsets[r]), max(high, before.onsets[r])) for r, (low, high) in interval.items()
+            }
             break
         fitted = other
     return fitted, interval

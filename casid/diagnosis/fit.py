@@ -34,7 +34,8 @@ class Fit:
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
     noise        of instruments and recorded inputs, `acting` what it is behind the attached effects
-    disturbances (N, R, nw) that attached effects make; `coloured` (N, R, coloured) most likely histories of the noise's
+    disturbances (N, R, nw) that attached effects make; `coloured` (N, R, nc) the most likely histories of the
+                 coloured ones of `acting`, which the model is linearised about
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
     deviance     -2 log likelihood up to a constant of the data, prior included
     """

@@ -121,8 +121,8 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
 def wind(diagnosis: Diagnosis) -> Picture:
     """The moving air of a turbulent record: its components by the filter's smoother, and the r.m.s. that was named."""
     sigma, fit = diagnosis.turbulence.sigma, diagnosis.extended.fit
-    gusts = fit.coloured
     stations = list(fit.noise.coloured)
+    gusts = fit.coloured[..., : len(stations)]  # behind them, noise of inputs that passed through an effect
     r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(fit.flight.records)]))
     record = fit.flight.records[r]
     figure = blank(1.6 * len(stations) + 0.7)
