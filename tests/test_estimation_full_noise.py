@@ -123,6 +123,25 @@ def test_with_missing_samples_the_covariance_is_of_highest_likelihood_and_no_ste
             assert abs(up - down) < 1e-3 * (2.0 * top - up - down) and up < top > down
 
 
+@pytest.mark.parametrize("noise", [None, "full"], ids=["independent", "full"])
+def test_a_step_of_the_coordinates_of_the_noise_is_one_standard_deviation(noise):
+    """Half the squared step is the fall of the likelihood from its maximum, to second order; with residuals of
+    independent channels."""
+    objective = build_objective(Problem(short_period(), [measured(0)], free=["*"], noise=noise), MultipleShooting())
+    levels, squares = objective.levels, objective.value(objective.start()).squares
+    if noise == "full":
+        squares = squares * np.eye(2)
+    levels.relax(squares)
+    best, top = levels.coordinates, levels.log_likelihood(squares)
+    sigma = levels.sigma
+    for step in 0.01 * np.eye(len(best)):
+        levels.coordinates = best + step
+        np.testing.assert_allclose(levels.coordinates, best + step, rtol=1e-12)
+        assert top - levels.log_likelihood(squares) == pytest.approx(0.5 * 0.01**2, rel=0.01)
+    levels.coordinates = best
+    np.testing.assert_allclose(levels.sigma, sigma, rtol=1e-12)
+
+
 @pytest.mark.parametrize("holes", [False, True])
 def test_the_likelihood_descends_from_one_relaxation_to_the_next(holes):
     given = Problem(short_period(), [measured(2, holes)], free=["*"], start=START, noise="full")

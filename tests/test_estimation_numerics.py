@@ -10,6 +10,7 @@ from estimation_cases import TRUTH, elevator, exact, flight, matrices, short_per
 from casid.estimation import Collocation, GaussNewton, MultipleShooting, Problem, SingleShooting, solve
 from casid.estimation.compiler import c_compiler
 from casid.estimation.estimate import build_objective
+from casid.estimation.fixed_point import FixedPoint
 from casid.estimation.kernel import model_kernel
 from casid.estimation.kkt import BandedKKT
 from casid.estimation.objective import Point
@@ -241,3 +242,13 @@ def test_short_last_segment_and_unequal_records_are_only_padding():
         for r, record in enumerate(records):
             np.testing.assert_allclose(flat[objective.layout.sample[r]], record.matrix(["alpha", "q"]), atol=2e-8)
         assert value.worst() < 1e-6
+
+
+def test_extrapolation_ends_at_the_fixed_point_of_an_affine_map_after_one_image_more_than_unknowns():
+    shrink, shift = np.diag([0.9, 0.6, -0.5, 0.1]) + 0.1 * np.eye(4, k=1), np.array([1.0, -2.0, 0.5, 3.0])
+    truth = np.linalg.solve(np.eye(4) - shrink, shift)
+    plain, x, found = np.zeros(4), np.zeros(4), FixedPoint()
+    for _ in range(5):
+        plain, x = shrink @ plain + shift, found.following(x, shrink @ x + shift)
+    np.testing.assert_allclose(x, truth, rtol=1e-10)
+    assert np.abs(plain - truth).max() > 0.1 * np.abs(truth).max()

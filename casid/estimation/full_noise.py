@@ -79,6 +79,31 @@ class FullNoise:
         self.matrix = self._likeliest(moments)
         return 0.5 * float(np.abs(np.log(np.linalg.eigvalsh(former @ self.matrix @ former.T))).max())
 
+    @property
+    def coordinates(self) -> np.ndarray:
+        """(o (o + 1)/2,) the logarithms of the diagonal of the Cholesky factor, what stands left of it over it, in
+        units of the standard deviations with which residuals tell them of channels that are independent."""
+        factor = np.linalg.cholesky(self.matrix)
+        diagonal = np.diagonal(factor)
+        return (np.tril(factor / diagonal[:, None], -1) + np.diag(np.log(diagonal)))[self._triangle] * self._precision
+
+    @coordinates.setter
+    def coordinates(self, found: np.ndarray) -> None:
+        factor = np.zeros_like(self.matrix)
+        factor[self._triangle] = found / self._precision
+        diagonal = np.exp(np.diagonal(factor))
+        factor = (np.tril(factor, -1) + np.eye(len(factor))) * diagonal[:, None]
+        self.matrix = factor @ factor.T
+
+    @property
+    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.tril_indices(len(self.matrix))
+
+    @property
+    def _precision(self) -> np.ndarray:
+        row, column = self._triangle
+        return np.sqrt(np.where(row == column, 2.0, 1.0) * np.maximum(self.present[row], 1))
+
     def cost(self, moments: np.ndarray) -> float:
         """Half the sum of squared whitened residuals."""
         return 0.5 * self._squares(moments, self.matrix)

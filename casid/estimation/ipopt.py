@@ -1,7 +1,9 @@
 """IPOPT on the problem as a general nonlinear programme, with the exact or the Gauss-Newton Hessian.
 
 Noise that is estimated with the parameters, and the covariance of soft defects, are brought to their fixed point by
-repeated, warm-started solutions; the fixed point is the one that Gauss-Newton finds.
+repeated, warm-started solutions; the fixed point is the one that Gauss-Newton finds. Where parameters and noise trade
+off, each solution comes only some two times nearer to it; so the noise is extrapolated to where it will settle, and has
+settled when that is where it is.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import unknown
+from casid.estimation.fixed_point import FixedPoint
 from casid.estimation.gauss_newton import Outcome
 from casid.estimation.nlp import Packing, Programme, build, data, point_from, variables
 from casid.estimation.objective import Objective, Point, Step, Value
@@ -39,8 +42,8 @@ class Ipopt:
             raise unknown("hessian", self.hessian, ("exact", "gauss-newton"), "Ipopt")
 
 
-_ROUNDS = 60  # of noise and covariance; each contracts the change about tenfold
-_SETTLED = 1e-9
+_ROUNDS = 60  # of noise and covariance
+_SETTLED = 1e-8  # expected change of the noise in its standard deviations, relative change of the covariance
 _SOLVED = 1e-5  # standard deviations
 _WORDS = {
     "Maximum_Iterations_Exceeded": "stopped at the iteration limit, not converged",
@@ -67,7 +70,7 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
     d = Packing(data(objective, scale, gain))
     key = ("programme", solver, _signature(objective, x, d))
     function, programme = cached(objective.problem.model, key, lambda: _solver(objective, x, d, solver))
-    iterations, status, multipliers = 0, "", np.zeros(programme.g.numel())
+    iterations, status, multipliers, noise = 0, "", np.zeros(programme.g.numel()), FixedPoint()
     for _ in range(_ROUNDS):
         result = function(
             x0=x.pack(variables(objective, point, scale)), p=d.pack(data(objective, scale, gain)),
@@ -83,7 +86,7 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
         status = "converged" if good else _WORDS.get(reason, f"failed: IPOPT says {reason}")
         if status != "converged" or not np.isfinite(value.cost):
             break
-        change = _relax(objective, point, value)
+        change = _relax(objective, point, value, noise)
         value = objective.weighed(point, value.trajectory, value.equations)
         # a cost of about one makes the tolerance relative to the residuals, whatever their weights are
         fitting = 0.5 / max(value.cost, 1e-6 * objective.levels.count)
@@ -153,9 +156,16 @@ def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.nda
         return np.where(curvature > 0, np.minimum(100.0 / np.sqrt(np.abs(curvature)), 10 * usual), usual)
 
 
-def _relax(objective: Objective, point: Point, value: Value) -> float:
-    """Noise and soft-defect covariance to what the present point says; the largest relative change."""
-    change = objective.levels.relax(value.squares)
+def _relax(objective: Objective, point: Point, value: Value, noise: FixedPoint) -> float:
+    """Noise to where it is expected to settle, soft-defect covariance to what the present point says; the largest
+    change, of the noise in units of its standard deviations, of the covariance relative to it."""
+    levels, change = objective.levels, 0.0
+    if not levels.fixed:
+        before = levels.coordinates
+        levels.relax(value.squares)
+        expected = noise.following(before, levels.coordinates)
+        change = float(np.abs(expected - before).max(initial=0.0))
+        levels.coordinates = expected
     if objective.factor is not None:
         before = objective.factor
         objective.linearise(point, value)

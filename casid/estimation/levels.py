@@ -75,6 +75,19 @@ class NoiseLevels:
         self.sigma = sigma
         return change
 
+    @property
+    def coordinates(self) -> np.ndarray:
+        """(channels,) ln sigma in units of the standard deviation with which the residuals tell it."""
+        return np.log(self.sigma) * self._precision
+
+    @coordinates.setter
+    def coordinates(self, found: np.ndarray) -> None:
+        self.sigma = np.exp(found / self._precision)
+
+    @property
+    def _precision(self) -> np.ndarray:
+        return np.sqrt(2.0 * np.maximum(self.present, 1))
+
     def cost(self, squares: np.ndarray) -> float:
         """Half the sum of squared weighted residuals, from sums of squared residuals."""
         return 0.5 * float((self.share * squares / self.sigma**2).sum())
