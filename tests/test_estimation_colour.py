@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from casid.estimation.residual_colour import (
+    ORDER,
     Colour,
     Piece,
     _Filter,
@@ -75,6 +79,38 @@ def test_pieces_give_what_the_whole_record_gives():
     scores = [score_of(pieces_of(rows, noise, size)) for size in (700, 700 // 3, 5)]
     for score in scores[1:]:
         np.testing.assert_allclose(score, scores[0], rtol=1e-9)
+
+
+def test_records_of_the_same_parameters_are_summed_without_running_into_each_other():
+    """Lagged products and covariance matrices of each record for itself, written out; two records of their own
+    parameters besides."""
+    rng, parts = np.random.default_rng(7), []
+    information, lagged, count = np.zeros((5, 5)), np.zeros(ORDER + 1), 0
+    for record, (length, columns) in enumerate(((300, [0, 1]), (201, [0, 1]), (257, [2, 4]), (303, [0, 1]))):
+        rows, noise = rng.standard_normal((length, 2)), drawn(length, A, record)
+        for piece in pieces_of(rows, noise, 97):
+            parts.append(replace(piece, record=record, columns=np.array(columns)))
+        information[np.ix_(columns, columns)] += rows.T @ toeplitz(autocovariance(length, A, 2.5)) @ rows
+        lagged += [noise[: length - k] @ noise[k:] for k in range(ORDER + 1)]
+        count += length
+    sums = gathered(parts)
+    assert sums[0].count == count and sums[0].block == 1
+    nothing = np.zeros((5, 5))
+    np.testing.assert_allclose(sums[0].autocovariance(nothing[0], nothing), lagged / count, rtol=1e-10)
+    score = coloured_score({0: Colour(a=A, variance=2.5)}, sums, parts, 5)
+    np.testing.assert_allclose(score, information, rtol=1e-9)
+
+
+def test_memory_does_not_grow_with_the_records():
+    rng = np.random.default_rng(8)
+    rows, noise = rng.standard_normal((100, 30)), rng.standard_normal(100)
+    peaks = []
+    for records in (5, 50):
+        tracemalloc.start()
+        gathered(replace(piece, record=r) for r in range(records) for piece in pieces_of(rows, noise, 100))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
 
 
 def test_slow_noise_far_below_white_noise_is_found_in_the_means_of_blocks():

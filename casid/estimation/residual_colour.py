@@ -15,7 +15,8 @@ The slow noise that parameters cannot be told from may lie far below white noise
 autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
 what is left within the blocks counts as white.
 
-Everything is gathered from pieces of records in the order of time, and keeps no more of them than the last few rows.
+Everything is gathered from pieces of records, one record after the other and each in the order of time. No more of
+them is kept than the last few rows; sums are those of all records with the same parameters together.
 """
 
 from __future__ import annotations
@@ -65,9 +66,17 @@ class Colour:
         """Whether a sample says nothing of the next."""
         return len(self.a) == 1
 
+    @cached_property
+    def ringing(self) -> np.ndarray:
+        """(order, order) sum of squares of all that follows the last values of 1/A, newest first, without input."""
+        follow = np.eye(len(self.a) - 1, k=-1)
+        follow[0] = -self.a[1:]
+        # sum over k >= 1 of the squares of the first state of follow^k
+        return solve_discrete_lyapunov(follow.T, follow[:1].T @ follow[:1])
+
 
 def gathered(pieces: Iterable[Piece]) -> dict[int, ChannelSums]:
-    """Channel -> its sums, of pieces of which those of a record and channel come in the order of time."""
+    """Channel -> its sums, of pieces of one record after the other, each in the order of time."""
     found: dict[int, ChannelSums] = {}
     for piece in pieces:
         found.setdefault(piece.channel, ChannelSums()).add(piece)
@@ -82,22 +91,24 @@ def coloured_score(
     total = np.zeros((count, count))
     for c, own in sums.items():
         within = own.variance_within
-        own.spread(total, own.gram(within))
-        own.spread(total, own.inner(np.array([colours[c].variance if colours[c].white else 0.0]) - within))
+        spread(total, own.gram(within))
+        spread(total, own.inner(np.array([colours[c].variance if colours[c].white else 0.0]) - within))
     if all(colour.white for colour in colours.values()):
         return total
-    filters: dict[tuple[int, int], tuple[_Blocks, _Filter]] = {}
+    running: dict[int, tuple[int, _Blocks, _Filter]] = {}
     for piece in pieces:
-        if not colours[piece.channel].white:
-            key = piece.channel, piece.record
-            if key not in filters:
-                width = len(piece.columns)
-                run = _Filter(colours[piece.channel], piece.columns)
-                filters[key] = _Blocks(sums[piece.channel].block, width), run
-            blocks, run = filters[key]
-            run.add(blocks.add(piece.rows))
-    for _, run in filters.values():
-        total[np.ix_(run.columns, run.columns)] += run.score()
+        c = piece.channel
+        if colours[c].white:
+            continue
+        if c not in running or running[c][0] != piece.record:
+            if c in running:
+                running[c][2].spread(total)
+            blocks = _Blocks(sums[c].block, len(piece.columns))
+            running[c] = piece.record, blocks, _Filter(colours[c], piece.columns)
+        _, blocks, run = running[c]
+        run.add(blocks.add(piece.rows))
+    for _, _, run in running.values():
+        run.spread(total)
     return total
 
 
@@ -106,7 +117,12 @@ class _Blocks:
     variance; what does not fill a block waits for more."""
 
     def __init__(self, size: int, width: int) -> None:
-        self._size, self._waiting = size, np.zeros((0, width))
+        self._size, self._width = size, width
+        self.restart()
+
+    def restart(self) -> None:
+        """A new record follows."""
+        self._waiting = np.zeros((0, self._width))
 
     def add(self, rows: np.ndarray) -> np.ndarray:
         """(blocks, width) that are complete now."""
@@ -119,11 +135,15 @@ class _Blocks:
 
 
 class _Lagged:
-    """Of one stream (m, width): sums of rows_(i-k) rows_i' for the lags k, and the number of rows."""
+    """Of streams (m, width): sums of rows_(i-k) rows_i' for the lags k, and the number of rows."""
 
     def __init__(self, width: int) -> None:
         self.sums, self.count = np.zeros((ORDER + 1, width, width)), 0
-        self._last = np.zeros((ORDER, width))
+        self.restart()
+
+    def restart(self) -> None:
+        """A new record follows."""
+        self._last = np.zeros((ORDER, self.sums.shape[1]))
 
     def add(self, rows: np.ndarray) -> None:
         both = np.concatenate([self._last, rows])
@@ -136,21 +156,38 @@ class _Lagged:
         self.count += len(rows)
 
 
+Product = tuple[np.ndarray, np.ndarray]  # columns (f,), and a matrix (f+1, f+1) of those parameters and the residuals
+
+
+def spread(total: np.ndarray, products: list[Product]) -> None:
+    """Add the parameters' part of the products to `total` (parameters, parameters)."""
+    for columns, matrix in products:
+        total[np.ix_(columns, columns)] += matrix[:-1, :-1]
+
+
 class ChannelSums:
-    """Of one channel: lagged sums of [x; r] by record, for every size of block."""
+    """Of one channel: lagged sums of [x; r] over all records with the same parameters, for every size of block."""
 
     def __init__(self) -> None:
-        self.columns: dict[int, np.ndarray] = {}
-        self._streams: dict[int, list[tuple[_Blocks, _Lagged]]] = {}
+        self._columns: dict[bytes, np.ndarray] = {}
+        self._streams: dict[bytes, list[tuple[_Blocks, _Lagged]]] = {}
+        self._squares: dict[int, np.ndarray] = {}  # record -> (sizes of block, width) sums
 
     def add(self, piece: Piece) -> None:
-        own = np.column_stack([piece.rows, piece.residuals])
+        own, key = np.column_stack([piece.rows, piece.residuals]), piece.columns.tobytes()
         width = own.shape[1]
-        if piece.record not in self.columns:
-            self.columns[piece.record] = piece.columns
-            self._streams[piece.record] = [(_Blocks(size, width), _Lagged(width)) for size in BLOCKS]
-        for blocks, lagged in self._streams[piece.record]:
-            lagged.add(blocks.add(own))
+        if key not in self._streams:
+            self._columns[key] = piece.columns
+            self._streams[key] = [(_Blocks(size, width), _Lagged(width)) for size in BLOCKS]
+        if piece.record not in self._squares:
+            self._squares[piece.record] = np.zeros((len(BLOCKS), width))
+            for blocks, lagged in self._streams[key]:
+                blocks.restart()
+                lagged.restart()
+        for (blocks, lagged), squares in zip(self._streams[key], self._squares[piece.record], strict=True):
+            rows = blocks.add(own)
+            lagged.add(rows)
+            squares += np.einsum("ij,ij->j", rows, rows)
 
     @cached_property
     def _level(self) -> int:
@@ -164,10 +201,10 @@ class ChannelSums:
         return sum(streams[level][1].count for streams in self._streams.values())
 
     def _kept(self, level: int) -> float:
-        """Least share of a sensitivity's sum of squares that is in the means of the blocks."""
+        """Least share of a sensitivity's sum of squares in a record that is in the means of the blocks."""
         least = 1.0
-        for streams in self._streams.values():
-            whole, means = (np.diagonal(streams[i][1].sums[0])[:-1] for i in (0, level))
+        for squares in self._squares.values():
+            whole, means = squares[0, :-1], squares[level, :-1]
             seen = whole > 0.0
             least = min(least, float((means[seen] / whole[seen]).min(initial=1.0)))
         return least
@@ -187,34 +224,27 @@ class ChannelSums:
         """Of the residuals about the means of their blocks."""
         if self._level == 0:
             return 0.0
-        whole, means = (
-            sum(streams[i][1].sums[0][-1, -1] for streams in self._streams.values()) for i in (0, self._level)
-        )
+        whole, means = (sum(squares[i, -1] for squares in self._squares.values()) for i in (0, self._level))
         return max(float(whole - means), 0.0) / (self._count(0) - self.count)
 
-    def gram(self, factor: float) -> dict[int, np.ndarray]:
-        """By record, `factor` times the sum over all samples of [x; r] [x; r]'."""
-        return {r: factor * streams[0][1].sums[0] for r, streams in self._streams.items()}
+    def gram(self, factor: float) -> list[Product]:
+        """`factor` times the sum over all samples of [x; r] [x; r]'."""
+        return [(self._columns[key], factor * streams[0][1].sums[0]) for key, streams in self._streams.items()]
 
-    def inner(self, weights: np.ndarray) -> dict[int, np.ndarray]:
-        """By record, sum over the lags, both ways, of the sums over blocks times `weights` (lags,)."""
-        found = {}
-        for r, streams in self._streams.items():
+    def inner(self, weights: np.ndarray) -> list[Product]:
+        """Sum over the lags, both ways, of the sums over blocks times `weights` (lags,)."""
+        found = []
+        for key, streams in self._streams.items():
             lagged = streams[self._level][1].sums
             one_way = np.tensordot(weights[1:], lagged[1 : len(weights)], 1)
-            found[r] = weights[0] * lagged[0] + one_way + one_way.T
+            found.append((self._columns[key], weights[0] * lagged[0] + one_way + one_way.T))
         return found
-
-    def spread(self, total: np.ndarray, inner: dict[int, np.ndarray]) -> None:
-        """Add the parameters' part of `inner` to `total` (parameters, parameters)."""
-        for r, matrix in inner.items():
-            total[np.ix_(self.columns[r], self.columns[r])] += matrix[:-1, :-1]
 
     def autocovariance(self, shift: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """(lags,) expected, of the noise of the blocks, for parameters off by `shift` with `covariance`."""
         found = np.zeros(ORDER + 1)
-        for r, streams in self._streams.items():
-            columns, lagged = self.columns[r], streams[self._level][1].sums
+        for key, streams in self._streams.items():
+            columns, lagged = self._columns[key], streams[self._level][1].sums
             off = np.append(-shift[columns], 1.0)
             found += lagged @ off @ off
             found += np.tensordot(lagged[:, :-1, :-1], covariance[np.ix_(columns, columns)], 2)
@@ -235,9 +265,9 @@ def noise_autocovariance(sums: Mapping[int, ChannelSums], prior: np.ndarray, fre
             colour = autoregression(found[c], own.count)
             both_ways = np.correlate(colour.a, colour.a, "full")[len(colour.a) - 1 :]
             inner = own.inner(both_ways / max(colour.variance, _LEAST))
-            own.spread(information, inner)
-            for r, matrix in inner.items():
-                gradient[own.columns[r]] += matrix[:-1, -1]
+            spread(information, inner)
+            for columns, matrix in inner:
+                gradient[columns] += matrix[:-1, -1]
         covariance = inverse_along(free, information)
         shift = covariance @ gradient
         found = {c: own.autocovariance(shift, covariance) for c, own in sums.items()}
@@ -279,11 +309,9 @@ class _Filter:
         self._recent = np.concatenate([self._recent, run])[-len(self._recent) :]
 
     def score(self) -> np.ndarray:
-        order = len(self._recent)
-        follow = np.eye(order, k=-1)
-        follow[0] = -self.colour.a[1:]
-        # sum over k >= 1 of the squares of the first state of follow^k
-        first = follow[:1].T @ follow[:1]
-        rings = solve_discrete_lyapunov(follow.T, first)
         newest_first = self._recent[::-1]
-        return self.colour.variance * (self._gram + newest_first.T @ rings @ newest_first)
+        return self.colour.variance * (self._gram + newest_first.T @ self.colour.ringing @ newest_first)
+
+    def spread(self, total: np.ndarray) -> None:
+        """Add the score to `total` (parameters, parameters)."""
+        total[np.ix_(self.columns, self.columns)] += self.score()

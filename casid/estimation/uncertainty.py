@@ -21,6 +21,7 @@ from casid.estimation.residual_colour import (
     coloured_score,
     gathered,
     noise_autocovariance,
+    spread,
 )
 from casid.estimation.sensitivity import whitened
 
@@ -122,7 +123,7 @@ def _score_covariances(
     sums = gathered(score_pieces(objective, value, linear))
     white, prior = linear.hessian.copy(), prior_information(linear, sums)
     for channel, own in sums.items():
-        own.spread(white, own.gram(expected[channel] - 1.0))
+        spread(white, own.gram(expected[channel] - 1.0))
     noise = noise_autocovariance(sums, prior, free)
     colours = {channel: autoregression(noise[channel], own.count) for channel, own in sums.items()}
     return white, prior + coloured_score(colours, sums, score_pieces(objective, value, linear), len(prior))
@@ -132,7 +133,7 @@ def prior_information(linear: Linearised, sums: Mapping[int, ChannelSums]) -> np
     """(parameters, parameters) what the information has besides the data's, of which `sums` are gathered."""
     prior = linear.hessian.copy()
     for own in sums.values():
-        own.spread(prior, own.gram(-1.0))
+        spread(prior, own.gram(-1.0))
     return prior
 
 
