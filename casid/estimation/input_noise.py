@@ -30,6 +30,7 @@ from casid.estimation.residual_colour import (
     Colour,
     autoregression,
     coloured_score,
+    estimated,
     gathered,
     noise_autocovariance,
 )
@@ -160,7 +161,7 @@ def _left(noise: np.ndarray, caused: np.ndarray, least: float, count: int) -> Co
     error = float(2.0 * ways @ noise[: len(ways)] - ways[0] * noise[0])  # of prediction, by what is expected
     cost_white = count * (np.log(expected.variance) + error / expected.variance) + 2
     cost_whole = count * (np.log(whole.variance) + 1.0) + 2 * len(whole.a)
-    coloured = autoregression(left, count)
+    coloured = estimated(left, count)
     lower = coloured.variance / coloured.a.sum() ** 2 < white.variance
     return white if lower or cost_white <= cost_whole else coloured
 

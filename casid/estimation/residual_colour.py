@@ -11,6 +11,10 @@ Durbin. This is expectation and maximisation of the restricted likelihood (Patte
 Cheang and Reinsel, JASA 95, 2000). For white noise it divides the sum of squares by samples less parameters. The order
 is that of least AIC. Initial states, which take few degrees of freedom and only at the start, are not counted.
 
+What is left is the bias of an autoregression of few samples: its poles come out too far from the unit circle, and slow
+noise too weak. That of least squares is taken off at the end; taken off in every round, it would feed on itself where
+parameters follow slow noise.
+
 The slow noise that parameters cannot be told from may lie far below white noise when it is sampled fast. Therefore the
 autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
 what is left within the blocks counts as white.
@@ -290,6 +294,35 @@ def autoregression(autocovariance: np.ndarray, count: int) -> Colour:
         if criterion < least:
             best, least = (a, variance), criterion
     return Colour(a=np.array(best[0]), variance=best[1])
+
+
+def estimated(autocovariance: np.ndarray, count: int) -> Colour:
+    """`autoregression` of an autocovariance (lags,) that comes from `count` samples, less its bias to first order.
+
+    The bias of least squares is linear in the coefficients (Shaman and Stine, JASA 83, 1988; the same numbers as Pope,
+    J. Time Ser. Anal. 11, 1990, without a mean): count times that of a_j is -j a_j, plus the a_k with k < j, minus
+    those with k > order - j, both for the k that differ from j by an even number. That of the equations of Yule and
+    Walker is greater, by an amount that depends on the poles. As much of it is taken off as leaves the noise stationary
+    (Kilian, Rev. Econ. Stat. 80, 1998).
+    """
+    raw = autoregression(autocovariance, count)
+    order = len(raw.a) - 1
+    j, k = np.ogrid[: order + 1, : order + 1]
+    slope = ((k - j) % 2 == 0) * ((k < j).astype(float) - (k > order - j)) - np.diag(np.arange(order + 1.0))
+    slope[0] = 0.0  # a_0 is one
+    bias = slope @ raw.a / count
+    share = next((s for s in 0.5 ** np.arange(10) if _stationary(raw.a - s * bias)), 0.0)
+    return Colour(a=raw.a - share * bias, variance=raw.variance * count / (count - order))
+
+
+def _stationary(a: np.ndarray) -> bool:
+    """Whether an autoregression has all reflection coefficients below one, by the recursion of Levinson backwards."""
+    while len(a) > 1:
+        reflection = a[-1]
+        if not abs(reflection) < 1.0:
+            return False
+        a = (a[:-1] - reflection * a[:0:-1]) / (1.0 - reflection**2)
+    return True
 
 
 class _Filter:

@@ -17,8 +17,8 @@ from casid.estimation.quadratic import free_directions, inverse_along, jacobi_sc
 from casid.estimation.residual_colour import (
     ChannelSums,
     Piece,
-    autoregression,
     coloured_score,
+    estimated,
     gathered,
     noise_autocovariance,
     spread,
@@ -125,7 +125,7 @@ def _score_covariances(
     for channel, own in sums.items():
         spread(white, own.gram(expected[channel] - 1.0))
     noise = noise_autocovariance(sums, prior, free)
-    colours = {channel: autoregression(noise[channel], own.count) for channel, own in sums.items()}
+    colours = {channel: estimated(noise[channel], own.count) for channel, own in sums.items()}
     return white, prior + coloured_score(colours, sums, score_pieces(objective, value, linear), len(prior))
 
 
