@@ -31,35 +31,24 @@ def scipy_rk4(task: Task) -> tuple[np.ndarray, float]:
 
 
 def scipy_ivp(task: Task) -> tuple[np.ndarray, float]:
-    """The same with solve_ivp (RK45), inputs by interpolation. Finite differences of an adaptive integration need a
-    step well above its tolerance: with scipy's own step the estimation ends nowhere."""
+    """The same with solve_ivp (RK45), inputs by interpolation. Its steps are held to the samples: steps that it chooses
+    freely change with the parameters, and finite differences of that end nowhere."""
+    dt = float(task.t[1] - task.t[0])
 
     def simulate(x0: np.ndarray, p: np.ndarray) -> np.ndarray:
         def slope(t: float, x: np.ndarray) -> list[float]:
             return rates(x, [np.interp(t, task.t, u) for u in task.U.T], p, np)
 
         span = (task.t[0], task.t[-1])
-        return solve_ivp(slope, span, x0, t_eval=task.t, rtol=1e-8, atol=1e-10, max_step=0.02).y.T
+        return solve_ivp(slope, span, x0, t_eval=task.t, rtol=1e-6, atol=1e-8, first_step=dt, max_step=dt).y.T
 
-    return _fit(task, simulate, step=1e-4)
+    return _fit(task, simulate)
 
 
-def _fit(
-    task: Task, simulate: Callable[[np.ndarray, np.ndarray], np.ndarray], step: float | None = None
-) -> tuple[np.ndarray, float]:
-    """step of the finite differences: None is scipy's own, on the unknowns as they are; otherwise on the unknowns in
-    units of their size, all starting at one, because scipy takes it relative to their values."""
-    start = np.concatenate([task.x0, task.start])
-    size = np.concatenate([task.x0_std, np.maximum(np.abs(task.start), 0.01)])
-    first = start if step is None else np.ones(len(start))
-
-    def physical(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        both = z if step is None else start + size * (z - 1.0)
-        return both[:8], both[8:]
-
-    def residuals(z: np.ndarray) -> np.ndarray:
-        x0, p = physical(z)
+def _fit(task: Task, simulate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> tuple[np.ndarray, float]:
+    def residuals(both: np.ndarray) -> np.ndarray:
+        x0, p = both[:8], both[8:]
         return whitened(task, simulate(x0, p), x0)
 
-    found = least_squares(residuals, first, x_scale="jac", ftol=1e-10, xtol=1e-10, diff_step=step)
-    return physical(found.x)[1], float(found.cost)
+    found = least_squares(residuals, np.concatenate([task.x0, task.start]), x_scale="jac", ftol=1e-10, xtol=1e-10)
+    return found.x[8:], float(found.cost)
