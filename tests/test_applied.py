@@ -153,6 +153,20 @@ def test_slow_instruments_are_undone_or_modelled(kind, value):
     assert np.abs(read["alpha"] - plain["alpha"]).max() > 1e-3
 
 
+def test_an_instrument_may_lag_in_some_records_only():
+    """The truth is the operator itself in the record that has the lag, and the perfect reading in the other."""
+    lag = EffectValue(kind="sensor_lag", target="alpha", value=0.15, records=("slow",))
+    plain = plain_flight()
+    slow, quick = (replace(plain, name=name) for name in ("slow", "quick"))
+    applied = apply_effects(do328().with_effects([lag]), [slow, quick])
+    i = applied.model.outputs.index("alpha")
+    expected = {"slow": operators.lag(T, plain["alpha"], 0.15), "quick": plain["alpha"]}
+    for ready in applied.records:
+        flown = simulate(applied.model, ready, np.r_[START.state, plain["alpha"][:1]])
+        np.testing.assert_allclose(flown.outputs[:, i], expected[ready.name], atol=2e-5)
+    assert np.abs(expected["slow"] - expected["quick"]).max() > 1e-3
+
+
 def test_a_ringing_instrument_is_undone_exactly():
     ringing = EffectValue(kind="structural_mode", target="q", value=0.05, parameters={"frequency_hz": 3.0})
     plain, read = plain_flight(), fly(do328().with_effects([ringing]))

@@ -106,14 +106,8 @@ def apply_effects(
     chosen = tuple(outputs) if outputs is not None else _measured(modelled, records)
     dt = min(record.dt for record in records)
     symbolic, timed, lags, undone = _sorted(aircraft, dt)
-    masks: dict[str, EffectValue] = {}
-    effects = []
-    for value in symbolic:
-        effect = effect_of(value)
-        if value.records:
-            masks[_mask(effect)] = value
-            effect = _only_where_present(effect)
-        effects.append(effect)
+    masks = {_mask(effect_of(value)): value for value in (*symbolic, *lags) if value.records}
+    effects = [_only_where_present(effect_of(v)) if v.records else effect_of(v) for v in symbolic]
     bare_records = [flight_inputs(aircraft, _without_instrument_effects(r, undone), axes) for r in records]
     histories = [_histories(timed, record) for record in bare_records]
     stations = sorted({station for history in histories for station in history})
@@ -133,7 +127,8 @@ def apply_effects(
 
 def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Model:
     """The model with slow instruments (`Effect.instrument`): one state per channel, what its instrument reads; the
-    value is a parameter under the effect's name, `sensor_lag(alpha)`."""
+    value is a parameter under the effect's name, `sensor_lag(alpha)`. A model that has an input which says where the
+    effect is present reads without it elsewhere."""
     slow = {c: effect for effect, _ in lags for c in group_channels(effect.target) if c in model.outputs}
     if not slow:
         return model
@@ -144,7 +139,9 @@ def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
         row = model.outputs.index(channel)
         assert effect.instrument is not None
         rates.append(effect.instrument(h[row], reading[i], {"value": T[names.index(effect.name)]}))
-        h[row] = reading[i]
+        mask = _mask(effect)
+        present = model.u[model.inputs.index(mask)] if mask in model.inputs else 1.0
+        h[row] = present * reading[i] + (1.0 - present) * h[row]
 
     def guess(record: Record) -> np.ndarray:
         columns = []
@@ -206,10 +203,10 @@ def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
         elif effect.series is not None:
             timed.append(value)
         elif effect.instrument is not None and value.value != 0.0:
-            if value.value < 0.0 or value.records:
+            if value.value < 0.0:
                 raise InputError(
                     f"aircraft '{aircraft.name}': effect {effect.name} cannot act; a lag needs a positive time "
-                    f"constant and holds for all records, got {value.value} in {list(value.records) or 'all records'}"
+                    f"constant, got {value.value}"
                 )
             # a time constant below the sampling interval would need a finer step
             (lags if value.value >= dt else undone).append(value)

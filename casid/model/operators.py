@@ -1,12 +1,15 @@
 """Operators on sampled time series that effects are made of: lag, delay, rate limit, dead zone, backlash, mode.
 
-All take t (N,) [s] and a series (N,), run between samples linearly, start in steady state and accept non-uniform t.
+All take t (N,) [s] and a series (N,), run between samples linearly, start in steady state and accept non-uniform t;
+`mode` is the exception to the first and the last.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import linalg, signal
+from scipy import interpolate, linalg, signal
+
+_STRAIGHT = 0.03  # of a period: over that, a wave is a straight line to 0.3 %
 
 
 def delay(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
@@ -90,14 +93,17 @@ def ramp(t: np.ndarray, onset: float) -> np.ndarray:
 
 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float = 0.03) -> np.ndarray:
-    """Rate of a lightly damped mode driven by y, from rest: w0^2 s / (s^2 + 2 d w0 s + w0^2)."""
-    w0 = 2.0 * np.pi * frequency_hz
-    dt = float(np.median(np.diff(t)))
+    """Rate of a lightly damped mode driven by y, from rest: w0^2 s / (s^2 + 2 d w0 s + w0^2). For uniform t; a cubic
+    spline between samples, because straight lines weaken what is near the mode's frequency."""
+    w0, dt = 2.0 * np.pi * frequency_hz, float(np.median(np.diff(t)))
+    parts = max(1, int(np.ceil(frequency_hz * dt / _STRAIGHT)))
+    y = interpolate.CubicSpline(np.arange(len(y)), y)(np.arange((len(y) - 1) * parts + 1) / parts)
+    dt /= parts
     a = np.array([[0.0, 1.0], [-(w0**2), -2.0 * damping * w0]])
     b = np.array([[0.0], [w0**2]])
     phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
     numerator, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, np.array([[0.0, 1.0]]), gamma1[1:2, :])
-    return np.asarray(signal.lfilter(numerator[0], denominator, y - y[0]))
+    return np.asarray(signal.lfilter(numerator[0], denominator, y - y[0]))[::parts]
 
 
 def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -76,8 +76,7 @@ def _slow_reading(
     return Effect(
         kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
         kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)), output=output,
-        undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0,
-        by_record=instrument is None,  # a state is in the model of all records
+        undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0, by_record=True,
     )  # fmt: skip
 
 
