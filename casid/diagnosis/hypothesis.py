@@ -18,7 +18,6 @@ class Attached:
     values   "value" and the further parameters of the effect
     onsets   record -> onset [s], for a timed effect
     records  names of the records that have it; empty: all
-    amplitudes  record -> value, for an event whose size is its own in every record
     """
 
     effect: Effect

@@ -1,8 +1,9 @@
 """Something is missing, and it enters here: an anonymous Gaussian-process input at each station of the signal path.
 
-For every coefficient and every axis of moving air, an unknown time history with covariance s^2 exp(-|t|/tau) on a grid
-of nodes is added to the fitted model. Its exact marginal-likelihood gain (fitted slots eliminated, s and tau maximised)
-says where something is missing before a cause is named, and whether something still is afterwards.
+For every coefficient, every axis of moving air and every reading, an unknown time history with covariance
+s^2 exp(-|t|/tau) on a grid of nodes is added to the fitted model. Its exact marginal-likelihood gain (fitted slots
+eliminated, s and tau maximised) says where something is missing before a cause is named, and whether something still is
+afterwards. What is added to a reading is slow, like the drift of an instrument: a fast one could imitate anything.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
 from casid.model.path import coefficient_names
 
-_SPACING = 0.4  # s between nodes
-_TIMES = (0.4, 1.5, 6.0)  # s
+READING = "reading_"  # and the channel: station of what is added to a reading
+_SPACING, _TIMES = 0.4, (0.4, 1.5, 6.0)  # s, between nodes, and correlation times
+_DRIFT_SPACING, _DRIFT_TIMES = 2.0, (6.0, 20.0)  # s, of readings
 _BY_CHANCE = 1e-6
 _RATIOS = np.logspace(-3.0, 6.0, 46)
 
@@ -34,9 +36,14 @@ class MissingInput:
     history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     frequency: float | None = None  # Hz, of an oscillation
 
+    @property
+    def rms(self) -> float:
+        """Root mean square about the mean, in the unit of the station."""
+        return float(np.std(np.concatenate([mean for _, mean, _ in self.history.values()])))
+
 
 def stations(fit: Fit) -> list[str]:
-    """Coefficients and wind axes that the axes of the flight know."""
+    """Coefficients and wind axes that the axes of the flight know, as disturbances of the model."""
     moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
     winds = [f"wind_{axis}" for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
     letters = {"full": "LDXZYlmn", "longitudinal": "LDXZm", "lateral": "Yln"}[fit.flight.axes]
@@ -45,7 +52,8 @@ def stations(fit: Fit) -> list[str]:
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
-    found = [_one_station(evidence, station) for station in stations(evidence.fit)]
+    readings = [READING + name for name in evidence.fit.model.outputs]
+    found = [_one_station(evidence, station) for station in (*stations(evidence.fit), *readings)]
     return sorted(found, key=lambda m: -m.gain)
 
 
@@ -84,7 +92,7 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
     since = fit.batch.t - fit.batch.t[0]
     angle = 2.0 * np.pi * frequency * since
     series = np.where(fit.batch.live[..., None], np.stack([np.cos(angle), np.sin(angle)], axis=2), 0.0)
-    white = fit.filter.whiten_histories([fit.model.disturbances.index(station)] * 2, series)
+    white = response(fit, station, series)
     gain, history, sizes, first = 0.0, {}, [], fit.batch.t[0]
     for r, name in enumerate(fit.batch.names):
         w = white[:, r].reshape(-1, 2)
@@ -104,23 +112,31 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
     )
 
 
-def _hats(t: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    return np.maximum(0.0, 1.0 - np.abs(t[..., None] - nodes) / _SPACING)
-
-
 def _one_station(evidence: Evidence, station: str) -> MissingInput:
-    fit = evidence.fit
-    index = fit.model.disturbances.index(station)
+    fit, slow = evidence.fit, station.startswith(READING)
+    spacing, times = (_DRIFT_SPACING, _DRIFT_TIMES) if slow else (_SPACING, _TIMES)
     longest = max(record.duration for record in fit.flight.records)
-    nodes = np.arange(0.0, longest + _SPACING, _SPACING)
+    nodes = np.arange(0.0, longest + spacing, spacing)
     since = fit.batch.t - fit.batch.t[0]
-    series = np.where(fit.batch.live[..., None], _hats(since, nodes), 0.0)
-    white = fit.filter.whiten_histories([index] * len(nodes), series)
+    hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - nodes) / spacing)
+    white = response(fit, station, np.where(fit.batch.live[..., None], hats, 0.0))
     by_record = [white[:, r].reshape(-1, len(nodes)) for r in range(len(fit.batch.names))]
-    return _most_likely(evidence, station, nodes, by_record)
+    return _most_likely(evidence, station, nodes, by_record, times)
 
 
-def _most_likely(evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray]) -> MissingInput:
+def response(fit: Fit, station: str, series: np.ndarray) -> np.ndarray:
+    """(N, R, ny, k) whitened response to time histories (N, R, k) at a station."""
+    if not station.startswith(READING):
+        return fit.filter.whiten_histories([fit.model.disturbances.index(station)] * series.shape[2], series)
+    Y = np.zeros((*fit.white.shape, series.shape[2]))
+    channel = fit.model.outputs.index(station.removeprefix(READING))
+    Y[:, :, channel] = np.where(fit.linear.seen[:, :, channel, None], series, 0.0)
+    return fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, series.shape[2])))
+
+
+def _most_likely(
+    evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray], times: Sequence[float]
+) -> MissingInput:
     fit, R, n = evidence.fit, len(by_record), len(nodes)
     gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
     cross = np.zeros((evidence.by_record[0].shape[1], R * n))
@@ -131,8 +147,8 @@ def _most_likely(evidence: Evidence, station: str, nodes: np.ndarray, by_record:
         match[own] = w.T @ fit.white[:, r].reshape(-1)
     match -= cross.T @ evidence.newton
     gram -= cross.T @ evidence.covariance @ cross
-    best = (0.0, _TIMES[0], 0.0)
-    for tau in _TIMES:
+    best = (0.0, times[0], 0.0)
+    for tau in times:
         root = _prior_root(nodes, tau, R)
         values, vectors = np.linalg.eigh(root.T @ gram @ root)
         values = np.maximum(values, 0.0)

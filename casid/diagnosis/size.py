@@ -7,12 +7,14 @@ import numpy as np
 from casid.diagnosis.evidence import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.missing_input import READING, MissingInput
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
 SHARE = 0.05  # of the variation of a coefficient: smaller is real but minor; linear structure commonly leaves 2 to 4 %
 _SWITCH = 0.1  # of it, for coefficients that change in mid-record: a bend in a curve looks like a small one
 _CONSEQUENCE = 0.02  # of the variation of a coefficient or channel
+_WIND = 3.0  # m/s, of which `SHARE` matters
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 
 
@@ -76,10 +78,13 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
     return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
 
 
-def missing_share(fitted: Fit, station: str, history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
-    """r.m.s. of a missing coefficient over the variation of that coefficient; for wind, over 1 m/s."""
-    values = np.concatenate([mean for _, mean, _ in history.values()])
+def missing_share(fitted: Fit, missing: MissingInput) -> float:
+    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over 3 m/s."""
+    station = missing.station
     if station.startswith("wind"):
-        return float(np.std(values))
-    series = coefficient_series(fitted)[station[1:]]
-    return float(np.std(values)) / max(float(np.std(series[fitted.batch.live])), 1e-12)
+        return missing.rms / _WIND
+    if station.startswith(READING):
+        series = fitted.linear.output[..., fitted.model.outputs.index(station.removeprefix(READING))]
+    else:
+        series = coefficient_series(fitted)[station[1:]]
+    return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)

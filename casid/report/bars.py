@@ -18,7 +18,7 @@ from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import effect_name, place, quantity
 
-_MOST_INSTRUMENTS = 16
+_MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
 _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
     {
         "named": {"facecolor": EXTENDED, "edgecolor": EXTENDED},
@@ -105,11 +105,12 @@ def named_or_minor(diagnosis: Diagnosis) -> tuple[Cause, ...]:
 
 
 def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
-    """What an anonymous input at each station gains, before naming and after."""
+    """What an anonymous input at each of the most rewarding stations gains, before naming and after."""
     before = {station: m.gain for station, m in seen.before.items()}
     after = {station: m.gain for station, m in seen.after.items()}
     unexplained = [m.station for m in diagnosis.unexplained][:1]
-    order = sorted(before, key=lambda s: -before[s])
+    chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
+    order = sorted(chosen, key=lambda s: -before[s])
     figure = blank(0.36 * len(order) + 1.4)
     ax = figure.subplots()
     extended = bool(diagnosis.causes)

@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import Fit
-from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.missing_input import MissingInput, response
 from casid.diagnosis.result import Diagnosis
 
 
@@ -36,9 +36,9 @@ def derivatives_beside(fit: Fit, missing: MissingInput) -> dict[str, float]:
     for r, record in enumerate(fit.flight.records):
         t, mean, _ = missing.history[record.name]
         series[: len(record), r, 0] = np.interp(record.t, t, mean)
-    white = fit.filter.whiten_histories([fit.model.disturbances.index(missing.station)], series)
-    response = fit.columns.reshape(fit.white.size, len(fit.slots)).T @ white.reshape(-1)
-    values = fit.values + evidence.newton - evidence.covariance @ response
+    white = response(fit, missing.station, series)
+    taken = fit.columns.reshape(fit.white.size, len(fit.slots)).T @ white.reshape(-1)
+    values = fit.values + evidence.newton - evidence.covariance @ taken
     return {slot.name: float(value) for slot, value in zip(fit.slots, values, strict=True)}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from casid.diagnosis.fit import Fit
-from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.missing_input import READING, MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.effects import effect_of
 from casid.model.terms import parse_term
@@ -101,7 +101,7 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
             ax.plot(t, curve_here, "--", color=BASELINE, lw=2, label="what the named causes put there")
         ax.axhline(0.0, color=FAINT, lw=0.8)
         ax.set_title(fit.batch.names[r], loc="left")
-        ax.set_ylabel("[m/s]" if wind else f"missing {missing.station[1:]}")
+        ax.set_ylabel("[m/s]" if wind else f"missing {_symbol(missing.station)}")
         ax.set_xlabel("time t [s]" if r == chosen[-1] else "")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     where = place(missing.station)
@@ -222,6 +222,10 @@ def _binned(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rows.append((*mean, 2.0 * max(scatter, weight.sum() ** -0.5)))
     x, y, error = np.array(rows).T if rows else np.zeros((3, 0))
     return x, y, error
+
+
+def _symbol(station: str) -> str:
+    return station.removeprefix(READING) if station.startswith(READING) else station.removeprefix("d")
 
 
 def _liveliest(missing: MissingInput, fit: Fit) -> list[int]:

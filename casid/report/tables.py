@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from casid.diagnosis.result import Cause, Diagnosis, Trial, View
+from casid.diagnosis.size import plausible
 from casid.model.vocabulary import KINDS
 from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
@@ -150,7 +151,8 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
     if trial.refuted:
         return "refuted: the kinematics contradict an error of this size"
     if not trial.meaningful:
-        return "of no size that matters" if trial.share < 1.0 else "of no plausible size"
+        possible = plausible(trial.candidate.attached, trial.share)
+        return "too small to matter, or to be certain" if possible else "of no plausible size"
     if equivalent:
         return "cannot be told apart from the one that was named"
     if trial.gain <= 0.0:

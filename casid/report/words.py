@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 
+from casid.diagnosis.missing_input import READING
 from casid.model.effect import Effect
 from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
@@ -40,9 +41,11 @@ def pretty_term(term: str) -> str:
 
 
 def place(station: str) -> str:
-    """Where an anonymous input enters, in words: "pitching moment Cm"."""
+    """Where an anonymous input enters, in words: "pitching moment Cm", "reading of beta"."""
     if station in _PLACES:
         return _PLACES[station]
+    if station.startswith(READING):
+        return f"reading of {station.removeprefix(READING)}"
     coefficient = station.removeprefix("d")
     return f"{_COEFFICIENTS.get(coefficient, '')} {coefficient}".strip()
 
