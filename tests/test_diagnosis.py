@@ -96,6 +96,23 @@ def test_a_hum_too_fast_for_an_unknown_history_stays_unexplained() -> None:
     assert found.unexplained[0].frequency == pytest.approx(3.3, abs=0.03)
 
 
+def test_a_drifting_instrument_is_not_named_a_bias() -> None:
+    """A gyroscope that drifts has a bias on average; no cause drifts: none may be named, and it is said where."""
+    records = [r.with_channels(q=r["q"] + 0.004 * np.sin(2.0 * np.pi * r.t / 15.0 + 1.0)) for r in flights(seed=4)]
+    found = diagnose(rough_file(), records)
+    assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
+    assert found.unexplained[0].station == "reading_q"
+    assert "the reading of q" in found.sentence
+
+
+def test_a_bend_that_barely_matters_is_no_cause() -> None:
+    """Cm with 4 % of its variation from alpha^2, as stock aircraft have: clear, but no more than minor."""
+    bend = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 3.0})
+    found = diagnose(rough_file(), flights([bend], seed=6, count=4))
+    assert found.verdict == "adequate", str(found)
+    assert any((m.target, m.term) == ("Cm", "alpha^2") for m in found.minor), str(found)
+
+
 def test_score_of_absent_causes_is_chi_square() -> None:
     """On clean data each statistic is chi-square with one degree of freedom: sums over 24 noise seeds stay in range.
 

@@ -15,14 +15,22 @@ from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import missing_inputs, missing_oscillation
-from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
+from casid.diagnosis.naming import CONFIRMED, LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_structure
-from casid.diagnosis.verdict import causes_of, extended_aircraft, smallest_detectable, still_missing, verdict_of
+from casid.diagnosis.verdict import (
+    causes_of,
+    extended_aircraft,
+    smallest_detectable,
+    still_missing,
+    too_small,
+    verdict_of,
+)  # fmt: skip
 from casid.model.aircraft import Aircraft
+from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
 
@@ -68,7 +76,7 @@ def diagnose(
     known = attached_effects(flight)
     flight = with_noise_level(flight, known)
     stages.begin("kinematics")
-    kinematic, instruments, turbulence = _kinematics(flight)
+    kinematic, instruments, turbulence = _kinematics(flight, known)
     stages.begin("baseline fit")
     calm = fit(flight, known, flight.noise())
     structure = demanded_structure(calm)
@@ -100,6 +108,8 @@ def diagnose(
     )
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
     unexplained = still_missing(final, [*left, *missing_oscillation(judged)], max(least, rough))
+    if not unexplained:
+        minor = (*minor, *too_small(naming, (*causes, *minor)))
     verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]
@@ -131,28 +141,40 @@ def attached_effects(flight: Flight) -> list[Attached]:
     return found
 
 
-def _kinematics(flight: Flight) -> tuple[Evidence | None, list[Candidate], Turbulence]:
-    """Evidence with forces free, its ranking of instrument and air causes, and turbulence."""
+def _kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
+    """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence."""
     none = Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
     if not kinematics.available(flight):
         return None, [], none
-    calm = kinematics.reconstruct(flight)
+    of_the_file = [one for one in known if one.effect.kinematic]
+    calm = kinematics.reconstruct(flight, of_the_file)
     evidence = weigh(calm, discrepancy=False)
-    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic]
+    taken = {one.effect.key for one in of_the_file}
+    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
     ranked = screen(evidence, effects)
+    turbulent = _turbulence(flight, calm, effects, ranked)
+    if not turbulent.named:
+        return evidence, ranked, turbulent
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
+    return evidence, screen(evidence, effects), turbulent
+
+
+def _turbulence(flight: Flight, calm: Fit, effects: Sequence[Effect], ranked: Sequence[Candidate]) -> Turbulence:
+    """Turbulence beside what looks like it until it is in the model: an instrument fault, a discrete gust."""
     turbulent, repaired = kinematics.turbulence(flight, calm), calm
     for _ in range(_REPAIRS):
-        # an instrument fault or a discrete gust looks like turbulence until it is in the model
-        taken = {a.effect.key for a in repaired.attached}
-        others = [e for e in effects if e.key not in taken]
-        remaining = ranked if repaired is calm else screen(weigh(repaired, discrepancy=False), others)
-        if not (turbulent.named and remaining and remaining[0].net > 0.3 * turbulent.gain):
+        if not (turbulent.named and ranked and ranked[0].net > 0.3 * turbulent.gain):
             break
-        repaired = kinematics.reconstruct(flight, [*repaired.attached, remaining[0].attached], start=repaired)
-        if remaining[0].attached.effect.timed:
-            repaired, _ = at_peak(repaired, free="effects")
-        turbulent = kinematics.turbulence(flight, repaired)
-    return evidence, ranked, turbulent
+        other = kinematics.reconstruct(flight, [*repaired.attached, ranked[0].attached], start=repaired)
+        if ranked[0].attached.effect.timed:
+            other, _ = at_peak(other, free="effects")
+        if repaired.deviance - other.deviance < CONFIRMED * ranked[0].net:
+            break  # it does not keep what it promised: turbulence looks like an instrument fault too
+        turbulent, repaired = kinematics.turbulence(flight, other), other
+        taken = {a.effect.key for a in repaired.attached}
+        ranked = screen(weigh(repaired, discrepancy=False), [e for e in effects if e.key not in taken])
+    return turbulent
 
 
 def _view(fitted: Fit) -> View:

@@ -1,8 +1,9 @@
 """A fit with small structural errors of its aerodynamics marginalised: what screening and naming judge by.
 
 No linear aircraft model is exact. Every low-order term that symmetry allows and the model lacks may be present with a
-prior 1-sigma of `SMALL` of the variation of its coefficient. What such small terms can explain is no evidence for any
-other cause; a term well beyond its prior still shows.
+prior 1-sigma of `SMALL` of the variation of its coefficient, or more: how bent this aircraft is, is estimated from the
+data (the prior with the largest marginal likelihood: empirical Bayes). What such small terms can explain is no evidence
+for any other cause; a term well beyond what is usual on this aircraft still shows.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
 SMALL = 0.0025
+_RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)
+_STRETCH = 5.0  # s
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
@@ -54,17 +57,13 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     for r in range(len(fit.batch.names)):
         slots = fit.columns[:, r].reshape(fit.white[:, r].size, k)
         by_record.append(np.hstack([slots, small[:, r].reshape(len(slots), -1)]) if small is not None else slots)
-    information = sum(gram_of(flat) for flat in by_record) + np.zeros((k + len(terms),) * 2)
-    information[range(k), range(k)] += fit.prior_weight
-    information[range(k, len(information)), range(k, len(information))] += 1.0
-    gradient = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(k + len(terms))
-    gradient[:k] -= fit.prior_pull
-    covariance = scaled_inverse(information)
-    newton = covariance @ gradient
-    deviance = fit.deviance - float(gradient @ newton)
-    if terms:
-        by_slots = information[k:, :k] @ scaled_inverse(information[:k, :k]) @ information[:k, k:] if k else 0.0
-        deviance += float(np.linalg.slogdet(information[k:, k:] - by_slots)[1])
+    gram = sum(gram_of(flat) for flat in by_record) + np.zeros((k + len(terms),) * 2)
+    slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(k + len(terms))
+    ratio, deviance, covariance, newton = min(
+        (_posterior(fit, gram, slope, ratio) for ratio in (_RATIOS if terms else _RATIOS[:1])), key=lambda p: p[1]
+    )
+    for flat in by_record:
+        flat[:, k:] *= ratio
     return Evidence(
         fit=fit,
         by_record=tuple(by_record),
@@ -72,8 +71,43 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
         newton=newton,
         deviance=deviance,
         terms=tuple(terms),
-        factors=sigma,
+        factors=ratio * sigma,
     )
+
+
+def _posterior(
+    fit: Fit, gram: np.ndarray, slope: np.ndarray, ratio: float
+) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """(ratio, deviance, covariance, newton) with small terms of `ratio` times their smallest prior 1-sigma."""
+    k, scale = len(fit.slots), np.ones(len(slope))
+    scale[k:] = ratio
+    information, gradient = gram * scale[:, None] * scale, slope * scale
+    information[range(k), range(k)] += fit.prior_weight
+    information[range(k, len(scale)), range(k, len(scale))] += 1.0
+    gradient[:k] -= fit.prior_pull
+    covariance = scaled_inverse(information)
+    newton = covariance @ gradient
+    deviance = fit.deviance - float(gradient @ newton)
+    if len(scale) > k:
+        by_slots = information[k:, :k] @ scaled_inverse(information[:k, :k]) @ information[:k, k:] if k else 0.0
+        deviance += float(np.linalg.slogdet(information[k:, k:] - by_slots)[1])
+    return ratio, deviance, covariance, newton
+
+
+def scatter(evidence: Evidence, index: int) -> float:
+    """1-sigma of a fitted slot from how far stretches of `_STRETCH` pull it apart, whatever makes them disagree.
+
+    The sandwich covariance with stretches as clusters (Liang and Zeger 1986): without error of the model it is the
+    posterior 1-sigma on average; what is left of the aircraft's real structure makes it larger.
+    """
+    direction, total, stretches = evidence.covariance[index], 0.0, 0
+    samples = max(1, round(_STRETCH / float(np.median(evidence.fit.batch.dt))))
+    for r, flat in enumerate(evidence.by_record):
+        pull = (flat @ direction) * evidence.fit.white[:, r].reshape(-1)
+        by_sample = pull.reshape(evidence.fit.white.shape[0], -1).sum(axis=1)
+        sums = np.add.reduceat(by_sample, np.arange(0, len(by_sample), samples))
+        total, stretches = total + float(sums @ sums), stretches + len(sums)
+    return float(np.sqrt(total * stretches / max(stretches - 1, 1)))
 
 
 def gram_of(columns: np.ndarray) -> np.ndarray:

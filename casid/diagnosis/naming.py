@@ -11,7 +11,7 @@ from casid.diagnosis.events import at_peak, configuration_changes, further_recor
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints, rank
 from casid.diagnosis.size import meaningful_share, plausible
@@ -21,17 +21,23 @@ from casid.model.effect import Effect
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
-_REFUTED, _CONFIRMED = 0.3, 0.7
+_REFUTED, CONFIRMED = 0.3, 0.7
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
 _TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
+_STEADY = 0.1  # the same at the reading of an instrument that is named: a drift imitates a bias
 _WORSE = 1.3  # times what was missing at a station
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave, to any other cause, and an event's rough shape to another event
 LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
+# A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
+# units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
+_CLEAR = 400.0
+_PROMISING = 0.2  # part of it that must be predicted before a cause is tried
+_NEARLY = 0.5  # of a size that matters: what adds to a coefficient is a cause from here on, if it is as clear
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -74,8 +80,9 @@ def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) ->
 
 def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     """Whether what was missing is gone where the last cause enters and where the causes named since then helped most,
-    and not only thinned out; or kinematics, which know no aerodynamics, find the last cause too. Never when more is
-    missing somewhere than before: a wrong name distorts what it is put beside.
+    and not only thinned out; or the last cause gains more than an input of any shape anywhere could; or kinematics,
+    which know no aerodynamics, find it too. Never when more is missing somewhere than before: a wrong name distorts
+    what it is put beside.
 
     An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
     anonymous input at the same station gains is such an imitation.
@@ -83,9 +90,15 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     was, left = {m.station: m.gain for m in before}, {m.station: m.gain for m in state.missing}
     if any(left[s] > _WORSE * was[s] + _NOTICEABLE for s in was):
         return False
-    if state.rounds[-1].trials[0].confirmed:
+    last = state.rounds[-1].trials[0]
+    effect = last.candidate.attached.effect
+    reading = READING + effect.target
+    if reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
+        return False
+    if effect.improbable:
+        return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in was)
+    if last.confirmed or last.gain > max(was.values()):
         return True
-    effect = state.rounds[-1].trials[0].candidate.attached.effect
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
     helped = max(was, key=lambda s: was[s] - left[s])
     judged = {helped, *([max(own, key=lambda s: was[s])] if own else [])}
@@ -134,8 +147,9 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
 
 
 def _price(trial: Trial, state: Naming, least: float) -> float:
-    """Gain that a trial must exceed: what the rough shape of an earlier cause leaves is no evidence for another."""
-    timed, prices = trial.candidate.attached.effect.timed, [least]
+    """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
+    for another; but kinematics have turbulence in them, so what they find is."""
+    timed, prices = trial.candidate.attached.effect.timed, [GAIN if trial.confirmed else least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
         both = timed and earlier.candidate.attached.effect.timed
         prices.append((LEFT_BY_AN_EVENT if both else LEFT_BY_A_CAUSE) * earlier.gain)
@@ -168,7 +182,8 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
         effect = candidate.attached.effect
         if candidate.net < 0.3 * GAIN or len(chosen) == count:
             break
-        if meaningful_share(base, candidate.attached) < _PREDICTED:
+        share = meaningful_share(base, candidate.attached)
+        if share < _PREDICTED or share**2 * candidate.statistic < _PROMISING * _CLEAR:
             continue
         if effect.quasi_steady:
             per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
@@ -182,6 +197,7 @@ def _try(
     evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
 ) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
     base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
+    effect = attached.effect
     interval: dict[str, tuple[float, float]] = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     if attached.effect.timed:
@@ -196,14 +212,23 @@ def _try(
     gain = evidence.deviance - weigh(fitted).deviance
     share = meaningful_share(fitted, one)
     predicted, achieved = kinematic_check(kinematic, one) if kinematic is not None else (0.0, 0.0)
+    confirmed = predicted > KINEMATIC_GAIN and achieved > CONFIRMED * predicted
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
-        meaningful=share >= 1.0 and plausible(one, share) and not _from_the_start(fitted, one), share=share,
+        meaningful=_matters(effect, share, gain, confirmed)
+        and plausible(one, share)
+        and not _from_the_start(fitted, one),
+        share=share,
         refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
-        confirmed=predicted > KINEMATIC_GAIN and achieved > _CONFIRMED * predicted,
+        confirmed=confirmed,
     )  # fmt: skip
     return trial, fitted, interval
+
+
+def _matters(effect: Effect, share: float, gain: float, confirmed: bool) -> bool:
+    least = _NEARLY if (effect.enters or "").startswith("d") else 1.0
+    return share >= least and (confirmed or share**2 * gain > _CLEAR)
 
 
 def _from_the_start(fitted: Fit, one: Attached) -> bool:

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from casid.diagnosis.evidence import Evidence, unlike_derivatives, variation
+from casid.diagnosis.evidence import Evidence, scatter, unlike_derivatives, variation
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.missing_input import READING, MissingInput
 from casid.diagnosis.naming import GAIN, Naming
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
@@ -57,15 +57,20 @@ def causes_of(
             minor.append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [_expected(one.name, final) for one in structure]
-    seen = {(c.kind, c.target, c.term) for c in (*causes, *minor)}
-    for round_ in naming.rounds[-1:]:
+    return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
+
+
+def too_small(naming: Naming, seen: Sequence[Cause]) -> tuple[Cause, ...]:
+    """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
+    small terms. Only for a model in which nothing else is missing: what is missing distorts small things first."""
+    known, found = {(c.kind, c.target, c.term) for c in seen}, []
+    for round_ in [r for r in naming.rounds if not r.named][:1]:
         for trial in round_.trials:
             effect = trial.candidate.attached.effect
-            if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in seen:
-                minor.append(_cause(trial, naming, (), None))
-                seen.add(effect.key)
-    minor += _small_terms(naming.evidence, {(m.target, m.term) for m in minor})
-    return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
+            if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in known:
+                found.append(_cause(trial, naming, (), None))
+                known.add(effect.key)
+    return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
 
 def _as_in(evidence: Evidence, trial: Trial) -> Trial:
@@ -74,7 +79,8 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     final = evidence.fit
     one = next(a for a in final.attached if a.name == trial.candidate.name)
     index = [slot.name for slot in final.slots].index(one.name)
-    std = float(np.hypot(np.sqrt(evidence.covariance[index, index]), evidence.newton[index]))
+    posterior = float(np.sqrt(evidence.covariance[index, index]))
+    std = float(np.hypot(max(posterior, scatter(evidence, index)), evidence.newton[index]))
     return replace(trial, candidate=replace(trial.candidate, attached=one), std=std)
 
 
@@ -167,7 +173,7 @@ def still_missing(fit: Fit, missing: Sequence[MissingInput], least: float) -> li
     """Anonymous inputs that gain (`least`, if that is more than usual) and matter still: where something enters that no
     cause of the catalogue explains; largest gain first."""
     enough = max(MISSING_GAIN, least)
-    left = [m for m in missing if m.gain > enough and missing_share(fit, m.station, m.history) > SHARE]
+    left = [m for m in missing if m.gain > enough and missing_share(fit, m) > SHARE]
     return sorted(left, key=lambda m: -m.gain)
 
 
@@ -186,8 +192,8 @@ def verdict_of(
             return "partly explained", f"{told} Something more is missing: it enters at {where}."
         return "explained", told
     if unexplained:
-        share = missing_share(fit, unexplained[0].station, unexplained[0].history)
-        size = f"{share:.2g} m/s" if unexplained[0].station.startswith("wind") else f"{100 * share:.0f} % of it"
+        air, share = unexplained[0].station.startswith("wind"), missing_share(fit, unexplained[0])
+        size = f"{unexplained[0].rms:.2g} m/s" if air else f"{100 * share:.0f} % of it"
         return (
             "unexplained",
             f"The simulation misses something that no cause in the catalogue explains; it enters at {where}, {size}.",
@@ -202,6 +208,8 @@ def _where(missing: MissingInput) -> str:
 
 
 def _place(station: str) -> str:
+    if station.startswith(READING):
+        return f"the reading of {station.removeprefix(READING)}"
     return _STATIONS.get(station, station[1:])
 
 

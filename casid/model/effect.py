@@ -59,6 +59,7 @@ class Effect:
     covered_by   a channel whose own effect of this kind includes this one, when it is measured
     kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
     by_record    it may be in some records and not in others: instruments and loading change between flights
+    improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     recurring    an event that other records may repeat
     either_sign  a gain early and a loss late resemble each other: both signs are tried
     regressor    term that the value multiplies in the coefficient `target`
@@ -91,6 +92,7 @@ class Effect:
     covered_by: str | None = None
     kinematic: bool = False
     by_record: bool = False
+    improbable: bool = False
     recurring: bool = False
     either_sign: bool = False
     regressor: str | None = None

@@ -35,14 +35,18 @@ def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
         aero_term(c, term)
         for c in coefficients
         for term in terms
-        if (c, term) not in present and not _rate_across_symmetry(c, term)
+        if (c, term) not in present and not (_across_symmetry(c, term) and _has_a_rate(term))
     )
 
 
-def _rate_across_symmetry(coefficient: str, term: str) -> bool:
-    factors = dict(parse_term(term).factors)
-    odd = sum(power for variable, power in factors.items() if variable in _ASYMMETRIC) % 2 == 1
-    return odd != (coefficient in _LATERAL) and any(rate in factors for rate in ("p", "q", "r"))
+def _has_a_rate(term: str) -> bool:
+    return any(variable in ("p", "q", "r") for variable, _ in parse_term(term).factors)
+
+
+def _across_symmetry(coefficient: str, term: str) -> bool:
+    """Whether the term acts between the motion in the plane of symmetry and the one out of it."""
+    odd = sum(power for variable, power in parse_term(term).factors if variable in _ASYMMETRIC) % 2 == 1
+    return odd != (coefficient in _LATERAL)
 
 
 @cause(
@@ -56,7 +60,7 @@ def aero_term(coefficient: str, term: str) -> Effect:
 
     return Effect(
         kind="aero_term", target=coefficient, term=term, regressor=term, enters=f"d{coefficient}",
-        station="coefficients", change=change,
+        station="coefficients", change=change, improbable=_across_symmetry(coefficient, term),
     )  # fmt: skip
 
 
