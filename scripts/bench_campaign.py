@@ -1,12 +1,12 @@
 """How much faster is a campaign on two processes than on one?
 
 Question     what do starting processes, handing out tasks and keeping results cost?
-Set-up       Monte Carlo of the paper's case B: every task simulates a record, estimates it by three estimators with
-             multiple shooting, and compares; a fresh store for each run. One untimed task first fills the cache of
-             compiled code.
+Set-up       Monte Carlo of the paper's noisy cases: every task simulates a record, estimates it by three estimators
+             with multiple shooting, and compares; a fresh store for each run. One untimed task of each case first fills
+             the cache of compiled code.
 Expectation  nearly as many times as there are processors: estimations do not know each other.
 
-    python scripts/bench_campaign.py [--jobs 1 2] [--tasks 40] [--json FILE]
+    python scripts/bench_campaign.py [--jobs 1 2] [--cases B,D,F,H] [--tasks N] [--json FILE]
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script
 from problems.bench import parser, publish
+from problems.paper_cases import parse_cases
 from problems.paper_run import run, tasks
 
 METHOD = "multiple-open"
@@ -27,13 +28,15 @@ METHOD = "multiple-open"
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--jobs", nargs="+", type=int, default=[1, 2], help="numbers of processes")
-    options.add_argument("--tasks", type=int, default=40, help="records, at most 40")
+    options.add_argument("--cases", default="B,D,F,H", help="letters of the cases")
+    options.add_argument("--tasks", type=int, metavar="N", help="only the first N records")
     given = options.parse_args()
-    every = tasks("B", range(1, 9), [METHOD])
-    if not 1 <= given.tasks <= len(every):
+    every = tasks(parse_cases(given.cases), range(1, 9), [METHOD])
+    if given.tasks is not None and not 1 <= given.tasks <= len(every):
         raise InputError(f"--tasks {given.tasks}: expected 1 to {len(every)}")
     chosen = dict(list(every.items())[: given.tasks])
-    run(next(iter(chosen.values())))
+    for task in {task["case"]: task for task in chosen.values()}.values():
+        run(task)
     rows, estimates = [], []
     for jobs in given.jobs:
         with tempfile.TemporaryDirectory() as folder, open_store(folder, {"campaign": "bench"}) as store:
