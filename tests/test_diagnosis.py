@@ -33,6 +33,7 @@ HIDDEN = [
     Attached(effect=actuator_lag("delta_e"), values={"value": 0.1}),
     Attached(effect=sensor_scale("beta"), values={"value": 0.08}),
     Attached(effect=sensor_delay("inertial"), values={"value": 0.08}),
+    Attached(effect=sensor_delay("az"), values={"value": 0.18}),
     Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0, "m2": 9.5, "m3": 10.0}),
     Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3}),
 ]

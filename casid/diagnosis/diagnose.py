@@ -14,7 +14,7 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import missing_inputs, missing_oscillation
+from casid.diagnosis.missing_input import drifts, missing_inputs, missing_oscillation
 from casid.diagnosis.naming import CONFIRMED, LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
@@ -37,6 +37,7 @@ from casid.records.record import Record
 _REPAIRS = 3
 # a gust model is rough: a cause in turbulence must gain more than this part of what the turbulence does
 _OF_TURBULENCE = 0.02
+_OF_ONE_READING = 1.5  # times what turbulence gains, and it is none
 
 
 class Stages:
@@ -155,6 +156,8 @@ def _kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | N
     turbulent = _turbulence(flight, calm, effects, ranked)
     if not turbulent.named:
         return evidence, ranked, turbulent
+    if drifts(evidence)[0].gain > _OF_ONE_READING * turbulent.gain:
+        return evidence, ranked, none  # one drifting instrument tells more than all moving air
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
     evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
     return evidence, screen(evidence, effects), turbulent

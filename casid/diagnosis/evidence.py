@@ -94,6 +94,14 @@ def _posterior(
     return ratio, deviance, covariance, newton
 
 
+def deviation(evidence: Evidence, name: str) -> float:
+    """Honest 1-sigma of a fitted slot: small terms of the structure are allowed for, stretches of record may disagree,
+    and where the small terms would move the value to is part of it."""
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    posterior = float(np.sqrt(evidence.covariance[index, index]))
+    return float(np.hypot(max(posterior, scatter(evidence, index)), evidence.newton[index]))
+
+
 def scatter(evidence: Evidence, index: int) -> float:
     """1-sigma of a fitted slot from how far stretches of `_STRETCH` pull it apart, whatever makes them disagree.
 

@@ -12,6 +12,7 @@ from casid.diagnosis.flight import Flight, Regressors
 from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_series, readings
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.estimation.kalman import Filter, kalman_filter, residual_about
+from casid.model.causes.instruments import group_channels
 from casid.model.system import Model
 
 _LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
@@ -265,6 +266,7 @@ def _evaluate(
     linear = linearise(work.functions, batch, P, X, W + moving)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
     linear = replace(linear, output=read, residual=np.where(linear.seen, batch.Z - read, 0.0))
+    linear = replace(linear, C=_late(linear, attached, batch.names, work.dt))
     kalman = kalman_filter(linear, acting)
     Y, F = _columns(work, attached, linear, known)
     white = kalman.whiten(*residual_about(linear, acting, coloured))[..., 0]
@@ -299,6 +301,28 @@ def _evaluate(
         iterations=iteration,
         converged=False,
     )
+
+
+def _late(linear: Linear, attached: Sequence[Attached], names: Sequence[str], dt: float) -> np.ndarray:
+    """(N, R, ny, nx) what the readings say of the state at their sample: a late one speaks of an earlier state, to
+    which the linearised motion leads back."""
+    C, outputs = linear.C, linear.model.outputs
+    backwards = None
+    for one in (a for a in attached if a.effect.late):
+        steps = min(round(one.values["value"] / dt), len(C) - 1)
+        if steps < 1:
+            continue
+        backwards = np.linalg.inv(linear.A) if backwards is None else backwards
+        then = np.broadcast_to(np.eye(C.shape[3]), (*C.shape[:2], C.shape[3], C.shape[3])).copy()
+        for j in range(1, steps + 1):
+            then[j:] = backwards[: len(C) - j] @ then[j:]
+        at = np.maximum(np.arange(len(C)) - steps, 0)
+        rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
+        records = [j for j, name in enumerate(names) if one.concerns(name)]
+        C = C.copy() if C is linear.C else C
+        for row in rows:
+            C[:, records, row] = (linear.C[at][:, records, row][..., None, :] @ then[:, records])[..., 0, :]
+    return C
 
 
 def scaled_inverse(information: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
 _TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES = 150.0, 0.15, 0.1
 _ROTATIONS = (0.3, 1.0, 3.0)
 _LENGTHS = 2.5  # ratio of the scale lengths that are tried
+_SPECTRUM = 0.1  # relative error of the velocity, because a first-order process is not quite a Dryden spectrum
 _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _SIGMAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # m/s
 
@@ -144,8 +145,8 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     lowest = at(sigma, length)
     alone = min(at(sigma, length, (axis,)) for axis in WIND if axis in fitted.model.disturbances)
     return Turbulence(
-        sigma=sigma, std=sigma * float(np.hypot(narrow, 0.5 * spread)), gain=calm.deviance - lowest,
-        records=flight.names, length=length, beyond_one_axis=alone - lowest,
+        sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
+        gain=calm.deviance - lowest, records=flight.names, length=length, beyond_one_axis=alone - lowest,
     )  # fmt: skip
 
 

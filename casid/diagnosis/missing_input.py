@@ -52,8 +52,13 @@ def stations(fit: Fit) -> list[str]:
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
-    readings = [READING + name for name in evidence.fit.model.outputs]
-    found = [_one_station(evidence, station) for station in (*stations(evidence.fit), *readings)]
+    found = [_one_station(evidence, station) for station in stations(evidence.fit)]
+    return sorted([*found, *drifts(evidence)], key=lambda m: -m.gain)
+
+
+def drifts(evidence: Evidence) -> list[MissingInput]:
+    """An unknown input at each reading, largest gain first."""
+    found = [_one_station(evidence, READING + name) for name in evidence.fit.model.outputs]
     return sorted(found, key=lambda m: -m.gain)
 
 

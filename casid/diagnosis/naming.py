@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.events import at_peak, configuration_changes, further_records, weak_members
-from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.evidence import Evidence, deviation, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
@@ -23,11 +23,14 @@ KINEMATIC_GAIN = 50.0
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
 _REFUTED, CONFIRMED = 0.3, 0.7
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
+_FACTORS = (1.25, 0.8, 1.08, 0.93)  # on the value of an operator
+_ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
 _TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
-_STEADY = 0.1  # the same at the reading of an instrument that is named: a drift imitates a bias
+_STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
+_SURE = 3.0  # honest sigmas that a value must be from zero
 _WORSE = 1.3  # times what was missing at a station
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave, to any other cause, and an event's rough shape to another event
@@ -82,7 +85,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     """Whether what was missing is gone where the last cause enters and where the causes named since then helped most,
     and not only thinned out; or the last cause gains more than an input of any shape anywhere could; or kinematics,
     which know no aerodynamics, find it too. Never when more is missing somewhere than before: a wrong name distorts
-    what it is put beside.
+    what it is put beside; nor when its size is not sure.
 
     An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
     anonymous input at the same station gains is such an imitation.
@@ -91,9 +94,13 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     if any(left[s] > _WORSE * was[s] + _NOTICEABLE for s in was):
         return False
     last = state.rounds[-1].trials[0]
-    effect = last.candidate.attached.effect
+    one = last.candidate.attached
+    effect = one.effect
+    if np.isfinite(last.std) and abs(one.values["value"]) < _SURE * deviation(state.evidence, one.name):
+        return False  # one stretch of record contradicts another
     reading = READING + effect.target
-    if reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
+    steady = _STEADY if effect.constant else _HALF
+    if reading in was and left[reading] > max(steady * was[reading], _NOTICEABLE):
         return False
     if effect.improbable:
         return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in was)
@@ -256,6 +263,8 @@ def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[flo
     """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
     before, interval = fitted.deviance, {}
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    if not fitted.attached[-1].effect.linear:
+        fitted = _searched(fitted)
     if fitted.attached[-1].effect.timed:
         fitted, interval = at_peak(fitted)
         wider = further_records(weigh(fitted), fitted.attached[-1])
@@ -268,6 +277,20 @@ def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[flo
         trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
     )
     return trial, fitted, interval
+
+
+def _searched(fitted: Fit) -> Fit:
+    """The fit with the value of an operator searched around where it stands: trajectory and lateness lead each other
+    astray, and limits have kinks, so that a fit may stop short of the maximum."""
+    for factor in _FACTORS:
+        while True:
+            one = fitted.attached[-1]
+            moved = [*fitted.attached[:-1], one.with_values({"value": factor * one.values["value"]})]
+            other = fit(fitted.flight, moved, fitted.noise, fitted, iterations=6, tolerance=1.0)
+            if other.deviance > fitted.deviance - 1.0:
+                break
+            fitted = other
+    return fitted
 
 
 def _without_weak(base: Fit, fitted: Fit) -> Fit:
@@ -285,10 +308,24 @@ def _without_weak(base: Fit, fitted: Fit) -> Fit:
 
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Trials whose gain is too near to the best one's to tell them apart. The gains of two causes whose fingerprints
+    are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x."""
     reach = max(_EQUIVALENT[0], _EQUIVALENT[1] * best.gain)
     key = best.candidate.attached.effect.key  # a variant of the best is no other cause
-    others = [t for t in trials if t.candidate.attached.effect.key != key]
-    return tuple(t for t in others if not t.refuted and t.meaningful and best.net - t.net < reach)
+    found = []
+    for trial in trials:
+        sine, behind = _sine(best, trial), best.net - trial.net
+        alike = sine < _ALIKE and behind < 4.0 * np.sqrt(best.gain) * sine
+        if trial.candidate.attached.effect.key != key and not trial.refuted and trial.meaningful:
+            found += [trial] if behind < reach or alike else []
+    return tuple(found)
+
+
+def _sine(one: Trial, other: Trial) -> float:
+    """Sine of the angle between two fingerprints."""
+    a, b = one.fingerprint, other.fingerprint
+    cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
+    return float(np.sqrt(max(1.0 - cosine**2, 0.0)))
 
 
 def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from casid.diagnosis.evidence import Evidence, scatter, unlike_derivatives, variation
+from casid.diagnosis.evidence import Evidence, deviation, unlike_derivatives, variation
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
@@ -74,14 +74,10 @@ def too_small(naming: Naming, seen: Sequence[Cause]) -> tuple[Cause, ...]:
 
 
 def _as_in(evidence: Evidence, trial: Trial) -> Trial:
-    """The trial with its value in the final fit, in which later causes stand beside it, and an honest 1-sigma: small
-    terms of the structure are allowed for, and where they would move the value to is part of it."""
-    final = evidence.fit
-    one = next(a for a in final.attached if a.name == trial.candidate.name)
-    index = [slot.name for slot in final.slots].index(one.name)
-    posterior = float(np.sqrt(evidence.covariance[index, index]))
-    std = float(np.hypot(max(posterior, scatter(evidence, index)), evidence.newton[index]))
-    return replace(trial, candidate=replace(trial.candidate, attached=one), std=std)
+    """The trial with its value in the final fit, in which later causes stand beside it, and an honest 1-sigma."""
+    one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
+    candidate = replace(trial.candidate, attached=one)
+    return replace(trial, candidate=candidate, std=deviation(evidence, one.name))
 
 
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:

@@ -60,6 +60,8 @@ class Effect:
     kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
     by_record    it may be in some records and not in others: instruments and loading change between flights
     improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
+    constant     an offset, which a drift imitates: believed only when its reading is steady beside it
+    late         the value is by how much [s] the reading is late
     recurring    an event that other records may repeat
     either_sign  a gain early and a loss late resemble each other: both signs are tried
     regressor    term that the value multiplies in the coefficient `target`
@@ -93,6 +95,8 @@ class Effect:
     kinematic: bool = False
     by_record: bool = False
     improbable: bool = False
+    constant: bool = False
+    late: bool = False
     recurring: bool = False
     either_sign: bool = False
     regressor: str | None = None

@@ -43,7 +43,7 @@ def sensor_bias(channel: str) -> Effect:
 
     return Effect(
         kind="sensor_bias", target=channel, reads=(channel,), kinematic=True, by_record=True, station="sensors",
-        change=change, meaningful=_BIAS_MATTERS[unit_of(channel)],
+        change=change, meaningful=_BIAS_MATTERS[unit_of(channel)], constant=True,
     )  # fmt: skip
 
 
@@ -77,6 +77,7 @@ def _slow_reading(
         kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
         kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)), output=output,
         undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0, by_record=True,
+        late=True,
     )  # fmt: skip
 
 
