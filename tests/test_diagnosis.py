@@ -135,6 +135,15 @@ def test_score_of_absent_causes_is_chi_square() -> None:
         assert low < total < high, f"{name}: {total:.1f} over {seeds} seeds, expected {low:.1f} to {high:.1f}"
 
 
+@pytest.mark.parametrize("guess", [0.05, 0.3])
+def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
+    """The truth is the delay that was flown; a reading compared with the wrong state ends 30 % short of it."""
+    flight = prepare(do328(), flights([HIDDEN[4]], seed=1))
+    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), iterations=20)
+    assert found.converged
+    assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
+
+
 def test_without_process_noise_the_fit_is_output_error() -> None:
     """Limit of no input noise: the innovations fit and multiple shooting meet at the same optimum."""
     records = flights(seed=5, count=1)

@@ -20,7 +20,7 @@ from casid.model.terms import parse_term
 
 SMALL = 0.0025
 _RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)
-_STRETCH = 5.0  # s
+_STRETCH, _OWN = 5.0, 0.7  # s; and the largest part of a slot's information that a stretch counts for
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
@@ -105,17 +105,20 @@ def deviation(evidence: Evidence, name: str) -> float:
 def scatter(evidence: Evidence, index: int) -> float:
     """1-sigma of a fitted slot from how far stretches of `_STRETCH` pull it apart, whatever makes them disagree.
 
-    The sandwich covariance with stretches as clusters (Liang and Zeger 1986): without error of the model it is the
-    posterior 1-sigma on average; what is left of the aircraft's real structure makes it larger.
+    The sandwich covariance with stretches as clusters, each weighed up by what it determines of the slot itself (the
+    jackknife's: Bell and McCaffrey 2002): without error of the model it is the posterior 1-sigma on average; what is
+    left of the aircraft's real structure makes it larger.
     """
-    direction, total, stretches = evidence.covariance[index], 0.0, 0
+    direction, pulls, shares = evidence.covariance[index], [], []
     samples = max(1, round(_STRETCH / float(np.median(evidence.fit.batch.dt))))
     for r, flat in enumerate(evidence.by_record):
-        pull = (flat @ direction) * evidence.fit.white[:, r].reshape(-1)
-        by_sample = pull.reshape(evidence.fit.white.shape[0], -1).sum(axis=1)
-        sums = np.add.reduceat(by_sample, np.arange(0, len(by_sample), samples))
-        total, stretches = total + float(sums @ sums), stretches + len(sums)
-    return float(np.sqrt(total * stretches / max(stretches - 1, 1)))
+        along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
+        first = np.arange(0, len(along), samples)
+        pulls.append(np.add.reduceat((along * evidence.fit.white[:, r]).sum(axis=1), first))
+        shares.append(np.add.reduceat((along**2).sum(axis=1), first))
+    share = np.concatenate(shares)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), _OWN)
+    return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
 
 
 def gram_of(columns: np.ndarray) -> np.ndarray:

@@ -35,6 +35,7 @@ class Fit:
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
     noise        of instruments and recorded inputs, `acting` what it is behind the attached effects
+    read         (N, R, ny) what the instruments read of the outputs of `linear`
     disturbances (N, R, nw) that attached effects make; `coloured` (N, R, nc) the most likely histories of the
                  coloured ones of `acting`, which the model is linearised about
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
@@ -53,6 +54,7 @@ class Fit:
     values: np.ndarray
     covariance: np.ndarray
     linear: Linear
+    read: np.ndarray
     filter: Filter
     disturbances: np.ndarray
     coloured: np.ndarray
@@ -265,14 +267,16 @@ def _evaluate(
     P = work.parameters(values, attached)
     linear = linearise(work.functions, batch, P, X, W + moving)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
-    linear = replace(linear, output=read, residual=np.where(linear.seen, batch.Z - read, 0.0))
-    linear = replace(linear, C=_late(linear, attached, batch.names, work.dt))
+    linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
+    late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
+    if late.any():
+        linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
     kalman = kalman_filter(linear, acting)
-    Y, F = _columns(work, attached, linear, known)
+    Y, F = _columns(work, attached, linear, known, late)
     white = kalman.whiten(*residual_about(linear, acting, coloured))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
-    data = float(np.sum(white**2) + np.sum(kalman.log_determinant))
+    data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
     flat = columns.reshape(white.size, len(work.slots))
     information = flat.T @ flat + np.diag(work.weight)
     return Fit(
@@ -288,6 +292,7 @@ def _evaluate(
         values=values,
         covariance=scaled_inverse(information),
         linear=linear,
+        read=read,
         filter=kalman,
         disturbances=W,
         coloured=coloured,
@@ -303,26 +308,32 @@ def _evaluate(
     )
 
 
-def _late(linear: Linear, attached: Sequence[Attached], names: Sequence[str], dt: float) -> np.ndarray:
-    """(N, R, ny, nx) what the readings say of the state at their sample: a late one speaks of an earlier state, to
-    which the linearised motion leads back."""
-    C, outputs = linear.C, linear.model.outputs
-    backwards = None
+def _lateness(attached: Sequence[Attached], names: Sequence[str], outputs: Sequence[str], dt: float) -> np.ndarray:
+    """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
+    late = np.zeros((len(names), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.late):
-        steps = min(round(one.values["value"] / dt), len(C) - 1)
-        if steps < 1:
-            continue
-        backwards = np.linalg.inv(linear.A) if backwards is None else backwards
-        then = np.broadcast_to(np.eye(C.shape[3]), (*C.shape[:2], C.shape[3], C.shape[3])).copy()
-        for j in range(1, steps + 1):
-            then[j:] = backwards[: len(C) - j] @ then[j:]
-        at = np.maximum(np.arange(len(C)) - steps, 0)
         rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
         records = [j for j, name in enumerate(names) if one.concerns(name)]
-        C = C.copy() if C is linear.C else C
-        for row in rows:
-            C[:, records, row] = (linear.C[at][:, records, row][..., None, :] @ then[:, records])[..., 0, :]
-    return C
+        late[np.ix_(records, rows)] += round(one.values["value"] / dt)
+    return np.maximum(late, 0)
+
+
+def _earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
+    """(N, R, ny, ...) series of readings moved to the time of what they speak of; zero at the end."""
+    moved = series.copy()
+    for j, i in np.argwhere(late):
+        k = min(late[j, i], len(series))
+        moved[: len(series) - k, j, i], moved[len(series) - k :, j, i] = series[k:, j, i], 0
+    return moved
+
+
+def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
+    """What the samples that late readings lose at the end of a record would add to the deviance: as much as the others
+    of their channel do on average."""
+    kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
+    by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
+    mean = np.where(kalman.linear.seen, by_channel, 0.0).sum(axis=(0, 1)) / np.maximum(kept, 1)
+    return float(((all_of_it - kept) * mean).sum())
 
 
 def scaled_inverse(information: np.ndarray) -> np.ndarray:
@@ -331,7 +342,9 @@ def scaled_inverse(information: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
 
 
-def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: dict) -> tuple[np.ndarray, np.ndarray]:
+def _columns(
+    work: _Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
     batch, model = work.batch, work.model
     Y, F = [linear.Dp], [linear.Bp]
@@ -354,10 +367,9 @@ def _columns(work: _Work, attached: Sequence[Attached], linear: Linear, known: d
             Y.append(y.sum(axis=3, keepdims=True))
             F.append(f.sum(axis=3, keepdims=True))
         else:
-            plus, minus = (
-                readings([side], batch.names, batch.t, linear.output, model.outputs, known) for side in sides
-            )
-            Y.append(np.where(linear.seen, (plus - minus) / (2 * h), 0.0)[..., None])
+            chains = [[side if a is one else a for a in attached] for side in sides]
+            plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
+            Y.append(np.where(linear.seen, _earlier((plus - minus) / (2 * h), late), 0.0)[..., None])
             F.append(np.zeros((*linear.defect.shape, 1)))
     return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
 
@@ -366,7 +378,8 @@ def _step(work: _Work, now: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Change of values, trajectory and coloured disturbances by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.coloured)
-    by_slot = _columns(work, now.attached, now.linear, now.known)
+    late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
+    by_slot = _columns(work, now.attached, now.linear, now.known, late)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]
     moved = now.filter.smooth(Y - by_slot[0] @ change[:, None], F, first)

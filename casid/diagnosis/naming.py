@@ -23,7 +23,6 @@ KINEMATIC_GAIN = 50.0
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
 _REFUTED, CONFIRMED = 0.3, 0.7
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
-_FACTORS = (1.25, 0.8, 1.08, 0.93)  # on the value of an operator
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
 _TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
@@ -33,8 +32,10 @@ _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a dr
 _SURE = 3.0  # honest sigmas that a value must be from zero
 _WORSE = 1.3  # times what was missing at a station
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
-# part of a cause's gain that its rough model may leave, to any other cause, and an event's rough shape to another event
+# part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
+# to another event; to other causes, by a cause and by an event
 LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
+_LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
 _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
 # A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
 # units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
@@ -83,9 +84,9 @@ def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) ->
 
 def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     """Whether what was missing is gone where the last cause enters and where the causes named since then helped most,
-    and not only thinned out; or the last cause gains more than an input of any shape anywhere could; or kinematics,
-    which know no aerodynamics, find it too. Never when more is missing somewhere than before: a wrong name distorts
-    what it is put beside; nor when its size is not sure.
+    and not only thinned out; or the last cause gains more than an input of any shape could where it enters, or
+    anywhere; or kinematics, which know no aerodynamics, find it too. Never when more is missing somewhere than before:
+    a wrong name distorts what it is put beside; nor when its size is not sure.
 
     An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
     anonymous input at the same station gains is such an imitation.
@@ -95,18 +96,18 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
         return False
     last = state.rounds[-1].trials[0]
     one = last.candidate.attached
-    effect = one.effect
+    effect, reading = one.effect, READING + one.effect.target
     if np.isfinite(last.std) and abs(one.values["value"]) < _SURE * deviation(state.evidence, one.name):
         return False  # one stretch of record contradicts another
-    reading = READING + effect.target
-    steady = _STEADY if effect.constant else _HALF
-    if reading in was and left[reading] > max(steady * was[reading], _NOTICEABLE):
+    if effect.constant and reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
         return False
     if effect.improbable:
         return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in was)
-    if last.confirmed or last.gain > max(was.values()):
-        return True
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
+    if last.gain > max(was[s] for s in own or was):
+        return True
+    if last.confirmed and not (reading in was and left[reading] > max(_HALF * was[reading], _NOTICEABLE)):
+        return True
     helped = max(was, key=lambda s: was[s] - left[s])
     judged = {helped, *([max(own, key=lambda s: was[s])] if own else [])}
     return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
@@ -158,8 +159,8 @@ def _price(trial: Trial, state: Naming, least: float) -> float:
     for another; but kinematics have turbulence in them, so what they find is."""
     timed, prices = trial.candidate.attached.effect.timed, [GAIN if trial.confirmed else least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
-        both = timed and earlier.candidate.attached.effect.timed
-        prices.append((LEFT_BY_AN_EVENT if both else LEFT_BY_A_CAUSE) * earlier.gain)
+        of_event = LEFT_BY_AN_EVENT if timed else _LEFT_BY_AN_EVENT_TO_OTHERS
+        prices.append((of_event if earlier.candidate.attached.effect.timed else _LEFT_TO_OTHERS) * earlier.gain)
     return max(prices)
 
 
@@ -263,8 +264,6 @@ def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[flo
     """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
     before, interval = fitted.deviance, {}
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
-    if not fitted.attached[-1].effect.linear:
-        fitted = _searched(fitted)
     if fitted.attached[-1].effect.timed:
         fitted, interval = at_peak(fitted)
         wider = further_records(weigh(fitted), fitted.attached[-1])
@@ -277,20 +276,6 @@ def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[flo
         trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
     )
     return trial, fitted, interval
-
-
-def _searched(fitted: Fit) -> Fit:
-    """The fit with the value of an operator searched around where it stands: trajectory and lateness lead each other
-    astray, and limits have kinks, so that a fit may stop short of the maximum."""
-    for factor in _FACTORS:
-        while True:
-            one = fitted.attached[-1]
-            moved = [*fitted.attached[:-1], one.with_values({"value": factor * one.values["value"]})]
-            other = fit(fitted.flight, moved, fitted.noise, fitted, iterations=6, tolerance=1.0)
-            if other.deviance > fitted.deviance - 1.0:
-                break
-            fitted = other
-    return fitted
 
 
 def _without_weak(base: Fit, fitted: Fit) -> Fit:

@@ -180,7 +180,7 @@ def _white(
             W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
             histories += [(j, int(s), W[..., s]) for s in np.flatnonzero(W.any(axis=(0, 1)))]
         else:
-            one, output = _unit(effect, values, onset, base), base.linear.output
+            one, output = _unit(effect, values, onset, base), base.read
             read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
             direct.append((j, np.where(base.linear.seen, read - output, 0.0), still))
     if not direct and [j for j, _, _ in histories] == list(range(len(rows))):

@@ -84,7 +84,7 @@ def missing_share(fitted: Fit, missing: MissingInput) -> float:
     if station.startswith("wind"):
         return missing.rms / _WIND
     if station.startswith(READING):
-        series = fitted.linear.output[..., fitted.model.outputs.index(station.removeprefix(READING))]
+        series = fitted.read[..., fitted.model.outputs.index(station.removeprefix(READING))]
     else:
         series = coefficient_series(fitted)[station[1:]]
     return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
