@@ -20,6 +20,7 @@ from casid.model.terms import parse_term
 
 SMALL = 0.0025
 _RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)
+_KNOWN = 0.005  # of a value: what samples leave open between them, and another simulator does otherwise
 _STRETCH, _OWN = 5.0, 0.7  # s; and the largest part of a slot's information that a stretch counts for
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
@@ -96,10 +97,10 @@ def _posterior(
 
 def deviation(evidence: Evidence, name: str) -> float:
     """Honest 1-sigma of a fitted slot: small terms of the structure are allowed for, stretches of record may disagree,
-    and where the small terms would move the value to is part of it."""
+    where the small terms would move the value to is part of it, and no value is known better than `_KNOWN`."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    posterior = float(np.sqrt(evidence.covariance[index, index]))
-    return float(np.hypot(max(posterior, scatter(evidence, index)), evidence.newton[index]))
+    spread = max(float(np.sqrt(evidence.covariance[index, index])), scatter(evidence, index))
+    return float(np.linalg.norm([spread, evidence.newton[index], _KNOWN * evidence.fit[name]]))
 
 
 def scatter(evidence: Evidence, index: int) -> float:
