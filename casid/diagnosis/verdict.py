@@ -179,11 +179,7 @@ def verdict_of(
     """(verdict, the sentence that opens the report)."""
     where = _where(unexplained[0]) if unexplained else ""
     if causes:
-        told = " ".join(c.sentence for c in causes)
-        others = [c for c in causes if c.indistinguishable_from]
-        if others:
-            names = " or ".join(_plain(o) for o in others[0].indistinguishable_from)
-            told += f" These data cannot tell it apart from {names}."
+        told = " ".join(c.sentence + _ambiguous(c) for c in causes)
         if unexplained:
             return "partly explained", f"{told} Something more is missing: it enters at {where}."
         return "explained", told
@@ -196,6 +192,11 @@ def verdict_of(
         )
     remark = " What is real but too small to matter is listed as minor." if minor else ""
     return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+
+
+def _ambiguous(cause: Cause) -> str:
+    names = " or ".join(_plain(other) for other in cause.indistinguishable_from)
+    return f" These data cannot tell that apart from {names}." if names else ""
 
 
 def _where(missing: MissingInput) -> str:
