@@ -14,7 +14,7 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import drifts, missing_inputs, missing_oscillation
+from casid.diagnosis.missing_input import READING, drifts, missing_inputs, missing_oscillation
 from casid.diagnosis.naming import CONFIRMED, LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
@@ -37,6 +37,7 @@ from casid.records.record import Record
 _REPAIRS = 3
 # a gust model is rough: a cause in turbulence must gain more than this part of what the turbulence does
 _OF_TURBULENCE = 0.02
+_OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _OF_ONE_READING = 1.5  # times what turbulence gains, and it is none
 
 
@@ -108,6 +109,8 @@ def diagnose(
         naming, judged, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
     )
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
+    if coloured:  # slow wind is part of turbulence, whatever its spectrum
+        left = [m for m in left if m.station not in _OF_THE_AIR]
     unexplained = still_missing(final, [*left, *missing_oscillation(judged)], max(least, rough))
     if not unexplained:
         minor = (*minor, *too_small(naming, (*causes, *minor)))

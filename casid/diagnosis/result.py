@@ -25,7 +25,7 @@ SCHEMA = "casid.diagnosis/1"
 class Cause:
     """A named cause, or one that is real but minor.
 
-    std            1-sigma of the value, small terms of the structure allowed for
+    std            1-sigma of the value, small terms of the structure and unlike stretches of record allowed for
     statistic      drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters
     held_out_gain  log likelihood per sample gained on records never used; None for an event, which does not recur
     onset_s        record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in
@@ -49,6 +49,16 @@ class Cause:
     parameters: Mapping[str, float]
     meaningful: bool
     share: float
+
+    @property
+    def told(self) -> str:
+        """Its sentence, and what these data cannot tell it apart from."""
+        others = []
+        for one in self.indistinguishable_from:
+            inside = ":".join(str(part) for part in (one["target"], one["term"]) if part)
+            others.append(f"{one['kind']}({inside})" if inside else str(one["kind"]))
+        alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
+        return self.sentence + alike
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -179,7 +179,7 @@ def verdict_of(
     """(verdict, the sentence that opens the report)."""
     where = _where(unexplained[0]) if unexplained else ""
     if causes:
-        told = " ".join(c.sentence + _ambiguous(c) for c in causes)
+        told = " ".join(c.told for c in causes)
         if unexplained:
             return "partly explained", f"{told} Something more is missing: it enters at {where}."
         return "explained", told
@@ -192,11 +192,6 @@ def verdict_of(
         )
     remark = " What is real but too small to matter is listed as minor." if minor else ""
     return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
-
-
-def _ambiguous(cause: Cause) -> str:
-    names = " or ".join(_plain(other) for other in cause.indistinguishable_from)
-    return f" These data cannot tell that apart from {names}." if names else ""
 
 
 def _where(missing: MissingInput) -> str:
@@ -212,11 +207,6 @@ def _place(station: str) -> str:
 
 def _gain(gain: float) -> str:
     return f"gain {gain:.0f} in 2 ln L"
-
-
-def _plain(other: Mapping[str, object]) -> str:
-    inside = ":".join(str(p) for p in (other["target"], other["term"]) if p)
-    return f"{other['kind']}({inside})" if inside else str(other["kind"])
 
 
 def extended_aircraft(

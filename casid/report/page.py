@@ -116,9 +116,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
     """The verdict's sentence; several causes become a list, and what follows them its last line."""
     rest, items = diagnosis.sentence, []
     for cause in diagnosis.causes:
-        if cause.sentence in rest:
-            rest = rest.replace(cause.sentence, "", 1)
-            items.append(cause.sentence)
+        if cause.told in rest:
+            rest = rest.replace(cause.told, "", 1)
+            items.append(cause.told)
     if len(items) < 2:
         return f"<p class='sentence'>{escape(pretty(diagnosis.sentence))}</p>"
     lines = "".join(f"<li>{escape(pretty(item))}</li>" for item in items)

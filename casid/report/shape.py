@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from casid.diagnosis.fit import Fit
+from casid.diagnosis.kinematics import WIND
 from casid.diagnosis.missing_input import READING, MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.effects import effect_of
@@ -108,7 +109,7 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
     return Picture(
         name=name,
         figure=figure,
-        title=f"What is missing enters as {where}",
+        title=f"What is missing enters {'at the' if missing.station.startswith(READING) else 'as'} {where}",
         caption=(
             f"An unknown time history of the {where} that would make simulation and measurement agree, reconstructed "
             "without knowing its form."
@@ -121,15 +122,16 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
 def wind(diagnosis: Diagnosis) -> Picture:
     """The moving air of a turbulent record: its components by the filter's smoother, and the r.m.s. that was named."""
     sigma, fit = diagnosis.turbulence.sigma, diagnosis.extended.fit
-    stations = list(fit.noise.coloured)
-    gusts = fit.coloured[..., : len(stations)]  # behind them, noise of inputs that passed through an effect
+    # behind them stand the rotation of the air, and noise of inputs that passed through an effect
+    stations = [station for station in fit.noise.coloured if station in WIND]
+    gusts = fit.coloured[..., : len(stations)]
     r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(fit.flight.records)]))
     record = fit.flight.records[r]
     figure = blank(1.6 * len(stations) + 0.7)
     axes = figure.subplots(len(stations), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for i, (ax, station) in enumerate(zip(axes, stations, strict=True)):
-        ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the named turbulence, {sigma:.2g} m/s")
-        ax.plot(record.t, gusts[: len(record), r, i], color=EXTENDED, label="reconstructed gust velocity")
+        ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the turbulence, {sigma:.2g} m/s")
+        ax.plot(record.t, gusts[: len(record), r, i], color=EXTENDED, label="reconstructed velocity")
         ax.set_title(place(station), loc="left")
         ax.set_ylabel("[m/s]")
         ax.margins(x=0.01)

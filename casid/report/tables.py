@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from casid.diagnosis.naming import GAIN
 from casid.diagnosis.result import Cause, Diagnosis, Trial, View
 from casid.diagnosis.size import plausible
 from casid.model.vocabulary import KINDS
@@ -159,7 +160,7 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
         return "explains nothing when it is fitted"
     if winner is not None:
         return f"gains {100.0 * (1.0 - trial.gain / winner.gain):.0f} % less than {_name(winner)}"
-    return "gains too little to be named"
+    return "leaves unexplained what is missing" if trial.net > GAIN else "gains too little to be named"
 
 
 def _name(trial: Trial) -> str:
