@@ -30,7 +30,7 @@ _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _SURE = 3.0  # honest sigmas that a value must be from zero
-_WORSE = 1.3  # times what was missing at a station
+_WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
 # to another event; to other causes, by a cause and by an event
@@ -41,7 +41,7 @@ _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is n
 # units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
 _CLEAR = 400.0
 _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
-_NEARLY = 0.5  # of a size that matters: what adds to a coefficient is a cause from here on, if it is as clear
+_NEARLY = 0.5  # of a size that matters: what adds to a coefficient at all times is a cause from here on, if it is clear
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -92,9 +92,9 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     anonymous input at the same station gains is such an imitation.
     """
     was, left = {m.station: m.gain for m in before}, {m.station: m.gain for m in state.missing}
-    if any(left[s] > _WORSE * was[s] + _NOTICEABLE for s in was):
-        return False
     last = state.rounds[-1].trials[0]
+    if any(left[s] > _WORSE * was[s] + max(_NOTICEABLE, _BESIDE * last.gain) for s in was):
+        return False
     one = last.candidate.attached
     effect, reading = one.effect, READING + one.effect.target
     if np.isfinite(last.std) and abs(one.values["value"]) < _SURE * deviation(state.evidence, one.name):
@@ -235,7 +235,8 @@ def _try(
 
 
 def _matters(effect: Effect, share: float, gain: float, confirmed: bool) -> bool:
-    least = _NEARLY if (effect.enters or "").startswith("d") else 1.0
+    bend = (effect.enters or "").startswith("d") and not effect.timed
+    least = _NEARLY if bend else 1.0
     return share >= least and (confirmed or share**2 * gain > _CLEAR)
 
 
