@@ -15,12 +15,13 @@ from casid.diagnosis.held_out import judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import READING, drifts, missing_inputs, missing_oscillation
-from casid.diagnosis.naming import CONFIRMED, LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
+from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_structure
+from casid.diagnosis.trials import CONFIRMED
 from casid.diagnosis.verdict import (
     causes_of,
     extended_aircraft,

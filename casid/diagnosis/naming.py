@@ -7,25 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.events import at_peak, configuration_changes, further_records, weak_members
+from casid.diagnosis.events import configuration_changes
 from casid.diagnosis.evidence import Evidence, deviation, weigh
-from casid.diagnosis.fit import Fit, fit
-from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints, rank
-from casid.diagnosis.size import meaningful_share, plausible
-from casid.model.causes import configuration_change
+from casid.diagnosis.screening import Screen, fingerprints, rank
+from casid.diagnosis.trials import GAIN, settled, try_cause, worth_trying
 from casid.model.effect import Effect
 
-GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
-KINEMATIC_GAIN = 50.0
-# parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
-_REFUTED, CONFIRMED = 0.3, 0.7
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
-_TRIALS, _CAUTIOUS, _ROUNDS = 4, 2, 4
-_TRIAL_MOVES = 2  # of an onset in a trial; the winner is settled
+_ROUNDS = 4
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
@@ -36,12 +28,6 @@ _TENTATIVE = 2  # rounds that may pass until the named causes together explain w
 # to another event; to other causes, by a cause and by an event
 LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
-_PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
-# A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
-# units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
-_CLEAR = 400.0
-_PROMISING = 0.2  # part of it that must be predicted before a cause is tried
-_NEARLY = 0.5  # of a size that matters: what adds to a coefficient at all times is a cause from here on, if it is clear
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -126,8 +112,8 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     intervals = dict(state.intervals)
     trials = []
     give_up, best_fit = np.inf, None
-    for candidate in _to_try(state.evidence.fit, candidates, cautious, switches):
-        trial, fitted, interval = _try(state.evidence, candidate, kinematic, give_up)
+    for candidate in worth_trying(state.evidence.fit, candidates, cautious, switches):
+        trial, fitted, interval = try_cause(state.evidence, candidate, kinematic, give_up)
         if not trial.refuted:
             give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
         if interval:
@@ -147,7 +133,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     )
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
-    best, fitted, interval = _settled(best, best_fit)
+    best, fitted, interval = settled(best, best_fit)
     if interval:
         intervals[best.candidate.name] = interval
     this = replace(this, trials=(best, *this.trials[1:]))
@@ -172,127 +158,6 @@ def _order(trial: Trial, least: float) -> tuple[bool, float]:
     return not _can_be_named(trial, least), -trial.net
 
 
-def _to_try(
-    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate]
-) -> list[Candidate]:
-    """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
-    gain and a size that matters at all. A configuration change is scored in one record only, so it cannot be ranked
-    with the others."""
-    chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
-    names = {c.name for c in chosen}
-    return [*chosen, *(c for c in _best_few(base, cautious, _CAUTIOUS) if c.name not in names)]
-
-
-def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    chosen: list[Candidate] = []
-    per_coefficient: dict[str, int] = {}
-    for candidate in candidates:
-        effect = candidate.attached.effect
-        if candidate.net < 0.3 * GAIN or len(chosen) == count:
-            break
-        share = meaningful_share(base, candidate.attached)
-        if share < _PREDICTED or share**2 * candidate.statistic < _PROMISING * _CLEAR:
-            continue
-        if effect.quasi_steady:
-            per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
-            if per_coefficient[effect.target] > 2:
-                continue
-        chosen.append(candidate)
-    return chosen
-
-
-def _try(
-    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
-) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
-    base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
-    effect = attached.effect
-    interval: dict[str, tuple[float, float]] = {}
-    fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
-    if attached.effect.timed:
-        wider = further_records(weigh(fitted), fitted.attached[-1])
-        if len(wider.onsets) > len(attached.onsets):
-            fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
-    if attached.effect.timed and fitted.deviance < give_up:
-        fitted, interval = at_peak(fitted, _TRIAL_MOVES)
-    if attached.effect.members:
-        fitted = _without_weak(base, fitted)
-    one = fitted.attached[-1]
-    gain = evidence.deviance - weigh(fitted).deviance
-    share = meaningful_share(fitted, one)
-    predicted, achieved = kinematic_check(kinematic, one) if kinematic is not None else (0.0, 0.0)
-    confirmed = predicted > KINEMATIC_GAIN and achieved > CONFIRMED * predicted
-    trial = Trial(
-        candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
-        fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
-        meaningful=_matters(effect, share, gain, confirmed)
-        and plausible(one, share)
-        and not _from_the_start(fitted, one),
-        share=share,
-        refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
-        confirmed=confirmed,
-    )  # fmt: skip
-    return trial, fitted, interval
-
-
-def _matters(effect: Effect, share: float, gain: float, confirmed: bool) -> bool:
-    bend = (effect.enters or "").startswith("d") and not effect.timed
-    least = _NEARLY if bend else 1.0
-    return share >= least and (confirmed or share**2 * gain > _CLEAR)
-
-
-def _from_the_start(fitted: Fit, one: Attached) -> bool:
-    """Whether an event sets in as early in every record as events are looked for: then it is none."""
-    first = {record.name: record.t[0] + EDGE for record in fitted.flight.records}
-    return bool(one.onsets) and all(onset < first[record] + 0.1 for record, onset in one.onsets.items())
-
-
-def _std(fitted: Fit, one: Attached) -> float:
-    """1-sigma of the value; of a value that is not fitted itself, none."""
-    return fitted.std(one.name) if any(slot.name == one.name for slot in fitted.slots) else float("nan")
-
-
-def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
-    """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
-    flat = fitted.columns.reshape(fitted.white.size, len(fitted.slots))
-    own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
-    beside = {slot.name for slot in base.slots}
-    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in beside]]
-    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
-    return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
-
-
-def _settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
-    """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
-    before, interval = fitted.deviance, {}
-    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
-    if fitted.attached[-1].effect.timed:
-        fitted, interval = at_peak(fitted)
-        wider = further_records(weigh(fitted), fitted.attached[-1])
-        if len(wider.onsets) > len(fitted.attached[-1].onsets):
-            attached = [*fitted.attached[:-1], wider]
-            fitted, interval = at_peak(fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
-    one, more = fitted.attached[-1], before - fitted.deviance
-    candidate = replace(trial.candidate, attached=one)
-    trial = replace(
-        trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
-    )
-    return trial, fitted, interval
-
-
-def _without_weak(base: Fit, fitted: Fit) -> Fit:
-    """A configuration change fitted again without the coefficients that do not take part."""
-    one = fitted.attached[-1]
-    weak = weak_members(fitted, one)
-    names = [c for c in one.effect.members if c not in weak]
-    if not weak or not names:
-        return fitted
-    sizes = {c: one.values["value" if c == one.effect.members[0] else c] for c in names}
-    values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
-    values["duration"] = one.values["duration"]
-    slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    return fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0)
-
-
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Trials whose gain is too near to the best one's to tell them apart. The gains of two causes whose fingerprints
     are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x."""
@@ -312,26 +177,3 @@ def _sine(one: Trial, other: Trial) -> float:
     a, b = one.fingerprint, other.fingerprint
     cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
     return float(np.sqrt(max(1.0 - cosine**2, 0.0)))
-
-
-def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:
-    """(predicted, achieved) drop of the kinematic deviance by a cause of the size found in the full model."""
-    effect = one.effect
-    if not effect.kinematic or effect.stochastic:
-        return 0.0, 0.0
-    further = dict(one.values) if not effect.linear else {k: v for k, v in one.values.items() if k != "value"}
-    size = one.values["value"] if effect.linear else 1.0
-    judge, names = Screen(kinematic), list(kinematic.fit.batch.names)
-    whole = replace(effect, grid=(further,))
-    if effect.timed:
-        parts, keep = [], []
-        for record, onset in one.onsets.items():
-            r = names.index(record)
-            parts += fingerprints(kinematic, [whole], np.array([onset - kinematic.fit.flight.records[r].t[0]]))
-            keep.append(np.eye(len(names))[r])
-        weights = np.array(keep)
-    else:
-        parts = fingerprints(kinematic, [whole])
-        weights = np.array([[float(one.concerns(name)) for name in names]])
-    left, match, _ = judge.projected(parts, weights)
-    return size**2 * left, 2.0 * size * match - size**2 * left

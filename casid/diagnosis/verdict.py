@@ -14,10 +14,11 @@ from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import READING, MissingInput
-from casid.diagnosis.naming import GAIN, Naming
+from casid.diagnosis.naming import Naming
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, missing_share
+from casid.diagnosis.trials import GAIN
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import aero_term
 from casid.model.causes import turbulence as turbulence_effect

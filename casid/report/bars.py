@@ -12,8 +12,8 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from casid.diagnosis.naming import GAIN, KINEMATIC_GAIN
 from casid.diagnosis.result import Cause, Diagnosis, Trial
+from casid.diagnosis.trials import GAIN, KINEMATIC_GAIN
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import effect_name, place, quantity

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from casid.diagnosis.naming import GAIN
 from casid.diagnosis.result import Cause, Diagnosis, Trial, View
 from casid.diagnosis.size import plausible
+from casid.diagnosis.trials import GAIN
 from casid.model.vocabulary import KINDS
 from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std

@@ -1,0 +1,177 @@
+"""Try a cause: which are worth a fit, the fit itself, and whether the size that it finds matters and is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from casid.diagnosis.events import at_peak, further_records, weak_members
+from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.result import Trial
+from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints
+from casid.diagnosis.size import meaningful_share, plausible
+from casid.model.causes import configuration_change
+from casid.model.effect import Effect
+
+GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
+KINEMATIC_GAIN = 50.0
+# parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
+_REFUTED, CONFIRMED = 0.3, 0.7
+_PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
+# A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
+# units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
+_CLEAR = 400.0
+_PROMISING = 0.2  # part of it that must be predicted before a cause is tried
+_NEARLY = 0.5  # of a size that matters: what adds to a coefficient at all times is a cause from here on, if it is clear
+_TRIALS, _CAUTIOUS = 4, 2  # candidates of each ranking that are tried
+_MOVES = 2  # of an onset in a trial; the winner is settled
+
+
+def worth_trying(
+    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate]
+) -> list[Candidate]:
+    """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
+    gain and a size that matters at all. A configuration change is scored in one record only, so it cannot be ranked
+    with the others."""
+    chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
+    names = {c.name for c in chosen}
+    return [*chosen, *(c for c in _best_few(base, cautious, _CAUTIOUS) if c.name not in names)]
+
+
+def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    chosen: list[Candidate] = []
+    per_coefficient: dict[str, int] = {}
+    for candidate in candidates:
+        effect = candidate.attached.effect
+        if candidate.net < 0.3 * GAIN or len(chosen) == count:
+            break
+        share = meaningful_share(base, candidate.attached)
+        if share < _PREDICTED or share**2 * candidate.statistic < _PROMISING * _CLEAR:
+            continue
+        if effect.quasi_steady:
+            per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
+            if per_coefficient[effect.target] > 2:
+                continue
+        chosen.append(candidate)
+    return chosen
+
+
+def try_cause(
+    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
+) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
+    """A candidate fitted beside what the evidence's model has: the trial, its fit, and intervals of its onsets. It is
+    not fitted to the end when it cannot come below the deviance `give_up`."""
+    base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
+    effect = attached.effect
+    interval: dict[str, tuple[float, float]] = {}
+    fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+    if attached.effect.timed:
+        wider = further_records(weigh(fitted), fitted.attached[-1])
+        if len(wider.onsets) > len(attached.onsets):
+            fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
+    if attached.effect.timed and fitted.deviance < give_up:
+        fitted, interval = at_peak(fitted, _MOVES)
+    if attached.effect.members:
+        fitted = _without_weak(base, fitted)
+    one = fitted.attached[-1]
+    gain = evidence.deviance - weigh(fitted).deviance
+    share = meaningful_share(fitted, one)
+    predicted, achieved = kinematic_check(kinematic, one) if kinematic is not None else (0.0, 0.0)
+    confirmed = predicted > KINEMATIC_GAIN and achieved > CONFIRMED * predicted
+    trial = Trial(
+        candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
+        fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
+        meaningful=_matters(effect, share, gain, confirmed)
+        and plausible(one, share)
+        and not _from_the_start(fitted, one),
+        share=share,
+        refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
+        confirmed=confirmed,
+    )  # fmt: skip
+    return trial, fitted, interval
+
+
+def _matters(effect: Effect, share: float, gain: float, confirmed: bool) -> bool:
+    bend = (effect.enters or "").startswith("d") and not effect.timed
+    least = _NEARLY if bend else 1.0
+    return share >= least and (confirmed or share**2 * gain > _CLEAR)
+
+
+def _from_the_start(fitted: Fit, one: Attached) -> bool:
+    """Whether an event sets in as early in every record as events are looked for: then it is none."""
+    first = {record.name: record.t[0] + EDGE for record in fitted.flight.records}
+    return bool(one.onsets) and all(onset < first[record] + 0.1 for record, onset in one.onsets.items())
+
+
+def _std(fitted: Fit, one: Attached) -> float:
+    """1-sigma of the value; of a value that is not fitted itself, none."""
+    return fitted.std(one.name) if any(slot.name == one.name for slot in fitted.slots) else float("nan")
+
+
+def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
+    """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
+    flat = fitted.columns.reshape(fitted.white.size, len(fitted.slots))
+    own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
+    beside = {slot.name for slot in base.slots}
+    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in beside]]
+    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
+
+
+def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
+    """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
+    before, interval = fitted.deviance, {}
+    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    if fitted.attached[-1].effect.timed:
+        fitted, interval = at_peak(fitted)
+        wider = further_records(weigh(fitted), fitted.attached[-1])
+        if len(wider.onsets) > len(fitted.attached[-1].onsets):
+            attached = [*fitted.attached[:-1], wider]
+            fitted, interval = at_peak(fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
+    one, more = fitted.attached[-1], before - fitted.deviance
+    candidate = replace(trial.candidate, attached=one)
+    trial = replace(
+        trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
+    )
+    return trial, fitted, interval
+
+
+def _without_weak(base: Fit, fitted: Fit) -> Fit:
+    """A configuration change fitted again without the coefficients that do not take part."""
+    one = fitted.attached[-1]
+    weak = weak_members(fitted, one)
+    names = [c for c in one.effect.members if c not in weak]
+    if not weak or not names:
+        return fitted
+    sizes = {c: one.values["value" if c == one.effect.members[0] else c] for c in names}
+    values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
+    values["duration"] = one.values["duration"]
+    slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
+    return fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0)
+
+
+def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:
+    """(predicted, achieved) drop of the kinematic deviance by a cause of the size found in the full model."""
+    effect = one.effect
+    if not effect.kinematic or effect.stochastic:
+        return 0.0, 0.0
+    further = dict(one.values) if not effect.linear else {k: v for k, v in one.values.items() if k != "value"}
+    size = one.values["value"] if effect.linear else 1.0
+    judge, names = Screen(kinematic), list(kinematic.fit.batch.names)
+    whole = replace(effect, grid=(further,))
+    if effect.timed:
+        parts, keep = [], []
+        for record, onset in one.onsets.items():
+            r = names.index(record)
+            parts += fingerprints(kinematic, [whole], np.array([onset - kinematic.fit.flight.records[r].t[0]]))
+            keep.append(np.eye(len(names))[r])
+        weights = np.array(keep)
+    else:
+        parts = fingerprints(kinematic, [whole])
+        weights = np.array([[float(one.concerns(name)) for name in names]])
+    left, match, _ = judge.projected(parts, weights)
+    return size**2 * left, 2.0 * size * match - size**2 * left
