@@ -96,11 +96,17 @@ def _posterior(
 
 
 def deviation(evidence: Evidence, name: str) -> float:
-    """Honest 1-sigma of a fitted slot: small terms of the structure are allowed for, stretches of record may disagree,
-    where the small terms would move the value to is part of it, and no value is known better than `_KNOWN`."""
+    """Honest 1-sigma of a fitted slot: its `spread`, where small terms of the structure would move the value to, and
+    `_KNOWN`, for no value is known better."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    spread = max(float(np.sqrt(evidence.covariance[index, index])), scatter(evidence, index))
-    return float(np.linalg.norm([spread, evidence.newton[index], _KNOWN * evidence.fit[name]]))
+    return float(np.linalg.norm([spread(evidence, name), evidence.newton[index], _KNOWN * evidence.fit[name]]))
+
+
+def spread(evidence: Evidence, name: str) -> float:
+    """1-sigma of a fitted slot with small terms of the structure allowed for, or how far stretches of record pull it
+    apart, if that is more."""
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    return max(float(np.sqrt(evidence.covariance[index, index])), scatter(evidence, index))
 
 
 def scatter(evidence: Evidence, index: int) -> float:

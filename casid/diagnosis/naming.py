@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.events import configuration_changes
-from casid.diagnosis.evidence import Evidence, deviation, weigh
+from casid.diagnosis.evidence import Evidence, spread, weigh
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
@@ -21,7 +21,7 @@ _ROUNDS = 4
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
-_SURE = 3.0  # honest sigmas that a value must be from zero
+_SURE = 3.0  # times its spread that a value must be from zero
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
@@ -83,7 +83,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
         return False
     one = last.candidate.attached
     effect, reading = one.effect, READING + one.effect.target
-    if np.isfinite(last.std) and abs(one.values["value"]) < _SURE * deviation(state.evidence, one.name):
+    if np.isfinite(last.std) and abs(one.values["value"]) < _SURE * spread(state.evidence, one.name):
         return False  # one stretch of record contradicts another
     if effect.constant and reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
         return False
