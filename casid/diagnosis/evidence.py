@@ -120,8 +120,9 @@ def scatter(evidence: Evidence, index: int) -> float:
     samples = max(1, round(_STRETCH / float(np.median(evidence.fit.batch.dt))))
     for r, flat in enumerate(evidence.by_record):
         along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
+        left = evidence.fit.white[:, r] - (flat @ evidence.newton).reshape(along.shape)
         first = np.arange(0, len(along), samples)
-        pulls.append(np.add.reduceat((along * evidence.fit.white[:, r]).sum(axis=1), first))
+        pulls.append(np.add.reduceat((along * left).sum(axis=1), first))
         shares.append(np.add.reduceat((along**2).sum(axis=1), first))
     share = np.concatenate(shares)
     own = np.minimum(share / max(float(share.sum()), 1e-300), _OWN)

@@ -9,6 +9,7 @@ import numpy as np
 
 from casid.diagnosis.events import configuration_changes
 from casid.diagnosis.evidence import Evidence, spread, weigh
+from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
@@ -83,8 +84,8 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
         return False
     one = last.candidate.attached
     effect, reading = one.effect, READING + one.effect.target
-    if np.isfinite(last.std) and abs(one.values["value"]) < _SURE * spread(state.evidence, one.name):
-        return False  # one stretch of record contradicts another
+    if np.isfinite(last.std) and not _is_sure(state.evidence, one):
+        return False
     if effect.constant and reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
         return False
     if effect.improbable:
@@ -97,6 +98,12 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     helped = max(was, key=lambda s: was[s] - left[s])
     judged = {helped, *([max(own, key=lambda s: was[s])] if own else [])}
     return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
+
+
+def _is_sure(evidence: Evidence, one: Attached) -> bool:
+    """Whether no stretch of record contradicts a value, and small terms of the structure could not replace it."""
+    index = [slot.name for slot in evidence.fit.slots].index(one.name)
+    return abs(one.values["value"]) > max(_SURE * spread(evidence, one.name), abs(float(evidence.newton[index])))
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float) -> Naming:
