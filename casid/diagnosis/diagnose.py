@@ -157,19 +157,22 @@ def _kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | N
     taken = {one.effect.key for one in of_the_file}
     effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
     ranked = screen(evidence, effects)
-    turbulent = _turbulence(flight, calm, effects, ranked)
+    turbulent = kinematics.turbulence(flight, calm)
+    if turbulent.named and drifts(evidence)[0].gain > _OF_ONE_READING * turbulent.gain:
+        return evidence, ranked, none  # one drifting instrument tells more than all moving air
+    turbulent = _beside_faults(flight, turbulent, calm, effects, ranked)
     if not turbulent.named:
         return evidence, ranked, turbulent
-    if drifts(evidence)[0].gain > _OF_ONE_READING * turbulent.gain:
-        return evidence, ranked, none  # one drifting instrument tells more than all moving air
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
     evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
     return evidence, screen(evidence, effects), turbulent
 
 
-def _turbulence(flight: Flight, calm: Fit, effects: Sequence[Effect], ranked: Sequence[Candidate]) -> Turbulence:
+def _beside_faults(
+    flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect], ranked: Sequence[Candidate]
+) -> Turbulence:
     """Turbulence beside what looks like it until it is in the model: an instrument fault, a discrete gust."""
-    turbulent, repaired = kinematics.turbulence(flight, calm), calm
+    repaired = calm
     for _ in range(_REPAIRS):
         if not (turbulent.named and ranked and ranked[0].net > 0.3 * turbulent.gain):
             break

@@ -20,6 +20,7 @@ from casid.model.terms import parse_term
 
 SMALL = 0.0025
 _RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)
+_SURE = 3.0  # times its spread that a value must be from zero
 _KNOWN = 0.005  # of a value: what samples leave open between them, and another simulator does otherwise
 _STRETCH, _OWN = 5.0, 0.7  # s; and the largest part of a slot's information that a stretch counts for
 _LONGITUDINAL = ("alpha", "q", "delta_e")
@@ -100,6 +101,15 @@ def deviation(evidence: Evidence, name: str) -> float:
     `_KNOWN`, for no value is known better."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
     return float(np.linalg.norm([spread(evidence, name), evidence.newton[index], _KNOWN * evidence.fit[name]]))
+
+
+def is_sure(evidence: Evidence, name: str) -> bool:
+    """Whether no stretch of record contradicts a value, and small terms of the structure could not replace it; a value
+    that is not fitted itself is taken as sure."""
+    index = next((i for i, slot in enumerate(evidence.fit.slots) if slot.name == name), None)
+    if index is None:
+        return True
+    return abs(evidence.fit[name]) > max(_SURE * spread(evidence, name), abs(float(evidence.newton[index])))
 
 
 def spread(evidence: Evidence, name: str) -> float:

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.events import configuration_changes
-from casid.diagnosis.evidence import Evidence, spread, weigh
-from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
@@ -22,7 +21,6 @@ _ROUNDS = 4
 _NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
-_SURE = 3.0  # times its spread that a value must be from zero
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
@@ -84,7 +82,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
         return False
     one = last.candidate.attached
     effect, reading = one.effect, READING + one.effect.target
-    if np.isfinite(last.std) and not _is_sure(state.evidence, one):
+    if not is_sure(state.evidence, one.name):
         return False
     if effect.constant and reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
         return False
@@ -98,12 +96,6 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     helped = max(was, key=lambda s: was[s] - left[s])
     judged = {helped, *([max(own, key=lambda s: was[s])] if own else [])}
     return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
-
-
-def _is_sure(evidence: Evidence, one: Attached) -> bool:
-    """Whether no stretch of record contradicts a value, and small terms of the structure could not replace it."""
-    index = [slot.name for slot in evidence.fit.slots].index(one.name)
-    return abs(one.values["value"]) > max(_SURE * spread(evidence, one.name), abs(float(evidence.newton[index])))
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float) -> Naming:

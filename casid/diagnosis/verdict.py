@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from casid.diagnosis.evidence import Evidence, deviation, unlike_derivatives, variation
+from casid.diagnosis.evidence import Evidence, deviation, is_sure, unlike_derivatives, variation
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
@@ -44,19 +44,23 @@ def causes_of(
     evidence    of the final fit, in which all causes stand
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     kept        number of named rounds that the final fit has (-1: not even turbulence): a cause that lasts but loses on
-                held-out records is not confirmed, nor is what was named after it; they stand under minor
+                held-out records is not confirmed, nor is what was named after it; they stand under minor, and so does a
+                cause of which nothing sure is left when others stand beside it
     structure   expected terms that were put into the model beforehand; they are minor
     """
     named, final = [r for r in naming.rounds if r.named], evidence.fit
-    causes, minor = [], []
+    causes, minor, superseded = [], [], []
     if turbulence.named:
         (causes if kept >= 0 else minor).append(_turbulence(turbulence, final.flight.aircraft, held_gains[0]))
     for i, (round_, held) in enumerate(zip(named, held_gains[1:], strict=True)):
-        if i < kept:
+        if i < kept and is_sure(evidence, round_.trials[0].candidate.name):
             causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
+        elif i < kept:
+            superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
         else:
             minor.append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
+    minor += [replace(c, sentence=f"{c.sentence} No longer sure beside the other causes.") for c in superseded]
     minor += [_expected(one.name, final) for one in structure]
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
