@@ -15,7 +15,6 @@ from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints
 from casid.diagnosis.size import meaningful_share, plausible
 from casid.model.causes import configuration_change
-from casid.model.effect import Effect
 
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
 KINEMATIC_GAIN = 50.0
@@ -26,7 +25,6 @@ _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is n
 # units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
 _CLEAR = 400.0
 _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
-_NEARLY = 0.5  # of a size that matters: what adds to a coefficient at all times is a cause from here on, if it is clear
 _TRIALS, _CAUTIOUS = 4, 2  # candidates of each ranking that are tried
 _MOVES = 2  # of an onset in a trial; the winner is settled
 
@@ -66,7 +64,6 @@ def try_cause(
     """A candidate fitted beside what the evidence's model has: the trial, its fit, and intervals of its onsets. It is
     not fitted to the end when it cannot come below the deviance `give_up`."""
     base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
-    effect = attached.effect
     interval: dict[str, tuple[float, float]] = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     if attached.effect.timed:
@@ -85,7 +82,7 @@ def try_cause(
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
-        meaningful=_matters(effect, share, gain, confirmed)
+        meaningful=_matters(share, gain, confirmed)
         and plausible(one, share)
         and not _from_the_start(fitted, one),
         share=share,
@@ -95,10 +92,8 @@ def try_cause(
     return trial, fitted, interval
 
 
-def _matters(effect: Effect, share: float, gain: float, confirmed: bool) -> bool:
-    bend = (effect.enters or "").startswith("d") and not effect.timed
-    least = _NEARLY if bend else 1.0
-    return share >= least and (confirmed or share**2 * gain > _CLEAR)
+def _matters(share: float, gain: float, confirmed: bool) -> bool:
+    return share >= 1.0 and (confirmed or share**2 * gain > _CLEAR)
 
 
 def _from_the_start(fitted: Fit, one: Attached) -> bool:
