@@ -1,4 +1,4 @@
-"""Fixtures that every test may use: the flight data, and the scripts as modules or as processes."""
+"""Fixtures that every test may use: the flight data, the scripts as modules or as processes, an empty kernel cache."""
 
 from __future__ import annotations
 
@@ -84,3 +84,10 @@ def run_script() -> Callable[..., subprocess.CompletedProcess[str]]:
         )
 
     return run
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    """The folder of compiled kernels, empty and of this test alone."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "casid"

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import pytest
 from scipy.linalg import expm
 
+from casid.estimation import compiler
 from casid.model.system import Model, define_model
 from casid.records.record import Record
 
 TRUTH = {"Za": -1.2, "Zde": -0.15, "Ma": -4.0, "Mq": -1.8, "Mde": -6.0}
 START = {name: 0.7 * value for name, value in TRUTH.items()}
 NOISE = {"alpha": 0.002, "q": 0.004}
+needs_compiler = pytest.mark.skipif(compiler.c_compiler() is None, reason="no C compiler on this machine")
 
 
 def short_period(nominal: Mapping[str, float] = TRUTH, **options) -> Model:

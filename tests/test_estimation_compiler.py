@@ -8,19 +8,11 @@ import sys
 
 import numpy as np
 import pytest
-from estimation_cases import NOISE, START, flight, short_period
+from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 
 from casid.estimation import Problem, compiler, solve
 from casid.estimation.compiler import Batch, Compilable, cache_folder, compile_function
 from casid.estimation.steps import sample_derivatives, step_function
-
-needs_compiler = pytest.mark.skipif(compiler.c_compiler() is None, reason="no C compiler on this machine")
-
-
-@pytest.fixture
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    return tmp_path / "casid"
 
 
 def arguments(function, count: int, seed: int = 0) -> list[np.ndarray]:

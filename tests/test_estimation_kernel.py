@@ -12,7 +12,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from estimation_cases import NOISE, START, flight, short_period
+from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 
 from casid.estimation import MultipleShooting, OutputError, Problem, SingleShooting, compiler, kernel, solve
 from casid.estimation.emit import UnknownOperationError, emit
@@ -25,14 +25,6 @@ from problems import hfb320
 from problems.paper_cases import Condition
 from problems.paper_estimation import paper_problem
 from problems.paper_truth import OUTPUTS, fly, noise_sigma
-
-needs_compiler = pytest.mark.skipif(compiler.c_compiler() is None, reason="no C compiler on this machine")
-
-
-@pytest.fixture
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    return tmp_path / "casid"
 
 
 def worst(ours: np.ndarray, theirs: np.ndarray) -> float:
@@ -184,7 +176,8 @@ def test_estimates_with_and_without_the_kernel_agree(own_cache, monkeypatch):
 def test_two_processes_may_build_one_kernel_and_a_killed_one_leaves_nothing(own_cache):
     code = (
         "from casid.estimation import kernel\nkernel._COMPILE_BASE = -1.0\n"
-        "import numpy as np\nfrom estimation_cases import *\nfrom casid.estimation import Problem, solve\n"
+        "import numpy as np\nfrom estimation_cases import NOISE, flight, short_period\n"
+        "from casid.estimation import Problem, solve\n"
         "f = solve(Problem(short_period(), [flight(noise=NOISE, rng=np.random.default_rng(0))], free=['*']))\n"
         "print(repr(f['Za'].value))\n"
     )

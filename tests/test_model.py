@@ -64,11 +64,14 @@ def doublet(t: np.ndarray, size: float = 0.03) -> np.ndarray:
 # -- mechanics ---------------------------------------------------------------------------------------------------------
 
 
+def inertia_tensor(of: Inertia) -> np.ndarray:
+    return np.array([[of.Ixx, 0, -of.Ixz], [0, of.Iyy, 0], [-of.Ixz, 0, of.Izz]])
+
+
 def test_energy_is_conserved_without_forces():
     """d/dt (m V^2/2 + omega I omega/2 + m g h) = 0 at any state, thrust off."""
     aircraft, rng = body(), np.random.default_rng(1)
-    model, I = aircraft_model(aircraft), aircraft.inertia  # noqa: E741
-    tensor = np.array([[I.Ixx, 0, -I.Ixz], [0, I.Iyy, 0], [-I.Ixz, 0, I.Izz]])
+    model, tensor = aircraft_model(aircraft), inertia_tensor(aircraft.inertia)
     for _ in range(20):
         x, u = random_point(model, rng)
         u[model.inputs.index("thrust")] = 0.0
@@ -86,8 +89,7 @@ def test_energy_is_conserved_without_forces():
 def test_angular_momentum_is_conserved_without_torque():
     """|I omega| of a tumbling body; the intermediate axis, so that the motion is not a plain spin."""
     aircraft = body(inertia=Inertia(Ixx=1.0e5, Iyy=1.8e5, Izz=2.4e5, Ixz=3e4))
-    I = aircraft.inertia  # noqa: E741
-    tensor = np.array([[I.Ixx, 0, -I.Ixz], [0, I.Iyy, 0], [-I.Ixz, 0, I.Izz]])
+    tensor = inertia_tensor(aircraft.inertia)
     t = np.arange(0.0, 20.0, 0.01)
     record = Record(name="vacuum", t=t, channels={n: np.full(len(t), float(n == "rho")) for n in INPUTS})
     flown = simulate(aircraft_model(aircraft), record, np.array([140.0, 0, 5.0, 0.1, 0.3, -0.05, 0, 0]))

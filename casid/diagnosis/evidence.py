@@ -19,7 +19,7 @@ from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
 SMALL = 0.0025
-_RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)
+_RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)  # to it, that the estimated prior may have
 _SURE = 3.0  # times its spread that a value must be from zero
 _KNOWN = 0.005  # of a value: what samples leave open between them, and another simulator does otherwise
 _STRETCH, _OWN = 5.0, 0.7  # s; and the largest part of a slot's information that a stretch counts for

@@ -12,7 +12,7 @@ from casid.diagnosis.flight import Flight, Regressors
 from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_series, readings
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.estimation.kalman import Filter, kalman_filter, residual_about
-from casid.model.causes.instruments import group_channels
+from casid.model.causes import group_channels
 from casid.model.system import Model
 
 _LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from casid.errors import InputError, unknown
-from casid.model import causes as _causes  # noqa: F401  (importing them fills the register)
-from casid.model.effect import KINDS, Kind
+from casid.model.causes import KINDS
+from casid.model.effect import Kind
 from casid.model.terms import parse_term
 from casid.signals import label_of
 

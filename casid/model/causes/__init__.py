@@ -22,8 +22,10 @@ from casid.model.causes.instruments import (
     vane_position,
 )
 from casid.model.causes.loading import cg_offset, inertia, mass, thrust_asymmetry, thrust_line
+from casid.model.effect import KINDS
 
 __all__ = [
+    "KINDS",
     "SENSOR_GROUPS",
     "accelerometer_position",
     "actuator_lag",
