@@ -14,6 +14,7 @@ from scipy.stats import chi2, t
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     EquationError,
+    Fit,
     GaussNewton,
     MultipleShooting,
     Problem,
@@ -30,8 +31,9 @@ from casid.estimation import (
     with_noisy_inputs,
 )
 from casid.estimation.filter_error import filter_error
-from casid.estimation.input_noise import _gains, _slopes
-from casid.estimation.relinearise import relinearise
+from casid.estimation.input_noise import _Caused, _gains, _groups
+from casid.estimation.relinearise import AtFit, relinearise
+from casid.estimation.steps import output_function, step_function
 from casid.model.system import define_model
 from casid.records.record import Record
 
@@ -48,6 +50,15 @@ def line_record(count: int = 60) -> Record:
     u = rng.standard_normal(count)
     channels = {"delta_e": u, "q": 2.0 * u - 0.5 + 0.3 * rng.standard_normal(count)}
     return Record(name="m1", t=0.1 * np.arange(count), channels=channels)
+
+
+def all_gains(at: AtFit) -> list[np.ndarray]:
+    """(N, inputs, f) of each record."""
+    found, last = [[] for _ in at.fit.problem.records], np.zeros(0)
+    for group in _groups(at):
+        gains, last = _gains(at, group, last)
+        found[group.record].append(gains)
+    return [np.concatenate(parts) for parts in found]
 
 
 def noisy_flight(seed: int = 1, **options) -> Record:
@@ -195,7 +206,7 @@ def test_the_estimate_follows_a_sample_of_the_input_as_the_adjoint_says(hold, in
     # the record comes from matrix exponentials: the fit leaves the integration error, of 1e-6, as its residual
     at = relinearise(fit, MultipleShooting(interval=interval))
     np.testing.assert_allclose(at.inverse, fit.covariance, rtol=1e-6)
-    gains = _gains(at, _slopes(at))[0]
+    gains = all_gains(at)[0]
     for sample in (0, 30, 24, 25, 56, 140, len(record) - 1):
         change = []
         for shift in (1e-3, -1e-3):
@@ -208,6 +219,58 @@ def test_the_estimate_follows_a_sample_of_the_input_as_the_adjoint_says(hold, in
         slope = (change[0] - change[1]) / 2e-3
         size = np.sqrt(np.diagonal(fit.covariance)) * 10
         np.testing.assert_allclose(-at.inverse @ gains[sample, 0] / size, slope / size, atol=2e-3)
+
+
+def whole_slopes(problem: Problem, fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
+    """Single shooting of a record in one piece: (N, o, n+f) derivatives of its outputs in (initial state, parameters)
+    and (N, o, N) in the samples of its one input, by CasADi through the whole chain of steps."""
+    model, record = problem.model, problem.records[r]
+    step, h, count, o = step_function(model), output_function(model), len(record), len(model.outputs)
+    x0, p, u = ca.MX.sym("x", len(model.states)), ca.MX.sym("p", len(model.parameters)), ca.MX.sym("u", count)
+    x, rows = x0, []
+    for i in range(count):
+        rows.append(h(x, u[i], p))
+        end = u[min(i + 1, count - 1)] if record.hold == "linear" else u[i]
+        x = step(x, u[i], end, np.append(np.diff(record.t), 0.0)[i], p)
+    y = ca.vertcat(*rows)
+    at = fit.states[record.name].trajectory[0], list(fit.values.values()), record["delta_e"]
+    found = ca.Function("slopes", [x0, p, u], [ca.jacobian(y, ca.vertcat(x0, p)), ca.jacobian(y, u)])(*at)
+    return tuple(e.full().reshape(count, o, -1) for e in found)  # pyright: ignore[reportReturnType]
+
+
+@pytest.mark.parametrize("hold", ["linear", "held"])
+def test_groups_of_segments_give_what_the_whole_matrices_give(hold, monkeypatch):
+    """cov = I^-1 (I + sum_j G_j' S G_j) I^-1 with the matrices of whole records: X their sensitivities with the initial
+    state re-estimated, I = X'X, G = X'E with E the derivatives of the outputs in every sample of the input."""
+    t, sigma = np.arange(0.0, 3.6, 0.04), 0.004
+    records = [noisy_flight(seed, name=f"m{seed}", hold=hold, t=t) for seed in (1, 2)]
+    problem = Problem(short_period(), records, free=["*"], noise=NOISE)
+    fit = solve(problem, solver=GaussNewton(tolerance=1e-10))
+    monkeypatch.setattr("casid.estimation.input_noise._GROUP_SAMPLES", 30)  # groups of four segments, the last shorter
+    method = MultipleShooting(interval=7)
+    at, weights = relinearise(fit, method), 1.0 / np.array(list(NOISE.values()))
+    scale = problem.model.scale_vector()
+    information, driven, gains = np.zeros((5, 5)), np.zeros((5, 5)), all_gains(at)
+    for r in range(2):
+        by_unknown, by_input = whole_slopes(problem, fit, r)
+        rows, inputs = ((e * weights[:, None]).reshape(-1, e.shape[2]) for e in (by_unknown, by_input))
+        both = rows.T @ rows + np.diag(np.r_[1.0 / scale**2, np.zeros(5)])
+        follows = np.linalg.solve(both[:2, :2], both[:2, 2:])
+        x = rows[:, 2:] - rows[:, :2] @ follows
+        information += both[2:, 2:] - both[2:, :2] @ follows
+        driven += sigma**2 * (x.T @ inputs) @ (x.T @ inputs).T
+        np.testing.assert_allclose(gains[r][:, 0], (x.T @ inputs).T, atol=1e-9 * np.abs(gains[r]).max())
+        if hold == "held" and r == 0:
+            caused = _Caused(at, np.array([sigma]))
+            for group in _groups(at):
+                if group.record == 0:
+                    caused.add(group)
+            expected = sum(sigma**2 * by_input[i] @ by_input[i - 3].T for i in range(3, len(t))) / (2 * len(t))
+            np.testing.assert_allclose(caused.mean[3], expected, rtol=1e-9)
+    inverse = np.linalg.inv(information)
+    expected = inverse @ (information + driven) @ inverse
+    found = input_noise_errors(fit, {"delta_e": sigma}, method)
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
 
 
 def test_noisy_surfaces_are_in_the_covariance_and_in_the_filter():
