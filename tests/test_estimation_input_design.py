@@ -97,6 +97,20 @@ def test_the_design_is_better_and_nothing_near_it_is_better_still():
     assert tried >= 3
 
 
+def test_a_start_that_bfgs_does_not_finish_ends_at_an_optimum(monkeypatch):
+    """The exact Hessian takes over: IPOPT's conditions hold, and the limit is reached as at every optimum."""
+    monkeypatch.setattr("casid.estimation.input_design._ITERATIONS", 5)
+    shape, worse = Steps(pulses=4), standard_3211(experiment(), criterion="A").cost
+    monkeypatch.setattr("casid.estimation.input_design._EXACT_ITERATIONS", 0)
+    begun = design_input(experiment(), shape, criterion="A", starts=1)
+    monkeypatch.undo()
+    monkeypatch.setattr("casid.estimation.input_design._ITERATIONS", 5)
+    design = design_input(experiment(), shape, criterion="A", starts=1)
+    assert begun.status.startswith("stopped") and design.status == "optimal"
+    assert design.cost < begun.cost and design.cost < worse
+    assert np.abs(design.record["alpha"]).max() == pytest.approx(LIMIT, rel=2e-3)
+
+
 def test_each_criterion_is_best_in_its_own_measure():
     by_d, by_a = designed("D"), designed("A")
 

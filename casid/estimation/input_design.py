@@ -4,6 +4,9 @@ The bound is that of output error with the initial state free: states and their 
 parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta), and the initial state is eliminated by the
 Schur complement. Parameters are in units of their size, so that "D" minimises the mean logarithm of their relative
 variances and "A" their mean (Mulder, Sridhar and Breeman, AGARD AG-300 Vol. 3; Morelli and Klein, 1990).
+
+Limits hold at every sample. Most of the way goes by limited-memory BFGS, whose steps are cheap but which knows only
+curvature upwards and creeps along the limits at the end; the exact Hessian then finishes the best of all starts.
 """
 
 from __future__ import annotations
@@ -27,7 +30,9 @@ from casid.records.record import Record
 
 _STEPS = Steps()
 _UNITS_S = np.geomspace(0.2, 3.0, 16)  # units of the standard 3-2-1-1 tried
-_ITERATIONS = 150
+_ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from each start; with the exact Hessian from the best end
+_TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
+_NEAR = 1e-6  # of a limit: how near to it the exact Hessian takes over
 _SLACK = 1e-3  # of a limit: what a solution may exceed it by
 
 
@@ -113,7 +118,7 @@ class InputDesign:
     std         parameter -> Cramer-Rao bound
     cost        the criterion: mean log variance ("D") or log mean variance ("A") of the parameters over their sizes
     unknowns    surface -> vector of its shape (see `Steps`, `Multisine`)
-    status      "optimal", or in words why not; "given" for a standard input
+    status      "optimal" where IPOPT's conditions hold to 1e-5, or in words why not; "given" for a standard input
     """
 
     record: Record
@@ -139,11 +144,11 @@ def design_input(
     for _ in range(starts):
         parts = [shape.random(rng, experiment.duration) for _ in experiment.surfaces]
         guesses.append(np.concatenate(parts))
-    found = [result for guess in guesses if (result := search.solve(guess)) is not None]
+    found = [result for guess in guesses if (result := search.solved(guess)) is not None]
     if not found:
         raise EstimationError("design_input: no input within the limits was found; widen them, or try more starts")
-    best, status = min(found, key=lambda result: search.cost(result[0]))
-    return search.design(best, status, "designed")
+    best = search.finished(min(found, key=lambda result: search.cost(result.z)))
+    return search.design(best.z, best.status, "designed")
 
 
 def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float = _STEPS.rise_s) -> InputDesign:
@@ -180,6 +185,16 @@ def _standard_unknowns(search: _Search, shape: Steps) -> np.ndarray:
     return best
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Found:
+    """Where IPOPT stopped: unknowns, status, multipliers of the unknowns' limits and of the constraints."""
+
+    z: np.ndarray
+    status: str
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+
+
 class _Search:
     """The problem of a design as CasADi functions of the vector of unknowns of all surfaces."""
 
@@ -197,12 +212,24 @@ class _Search:
         self.g = ca.vertcat(*ends, *over, ca.vec(paths))
         self.g_low = np.r_[np.zeros(len(ends)), -np.ones(self.g.shape[0] - len(ends))]
         self._value = ca.Function("value", [z], [cost, information, self.g])
-        options: dict[str, Any] = {
-            "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": _ITERATIONS,
-            "ipopt.hessian_approximation": "limited-memory", "ipopt.tol": 1e-5, "ipopt.acceptable_tol": 1e-3,
-            "ipopt.acceptable_iter": 8, "error_on_fail": False,
-        }  # fmt: skip
-        self._solver = ca.nlpsol("design", "ipopt", {"x": z, "f": cost, "g": self.g}, options)
+        self._nlp = {"x": z, "f": cost, "g": self.g}
+
+    @cached_property
+    def _quasi_newton(self) -> ca.Function:
+        options = {"max_iter": _ITERATIONS, "hessian_approximation": "limited-memory", "acceptable_tol": 1e-3,
+                   "acceptable_iter": 8}  # fmt: skip
+        return self._solver(options)
+
+    @cached_property
+    def _exact(self) -> ca.Function:
+        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
+        options = {"max_iter": _EXACT_ITERATIONS, "acceptable_iter": 0, "warm_start_init_point": "yes", "mu_init": 1e-4}
+        return self._solver(options | {f"warm_start_{name}": _NEAR for name in pushes})
+
+    def _solver(self, options: dict[str, Any]) -> ca.Function:
+        common = {"print_level": 0, "sb": "yes", "tol": _TOLERANCE}
+        whole = {"print_time": False, "error_on_fail": False, "ipopt": common | options}
+        return ca.nlpsol("design", "ipopt", self._nlp, whole)
 
     def _parts(self, z: Any) -> list[Any]:
         return [z[i * self.count : (i + 1) * self.count] for i in range(len(self.experiment.surfaces))]
@@ -245,16 +272,25 @@ class _Search:
             low, high = (middle, high) if inside else (low, middle)
         return low
 
-    def solve(self, guess: np.ndarray) -> tuple[np.ndarray, str] | None:
-        """(unknowns, status) from a guess; None when that ends outside the limits."""
-        start = np.clip(guess, self.low, self.high)
-        found = self._solver(x0=start, lbx=self.low, ubx=self.high, lbg=self.g_low, ubg=1.0)
-        z = np.asarray(found["x"]).ravel()
+    def solved(self, guess: np.ndarray) -> _Found | None:
+        """From a guess by BFGS; None when that ends outside the limits."""
+        return self._run(self._quasi_newton, x0=np.clip(guess, self.low, self.high))
+
+    def finished(self, found: _Found) -> _Found:
+        """With the exact Hessian from where BFGS stopped, unless it stopped at an optimum."""
+        if found.status == "optimal":
+            return found
+        further = self._run(self._exact, x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
+        return found if further is None or self.cost(further.z) > self.cost(found.z) else further
+
+    def _run(self, solver: ca.Function, **start: np.ndarray) -> _Found | None:
+        result = solver(**start, lbx=self.low, ubx=self.high, lbg=self.g_low, ubg=1.0)
+        z, lam_x, lam_g = (np.asarray(result[name]).ravel() for name in ("x", "lam_x", "lam_g"))
         if not np.isfinite(z).all() or self.worst(z) > 1.0 + _SLACK or not math.isfinite(self.cost(z)):
             return None
-        said = str(self._solver.stats()["return_status"])
-        good = said in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-        return z, "optimal" if good else f"stopped: {said}"
+        said = str(solver.stats()["return_status"])
+        status = "optimal" if said == "Solve_Succeeded" else f"stopped: {said}"
+        return _Found(z=z, status=status, lam_x=lam_x, lam_g=lam_g)
 
     def design(self, z: np.ndarray, status: str, name: str) -> InputDesign:
         experiment = self.experiment
@@ -279,19 +315,22 @@ def _integrated(experiment: Experiment, moves: ca.MX) -> tuple[ca.MX, ca.MX]:
     for k, name in enumerate(experiment.surfaces):
         place[model.inputs.index(name), k] = 1.0
     inputs = np.repeat(rest[:, None], count, axis=1) + ca.mtimes(ca.DM(place), moves)
-    chain = _advance(experiment, p).mapaccum("chain", count)
-    scales = np.diag(model.scale_vector())
-    z0 = ca.vertcat(experiment.start, ca.vec(ca.DM(np.hstack([scales, np.zeros((n, f))]))))
     following = ca.horzcat(inputs[:, 1:], inputs[:, -1])
     steps = np.r_[np.full(count - 1, experiment.dt), 0.0][None]
-    _, gained, paths = chain(z0, inputs, following, steps)
-    total = ca.reshape(ca.sum2(gained), n + f, n + f)
+    informed, limited = _advance(experiment, p)
+    scales = np.diag(model.scale_vector())
+    z0 = ca.vertcat(experiment.start, ca.vec(ca.DM(np.hstack([scales, np.zeros((n, f))]))))
+    _, gained = informed.mapaccum("information", count)(z0, inputs, following, steps)
+    # a chain of its own: derivatives of the limits at every sample do not go through the sensitivities
+    _, paths = limited.mapaccum("limits", count)(experiment.start, inputs, following, steps)
+    total = ca.tril2symm(ca.MX(ca.Sparsity.lower(n + f), ca.sum2(gained)))
     # the prior of the initial state is as wide as its scale, the one that Problem has by default
     return total + ca.DM(np.diag(np.r_[np.ones(n), np.zeros(f)])), paths
 
 
-def _advance(experiment: Experiment, p: np.ndarray) -> ca.Function:
-    """([x; sensitivities], u0, u1, dt) -> the same after the step, information of the sample, limited quantities."""
+def _advance(experiment: Experiment, p: np.ndarray) -> tuple[ca.Function, ca.Function]:
+    """([x; sensitivities], u0, u1, dt) -> the same after the step, information of the sample (its lower triangle by
+    columns); and (x, u0, u1, dt) -> x after the step, limited quantities."""
     model = experiment.model
     n, f = len(model.states), len(experiment.free)
     step, output = step_function(model), output_function(model)
@@ -303,10 +342,11 @@ def _advance(experiment: Experiment, p: np.ndarray) -> ca.Function:
     a, b = ca.jacobian(after, x), ca.jacobian(after, q)[:, free] @ size
     c, d = ca.jacobian(y, x), ca.jacobian(y, q)[:, free] @ size
     s = ca.SX.sym("s", n, n + f)
-    pad = ca.SX.zeros(n, n)
-    following = a @ s + ca.horzcat(pad, b)
+    following = a @ s + ca.horzcat(ca.SX.zeros(n, n), b)
     weight = np.array([1.0 / experiment.noise[o] if o in experiment.noise else 0.0 for o in model.outputs])
     rows = ca.diag(ca.DM(weight)) @ (c @ s + ca.horzcat(ca.SX.zeros(len(weight), n), d))
+    gained = rows.T @ rows
+    lower = ca.vertcat(*[gained[i, j] for j in range(n + f) for i in range(j, n + f)])
     both, names = ca.vertcat(x, y), (*model.states, *model.outputs)
     at_rest = ca.Function("rest", [x, u0, q], [both])(
         experiment.start, [experiment.rest[name] for name in model.inputs], p
@@ -315,12 +355,14 @@ def _advance(experiment: Experiment, p: np.ndarray) -> ca.Function:
         (both[names.index(k)] - float(at_rest[names.index(k)])) / limit for k, limit in experiment.limits.items()
     ]
     results = [
-        ca.vertcat(after, ca.vec(following)),
-        ca.vec(rows.T @ rows),
-        ca.vertcat(*limited) if limited else ca.SX(0, 1),
-    ]
+        ca.vertcat(after, ca.vec(following)), lower,
+        after, ca.vertcat(*limited) if limited else ca.SX(0, 1),
+    ]  # fmt: skip
     results = ca.substitute([ca.densify(r) for r in results], [q], [ca.SX(ca.DM(p))])
-    return ca.Function("advance", [ca.vertcat(x, ca.vec(s)), u0, u1, dt], ca.cse(results))
+    return (
+        ca.Function("informed", [ca.vertcat(x, ca.vec(s)), u0, u1, dt], ca.cse(results[:2])),
+        ca.Function("limited", [x, u0, u1, dt], ca.cse(results[2:])),
+    )
 
 
 def _sizes_of(function: ca.Function) -> list[tuple[int, int]]:
