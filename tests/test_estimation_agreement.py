@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from casid.estimation import Fit, Problem
+from casid.model.system import define_model
+from casid.records.record import Record
 from problems.every_problem import every_problem
 
 BOOK = ("hfb320", "attas lateral", "attas longitudinal", "unstable short period")
@@ -50,3 +53,27 @@ def test_what_does_not_agree_is_seen(load_script):
 
     fit = script.solve(problem)
     assert script.apart(fit, shifted(fit, 1.0 + 1e-6)) > 1.0 > script.apart(fit, fit)
+
+
+def test_two_minima_are_told_from_a_wrong_solution(load_script):
+    """q = a^2 u: a and -a fit alike. Each solver stays at either; at 1.1 a neither does."""
+    script = load_script("compare_solvers")
+    model = define_model(
+        "square", states=("theta",), inputs=("delta_e",), parameters={"a": 1.0}, outputs=("q",),
+        dynamics=lambda s: {"theta": -s.theta}, output=lambda s: {"q": s.a**2 * s.delta_e},
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(50)
+    record = Record(
+        name="m1", t=0.1 * np.arange(50), channels={"delta_e": u, "q": 4.0 * u + 0.1 * rng.standard_normal(50)}
+    )
+    problem = Problem(model, [record], free=["a"], noise={"q": 0.1})
+    right, left = (script.by_ours(replace(problem, start={"a": a})) for a in (1.5, -1.5))
+    assert right.values["a"] == pytest.approx(-left.values["a"]) == pytest.approx(2.0, abs=0.05)
+    assert script.apart(right, left) > 1.0 and script.found(problem, right, left) == "two minima"
+    wrong = replace(right, values={"a": 1.1 * right.values["a"]})
+    assert script.found(problem, right, wrong) == script.DISAGREE
+    lost = replace(left, status="stopped")
+    assert script.found(problem, right, lost) == "ours, not reached by IPOPT"
+    assert script.found(problem, lost, right) == "IPOPT's, not reached by ours"
+    assert script.found(problem, lost, lost) == script.DISAGREE

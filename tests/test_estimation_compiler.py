@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 
-from casid.estimation import Problem, compiler, solve
+from casid.estimation import Ipopt, Problem, compiled_programme, compiler, solve
 from casid.estimation.compiler import Batch, Compilable, cache_folder, compile_function
 from casid.estimation.steps import sample_derivatives, step_function
+from casid.model.system import Model
 
 
 def arguments(function, count: int, seed: int = 0) -> list[np.ndarray]:
@@ -120,3 +121,31 @@ def test_the_cache_is_in_the_users_cache_folder(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", "/home/somebody")
     assert str(cache_folder()) == "/home/somebody/.cache/casid"
+
+
+@needs_compiler
+@pytest.mark.parametrize("hessian", ["exact", "gauss-newton"])
+def test_a_programme_of_ipopt_gives_the_same_compiled(hessian, own_cache, monkeypatch):
+    """Once it has earned it; records of the same size share the library, and the price decides."""
+    monkeypatch.setattr(compiled_programme, "_LOOK_UP_AFTER", 0.0)
+    model = short_period()
+
+    def fitted(estimate: Model, seed: int) -> list[float]:
+        own = flight(noise=NOISE, rng=np.random.default_rng(seed))
+        fit = solve(Problem(estimate, [own], free=["*"], start=START), solver=Ipopt(hessian=hessian))
+        return list(fit.values.values())
+
+    monkeypatch.setattr(compiled_programme, "_COMPILE_PER_BYTE", {"exact": np.inf, "given": np.inf})
+    machine = [fitted(short_period(), seed) for seed in (1, 2)]
+    assert not list(own_cache.glob("*.so"))
+    monkeypatch.setattr(compiled_programme, "_COMPILE_PER_BYTE", {"exact": 0.0, "given": 0.0})
+    native = [fitted(model, seed) for seed in (1, 2)]
+    np.testing.assert_allclose(native, machine, rtol=1e-12)
+    assert len(list(own_cache.glob("*.so"))) == 1
+
+
+def test_a_programme_of_ipopt_does_without_a_compiler(monkeypatch):
+    monkeypatch.setattr(compiled_programme, "_LOOK_UP_AFTER", 0.0)
+    monkeypatch.setattr(compiled_programme, "c_compiler", lambda: None)
+    record = flight(noise=NOISE, rng=np.random.default_rng(1))
+    assert solve(Problem(short_period(), [record], free=["*"], start=START), solver=Ipopt()).converged

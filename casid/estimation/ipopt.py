@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import unknown
+from casid.estimation.compiled_programme import CompilableProgramme
 from casid.estimation.fixed_point import FixedPoint
 from casid.estimation.gauss_newton import Outcome
 from casid.estimation.nlp import Packing, Programme, build, data, point_from, variables
@@ -72,11 +73,10 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
     function, programme = cached(objective.problem.model, key, lambda: _solver(objective, x, d, solver))
     iterations, status, multipliers, noise = 0, "", np.zeros(programme.g.numel()), FixedPoint()
     for _ in range(_ROUNDS):
-        result = function(
+        result, stats = function(
             x0=x.pack(variables(objective, point, scale)), p=d.pack(data(objective, scale, gain)),
             lbg=programme.lower, ubg=programme.upper, lam_g0=multipliers,
         )  # fmt: skip
-        stats = function.stats()
         iterations += int(stats["iter_count"])
         multipliers = np.asarray(result["lam_g"]).ravel()
         point = point_from(objective, x.unpack(np.asarray(result["x"]).ravel()), scale, point)
@@ -112,7 +112,7 @@ def _outcome(
     )  # fmt: skip
 
 
-def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tuple[ca.Function, Programme]:
+def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tuple[CompilableProgramme, Programme]:
     programme = build(objective, x, d)
     options: dict = {
         "print_time": False,
@@ -123,16 +123,17 @@ def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tupl
             "acceptable_iter": 10, "acceptable_tol": 1e3 * solver.tolerance, "mu_strategy": "adaptive",
         },
     }  # fmt: skip
+    function = None
     if solver.hessian == "gauss-newton":
         factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.g.numel())
         jacobian = ca.jacobian(programme.residual, programme.x)
         hessian = ca.triu(factor * programme.gain * (jacobian.T @ jacobian))
-        options["hess_lag"] = ca.Function(
-            "hess_lag", [programme.x, programme.p, factor, multipliers], [hessian],
+        function = ca.Function(
+            "nlp_hess_l", [programme.x, programme.p, factor, multipliers], [hessian],
             ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
         )  # fmt: skip
     nlp = {"x": programme.x, "p": programme.p, "f": programme.f, "g": programme.g}
-    return ca.nlpsol("estimation", "ipopt", nlp, options), programme
+    return CompilableProgramme(nlp, options, function), programme
 
 
 def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
