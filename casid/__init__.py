@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from casid.diagnosis.diagnose import diagnose
     from casid.errors import CasidError, EstimationError, InputError
     from casid.estimation import (
+        Automatic,
         Collocation,
         CombinedError,
         EquationError,
@@ -48,8 +49,9 @@ _ROOMS = {
     "casid.model.system": ("Model", "define_model"),
     "casid.model.trim": ("trim",),
     "casid.estimation": (
-        "Collocation", "CombinedError", "EquationError", "GaussNewton", "InitialState", "Ipopt", "MultipleShooting",
-        "OutputError", "Problem", "RangeWeights", "SingleShooting", "linear", "parameter", "path", "solve",
+        "Automatic", "Collocation", "CombinedError", "EquationError", "GaussNewton", "InitialState", "Ipopt",
+        "MultipleShooting", "OutputError", "Problem", "RangeWeights", "SingleShooting", "linear", "parameter", "path",
+        "solve",
     ),
     "casid.estimation.filter_error": ("filter_error",),
     "casid.diagnosis.diagnose": ("diagnose",),
@@ -58,10 +60,11 @@ _ROOMS = {
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 
 __all__ = [
-    "Aircraft", "CasidError", "Collocation", "CombinedError", "EquationError", "EstimationError", "GaussNewton",
-    "InitialState", "InputError", "Ipopt", "Model", "MultipleShooting", "OutputError", "Problem", "RangeWeights",
-    "Record", "SingleShooting", "aircraft_model", "define_model", "diagnose", "filter_error", "flight_inputs", "linear",
-    "parameter", "path", "read_record", "read_records", "simulate", "solve", "trim", "write_record", "write_report",
+    "Aircraft", "Automatic", "CasidError", "Collocation", "CombinedError", "EquationError", "EstimationError",
+    "GaussNewton", "InitialState", "InputError", "Ipopt", "Model", "MultipleShooting", "OutputError", "Problem",
+    "RangeWeights", "Record", "SingleShooting", "aircraft_model", "define_model", "diagnose", "filter_error",
+    "flight_inputs", "linear", "parameter", "path", "read_record", "read_records", "simulate", "solve", "trim",
+    "write_record", "write_report",
 ]  # fmt: skip
 
 

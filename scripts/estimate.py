@@ -11,8 +11,9 @@ Expectation  DIR/estimate.json, DIR/model.toml (the aircraft file with the estim
              estimate.json says in words; 2 and one line for bad input.
 
     python scripts/estimate.py RECORD ... --aircraft FILE [--cost output|equation|combined] [--equation-weight 0.5]
-        [--method single|multiple|collocation] [--interval N] [--defects hard|soft] [--solver gauss-newton|ipopt]
-        [--free GLOB ...] [--axes full|longitudinal|lateral] [--map CHANNEL=COLUMN:unit] [--out DIR]
+        [--method single|multiple|collocation] [--interval N] [--defects hard|soft]
+        [--solver automatic|gauss-newton|ipopt] [--free GLOB ...] [--axes full|longitudinal|lateral]
+        [--map CHANNEL=COLUMN:unit] [--out DIR]
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import Any, NoReturn
 
 from casid.errors import EstimationError, InputError, run_script
 from casid.estimation import (
+    Automatic,
     Collocation,
     CombinedError,
     EquationError,
@@ -48,6 +50,7 @@ from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import Picture
 
+SOLVERS = {"automatic": Automatic(), "gauss-newton": GaussNewton(), "ipopt": Ipopt()}
 INTERVAL = 25  # samples; soft defects default to 1, where noise enters at every sample
 
 
@@ -60,7 +63,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--method", choices=("single", "multiple", "collocation"), default="multiple")
     parser.add_argument("--interval", type=int, metavar="N", help=f"samples per shooting interval; default {INTERVAL}")
     parser.add_argument("--defects", choices=("hard", "soft"), default="hard", help="soft: process noise")
-    parser.add_argument("--solver", choices=("gauss-newton", "ipopt"), default="gauss-newton")
+    parser.add_argument("--solver", choices=tuple(SOLVERS), default="automatic")
     parser.add_argument("--free", nargs="+", metavar="GLOB", help="parameters to estimate; default: all derivatives")
     parser.add_argument("--axes", choices=("full", "longitudinal", "lateral"), help="default: what the surfaces allow")
     parser.add_argument("--map", action="append", default=[], help="column map: alpha=ALCG:deg, or a TOML file")
@@ -109,7 +112,7 @@ def problem_of(given: argparse.Namespace, applied: Applied) -> Problem:
 
 def estimate(given: argparse.Namespace, problem: Problem) -> tuple[Fit, FilterFit | None]:
     """The fit, and with soft defects the filter-error fit that gave its noise."""
-    solver = GaussNewton() if given.solver == "gauss-newton" else Ipopt()
+    solver = SOLVERS[given.solver]
     if given.defects == "soft":
         found = noise_of_forces(problem)
         method = MultipleShooting(

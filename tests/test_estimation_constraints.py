@@ -88,7 +88,13 @@ def test_a_path_constraint_holds_at_every_sample(method):
 
 def test_gauss_newton_says_that_it_cannot_hold_a_path():
     with pytest.raises(EstimationError, match="Ipopt"):
-        solve(problem(path("alpha", upper=0.1)))
+        solve(problem(path("alpha", upper=0.1)), solver=GaussNewton())
+
+
+def test_a_path_goes_to_ipopt_without_being_told():
+    given = problem(path("alpha", upper=0.95 * float(solve(problem()).predictions["m1"][:, 0].max())))
+    found, named = solve(given), solve(given, solver=Ipopt())
+    assert found.converged and found.solver == "Ipopt" and found.values == named.values
 
 
 def test_limits_that_contradict_each_other_end_with_a_word():

@@ -12,13 +12,14 @@ from casid.estimation.input_design import Experiment, InputDesign, design_input,
 from casid.estimation.input_noise import InputErrors, input_noise_errors, with_noisy_inputs
 from casid.estimation.input_shapes import Multisine, Steps
 from casid.estimation.ipopt import Ipopt
+from casid.estimation.newton import Automatic
 from casid.estimation.problem import InitialState, Problem
 from casid.estimation.profile import ProfileInterval, profile
 from casid.estimation.transcription import Collocation, MultipleShooting, SingleShooting
 
 __all__ = [
-    "Bootstrap", "ChannelFit", "Collocation", "CombinedError", "EquationError", "Estimate", "Experiment", "Fit",
-    "GaussNewton", "Identifiability", "InitialState", "InputDesign", "InputErrors", "Ipopt", "MultipleShooting",
+    "Automatic", "Bootstrap", "ChannelFit", "Collocation", "CombinedError", "EquationError", "Estimate", "Experiment",
+    "Fit", "GaussNewton", "Identifiability", "InitialState", "InputDesign", "InputErrors", "Ipopt", "MultipleShooting",
     "Multisine", "OutputError", "Problem", "ProfileInterval", "RangeWeights", "SampledFeedback", "SingleShooting",
     "StateHistory", "Steps", "bootstrap", "collected", "design_input", "drawn_problem", "identifiability",
     "input_noise_errors", "linear", "parameter", "path", "profile", "replica", "solve", "standard_3211",

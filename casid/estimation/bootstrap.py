@@ -12,12 +12,12 @@ from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.cost import EquationError
 from casid.estimation.estimate import Solver, solve
 from casid.estimation.fit import Fit
-from casid.estimation.gauss_newton import GaussNewton
+from casid.estimation.newton import Automatic
 from casid.estimation.problem import Problem
 from casid.estimation.transcription import MultipleShooting, Transcription
 
 _DEFAULT_METHOD = MultipleShooting()
-_DEFAULT_SOLVER = GaussNewton()
+_DEFAULT_SOLVER = Automatic()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,35 +14,41 @@ from casid.estimation.fit import Fit, StateHistory, channel_fit
 from casid.estimation.gauss_newton import GaussNewton, Outcome, minimise
 from casid.estimation.ipopt import Ipopt, minimise_with_ipopt
 from casid.estimation.layout import build_layout
+from casid.estimation.newton import Automatic, minimise_automatically
 from casid.estimation.objective import Objective
 from casid.estimation.problem import Problem
 from casid.estimation.sensitivity import Shooting
 from casid.estimation.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 
-Solver = GaussNewton | Ipopt
+Solver = Automatic | GaussNewton | Ipopt
 _DEFAULT_METHOD = MultipleShooting()
-_DEFAULT_SOLVER = GaussNewton()
+_DEFAULT_SOLVER = Automatic()
 
 
 def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
     """Estimate the free parameters of `problem`.
 
-    The three choices are independent: cost (in the problem), transcription, solver. EquationError simulates nothing,
+    The three choices are independent: cost (in the problem), transcription, solver. GaussNewton and Ipopt work alone;
+    Automatic takes what the problem needs, and `Fit.solver` says which one finished. EquationError simulates nothing,
     so every transcription gives the same result with it. Raises EstimationError for a combination that cannot work:
     path constraints with GaussNewton, process noise without a given measurement noise or with EquationError. A course
     of iteration that goes wrong is not an error: `Fit.status` says it.
     """
     begin = time.perf_counter()
+    if problem.path_constraints and isinstance(solver, Automatic):
+        solver = Ipopt(seconds=solver.seconds)
     _check(problem, method, solver)
     objective = build_objective(problem, method)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        if isinstance(solver, GaussNewton):
+        if isinstance(solver, Automatic):
+            outcome = minimise_automatically(objective, solver)
+        elif isinstance(solver, GaussNewton):
             outcome = minimise(objective, solver)
         else:
             outcome = minimise_with_ipopt(objective, solver)
-        return _fit(objective, outcome, method, solver, begin)
+        return _fit(objective, outcome, method, begin)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:
@@ -61,8 +67,8 @@ def build_objective(problem: Problem, method: Transcription) -> Objective:
 def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
     if not isinstance(method, SingleShooting | MultipleShooting | Collocation):
         raise EstimationError(f"solve: {method!r} is no transcription; expected SingleShooting() or the like")
-    if not isinstance(solver, GaussNewton | Ipopt):
-        raise EstimationError(f"solve: {solver!r} is no solver; expected GaussNewton() or Ipopt()")
+    if not isinstance(solver, Solver):
+        raise EstimationError(f"solve: {solver!r} is no solver; expected Automatic(), GaussNewton() or Ipopt()")
     if problem.feedback is not None and (isinstance(method, Collocation) or isinstance(solver, Ipopt)):
         raise EstimationError(
             "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or MultipleShooting() "
@@ -80,7 +86,7 @@ def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
             )
 
 
-def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: Solver, begin: float) -> Fit:
+def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: float) -> Fit:
     problem, value = objective.problem, outcome.value
     status = outcome.status
     errors = _errors(objective, outcome)
@@ -101,7 +107,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, solver: 
         noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]}, channels=channels,
         noise_covariance=levels.matrix if levels.full else np.diag(sigma**2),
         predictions=predicted, residuals=residuals, states=_states(objective, outcome),
-        multipliers=outcome.limit_multipliers, method=type(method).__name__, solver=type(solver).__name__,
+        multipliers=outcome.limit_multipliers, method=type(method).__name__, solver=outcome.solver,
     )  # fmt: skip
 
 

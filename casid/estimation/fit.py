@@ -66,6 +66,7 @@ class Fit:
                       where not measured
     states            record -> StateHistory; empty for equation error
     multipliers       one per row of the problem's linear constraints, positive at an upper limit
+    solver            the one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all
     """
 
     problem: Problem

@@ -37,23 +37,28 @@ class Outcome:
     stationarity: float
     limit_multipliers: np.ndarray
     linear: Linearised | None = None
+    solver: str = "GaussNewton"  # the one that came to this point
 
 
 _DEFECT = 1e-8
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
+_COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
 
 
-def minimise(objective: Objective, solver: GaussNewton) -> Outcome:
-    """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened."""
-    return _Iteration(objective, solver).run()
+def minimise(objective: Objective, solver: GaussNewton, patient: bool = True) -> Outcome:
+    """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
+
+    patient: whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
+    """
+    return _Iteration(objective, solver, patient).run()
 
 
 class _Iteration:
     """State of one minimisation."""
 
-    def __init__(self, objective: Objective, solver: GaussNewton) -> None:
-        self.objective, self.solver = objective, solver
+    def __init__(self, objective: Objective, solver: GaussNewton, patient: bool = True) -> None:
+        self.objective, self.solver, self.patient = objective, solver, patient
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping = 0.0
@@ -63,6 +68,7 @@ class _Iteration:
         self.near = self.relaxing = False  # near enough to the solution for residuals to be noise
         self.noise_change = np.inf if self.estimate_noise else 0.0
         self.stationarity = np.inf
+        self.course: list[float] = []  # stationarity of all iterations
         self.multipliers = np.zeros(len(objective.lower))
         self.linear: Linearised | None = None
 
@@ -74,6 +80,8 @@ class _Iteration:
             status = self._iterate()
             if status:
                 return self._outcome(status, iteration)
+            if not self.patient and self._creeps():
+                return self._outcome("stopped: the steps shrink too slowly", iteration)
             if time.perf_counter() > deadline:
                 return self._outcome(f"stopped after {self.solver.seconds:g} s, not converged", iteration)
         return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
@@ -116,6 +124,15 @@ class _Iteration:
         self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
         return ""
 
+    def _creeps(self) -> bool:
+        """Whether the last steps were all near the solution and would take too many more at the rate they shrink."""
+        self.course.append(self.stationarity)
+        last = self.course[-_COURSE - 1 :]
+        if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.objective.levels.count):
+            return False
+        rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
+        return rate >= 1.0 or np.log(self.solver.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
+
     def _more_damping(self) -> bool:
         self.damping = max(10 * self.damping, 1e-8)
         return self.damping < 1e6
@@ -123,8 +140,7 @@ class _Iteration:
     def _judge(self, step: Step) -> bool:
         """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
         length = np.sqrt(max(step.curvature, 0.0))
-        noise = np.sqrt(2 * self.value.cost / self.objective.levels.count)
-        self.stationarity = length / max(noise, 1e-300)
+        self.stationarity = self.objective.length(step, self.value)
         if self.estimate_noise and self.value.worst() < 1e-3:
             self.near |= bool(
                 length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.levels.size

@@ -108,7 +108,7 @@ def _outcome(
 ) -> Outcome:
     return Outcome(
         point=point, value=value, status=status, iterations=iterations, stationarity=stationarity,
-        limit_multipliers=multipliers,
+        limit_multipliers=multipliers, solver="Ipopt",
     )  # fmt: skip
 
 
@@ -195,6 +195,4 @@ def _gauss_newton_step(objective: Objective, point: Point, value: Value) -> Step
 def _stationarity(objective: Objective, point: Point, value: Value) -> float:
     """Length of a further Gauss-Newton step in standard deviations; not a number where there is none."""
     step = _gauss_newton_step(objective, point, value)
-    if step is None:
-        return np.nan
-    return float(np.sqrt(max(step.curvature, 0.0) / max(2 * value.cost / objective.levels.count, 1e-300)))
+    return np.nan if step is None else objective.length(step, value)

@@ -297,10 +297,18 @@ class Objective:
         concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
         Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
         """
-        at = self.rows @ point.theta
         curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
-        damped = curved + damping * np.diag(np.diagonal(linear.hessian))
-        theta, limit_multipliers = parameter_step(damped, linear.gradient, self.rows, self.lower - at, self.upper - at)
+        return self.step_by(point, linear, curved + damping * np.diag(np.diagonal(linear.hessian)))
+
+    def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> Step:
+        """The step whose parameters minimise the gradient's line with a curvature (parameters, parameters) of their
+        own within the linear limits. Raises numpy.linalg.LinAlgError when it is not positive definite."""
+        at = self.rows @ point.theta
+        theta, limits = parameter_step(curvature, linear.gradient, self.rows, self.lower - at, self.upper - at)
+        return self.step_along(point, linear, theta, limits)
+
+    def step_along(self, point: Point, linear: Linearised, theta: np.ndarray, limit_multipliers: np.ndarray) -> Step:
+        """The step that changes the parameters by `theta` and everything else as the linearisation then wants it."""
         precision = 1.0 / self.problem.prior_std**2
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
         curvature = float(theta @ (precision * theta))
@@ -328,6 +336,11 @@ class Objective:
             theta=theta, nodes=nodes, noise=noise, points=points, slope=slope, curvature=curvature, price=price,
             limit_multipliers=limit_multipliers,
         )  # fmt: skip
+
+    def length(self, step: Step, value: Value) -> float:
+        """Length of a step in standard deviations of the solution."""
+        noise = np.sqrt(2 * value.cost / self.levels.count)
+        return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
 
     def negligible(self, step: Step, value: Value, tolerance: float) -> bool:
         """Whether a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""

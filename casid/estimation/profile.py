@@ -20,14 +20,14 @@ from casid.estimation.constraints import parameter as limits_of
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.estimate import Solver, solve
 from casid.estimation.fit import Fit
-from casid.estimation.gauss_newton import GaussNewton
+from casid.estimation.newton import Automatic
 from casid.estimation.transcription import MultipleShooting, Transcription
 
 _TOLERANCE = 0.005  # of the root of the deviance: half a per cent of a standard error
 _SOLVES = 10  # per side
 _FARTHEST = 30.0  # standard errors: beyond, the side counts as open
 _DEFAULT_METHOD = MultipleShooting()
-_DEFAULT_SOLVER = GaussNewton()
+_DEFAULT_SOLVER = Automatic()
 
 
 @dataclass(frozen=True, kw_only=True)
