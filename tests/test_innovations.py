@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -239,6 +240,25 @@ def test_compiled_recursions_equal_the_plain_ones_to_rounding() -> None:
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
+def test_the_number_of_processors_changes_no_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, records = gusty_short_period(), [gusty_flight(seed, f"m{seed}", 200) for seed in (1, 2, 3)]
+    batch = make_batch(model, records)
+    X = np.random.default_rng(5).normal(0.0, 0.1, (200, 3, 2))
+    series = np.random.default_rng(6).normal(size=(200, 3, 40))
+    P = np.tile(model.nominal_vector(), (3, 1))
+    found = []
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(8), raising=False)
+        linear = linearise(PointFunctions(model, model.parameters), batch, P, X)
+        fitted = kalman_filter(linear, GUSTY)
+        Y, F = residual_column(linear)
+        found.append((linear.A, fitted.K, fitted.whiten_histories([0] * 40, series), fitted.smooth(Y, F)))
+    for one, two, five in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+        np.testing.assert_array_equal(one, five)
+
+
 def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     records = [gusty_flight(1, "m1", 60), replace(gusty_flight(2, "m2", 40), hold="linear")]
     model = gusty_short_period()
@@ -247,7 +267,7 @@ def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     P = np.tile(model.nominal_vector(), (2, 1))
     functions = PointFunctions(model, model.parameters)
     linear = linearise(functions, batch, P, X)
-    _, *jacobians = functions.points(X, batch.U, P)
+    jacobians = functions.jacobians(X, batch.U, P, np.zeros((60, 2, len(model.disturbances))))
     plain = _interval(*jacobians, batch.dt, batch.live, batch.held, linear.seen)
     for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
         np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from casid.diagnosis.flight import Flight, Regressors
+from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_series, readings
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.estimation.kalman import Filter, kalman_filter, residual_about
@@ -107,8 +107,8 @@ class _Work:
         symbolic = [a.name for a in attached if a.effect.symbolic]
         aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
         names = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "states": []}[free]
-        self.functions = PointFunctions(self.model, names)
-        self.regressors = Regressors(flight, self.model)
+        self.functions = flight.functions(self.model, names)
+        self.regressors = flight.regressors(self.model)
         numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
         self.slots = (
             *(Slot(name=name) for name in names),

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
-from casid.estimation.innovations import Batch, NoiseModel, evaluate, make_batch
+from casid.estimation.compiler import Compilable
+from casid.estimation.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
 from casid.estimation.noise import denoise, density_sigma, high_band_holds, motion_edge, pooled_sigma
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
@@ -52,6 +53,8 @@ class Flight:
     input_sigma: dict[str, float]
     doubted: tuple[str, ...] = ()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
+    _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,6 +71,19 @@ class Flight:
         if key not in self._models:
             self._models[key] = aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic)
         return self._models[key]
+
+    def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
+        """The functions of one of its models, with derivatives by the `free` parameters."""
+        key = model, tuple(free)
+        if key not in self._functions:
+            self._functions[key] = PointFunctions(model, free)
+        return self._functions[key]
+
+    def regressors(self, model: Model) -> Regressors:
+        """The aerodynamic regressors of one of its models."""
+        if model not in self._regressors:
+            self._regressors[model] = Regressors(self, model)
+        return self._regressors[model]
 
     def batch(self, model: Model) -> Batch:
         return make_batch(model, self.records)
@@ -86,13 +102,13 @@ class Flight:
             density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in (left, self.records))
             if density > _CLEARLY * self.sigma[name]:
                 raised[name] = density
-        return replace(self, sigma=self.sigma | raised, _models={})
+        return replace(self, sigma=self.sigma | raised)
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight."""
         ready = tuple(flight_inputs(aircraft, record, self.axes) for record in records)
         quiet = tuple(_with_quiet_inputs(record, self.input_sigma) for record in ready)
-        return replace(self, aircraft=aircraft, records=ready, quiet=quiet, _models={})
+        return replace(self, aircraft=aircraft, records=ready, quiet=quiet, _models={}, _functions={}, _regressors={})
 
 
 def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
@@ -158,13 +174,13 @@ class Regressors:
         self._quiet = make_batch(model, flight.quiet)
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
-        self._function = ca.Function("regressors", [model.x, model.u, model.w], [expressions])
+        self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
 
     def along(self, X: np.ndarray, W: np.ndarray) -> dict[str, np.ndarray]:
         """name -> (N, R): regressors of the trajectory X (N, R, nx) in moving air (disturbances W (N, R, nw)), rates of
         the flow angles by differences included, and the inputs, both from denoised inputs."""
         inputs = self._quiet.U
-        values = evaluate(self._function, X, inputs, W)[0][..., 0]
+        values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
         table |= {name: X[..., i] for i, name in enumerate(self._states) if name in ("phi", "theta")}

@@ -18,7 +18,7 @@ from scipy import stats
 from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
-from casid.estimation.innovations import PointFunctions, linearise
+from casid.estimation.innovations import linearise
 from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
@@ -155,7 +155,7 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
         if slot.attached is None:
             P[:, model.parameters.index(slot.name)] = value
     names = [e.name for e in effects]
-    linear = linearise(PointFunctions(model, names), base.batch, P, base.linear.X, base.moving)
+    linear = linearise(base.flight.functions(model, names), base.batch, P, base.linear.X, base.moving)
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 

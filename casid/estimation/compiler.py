@@ -45,8 +45,9 @@ def c_compiler() -> str | None:
 
 
 def compile_first() -> bool:
-    """Whether functions are compiled before their first use (CASID_COMPILE_FIRST is set). When it is time that decides,
-    a machine that is busy or has not compiled yet switches later, and results may differ in their last digits."""
+    """Whether kernels are compiled before their first use (CASID_COMPILE_FIRST is set). When it is time that decides,
+    a machine that is busy or has not compiled yet switches later, and their sums differ in the last digits. A
+    `Compilable` does the same operations in the same order either way."""
     return bool(os.environ.get("CASID_COMPILE_FIRST"))
 
 
@@ -166,8 +167,7 @@ class Compilable:
 
     def current(self) -> ca.Function:
         """The function in the form that is to be used now."""
-        first = compile_first()
-        if self._settled or (self.spent < self._look_up_after and not first):
+        if self._settled or self.spent < self._look_up_after:
             return self.function
         if c_compiler() is None:
             self._settled = True
@@ -178,7 +178,7 @@ class Compilable:
         source, library = self._pending
         if library.exists():
             self.function, self._settled = _load(self.function, library), True
-        elif first or self.spent >= self._compile_after:
+        elif self.spent >= self._compile_after:
             self._settled = True
             if compile_library(source) is not None:
                 self.function = _load(self.function, library)

@@ -1,310 +1,25 @@
 """The recursions of `kalman` and `innovations` as compiled C; the numpy versions beside them say what they compute.
 
-Nothing in the source depends on the model: one library serves all, compiled once per machine.
+Nothing in the source depends on the model: one library serves all, compiled once per machine. Records know nothing of
+each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS` limits how many do).
 """
 
 from __future__ import annotations
 
 import ctypes
+import os
+import threading
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
 from casid.estimation.compiler import c_compiler, compile_library
+from casid.estimation.filter_kernel_source import SOURCE
 
-_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 _MOST = 64  # states, outputs; beyond that numpy does the work
-
-_SOURCE = r"""
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#ifdef __SSE__
-#include <xmmintrin.h>
-/* responses die out to numbers too small to be normal, which processors are slow with: to zero with them */
-#define BEGIN unsigned before = _mm_getcsr(); _mm_setcsr(before | 0x8040);
-#define END _mm_setcsr(before);
-#else
-#define BEGIN
-#define END
-#endif
-#define MOST 64
-#define TILE 16
-
-/* c (rows, columns) = a (rows, inner) b (inner, columns), added to what is there or not */
-static void product(long rows, long inner, long columns, const double *a, const double *b, double *c, int add)
-{
-    for (long i = 0; i < rows; i++) {
-        double *to = c + i * columns;
-        if (!add) memset(to, 0, columns * sizeof(double));
-        for (long j = 0; j < inner; j++) {
-            double f = a[i * inner + j];
-            const double *from = b + j * columns;
-            if (f != 0.0) for (long k = 0; k < columns; k++) to[k] += f * from[k];
-        }
-    }
-}
-
-static void transposed(long rows, long columns, const double *a, double *b)
-{
-    for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) b[j * rows + i] = a[i * columns + j];
-}
-
-/* inverse (ny, ny) of the lower root of s; returns the log determinant of s, NaN when it is not positive */
-static double inverse_root(long ny, double *s, double *inverse)
-{
-    double total = 0.0;
-    for (long j = 0; j < ny; j++) {
-        for (long k = 0; k < j; k++) {
-            double f = s[j * ny + k];
-            for (long i = j; i < ny; i++) s[i * ny + j] -= f * s[i * ny + k];
-        }
-        double pivot = s[j * ny + j];
-        if (!(pivot > 0.0)) return NAN;
-        total += log(pivot);
-        pivot = 1.0 / sqrt(pivot);
-        for (long i = j; i < ny; i++) s[i * ny + j] *= pivot;
-    }
-    memset(inverse, 0, ny * ny * sizeof(double));
-    for (long i = 0; i < ny; i++) {
-        double *row = inverse + i * ny;
-        for (long k = 0; k < i; k++) {
-            double f = s[i * ny + k];
-            for (long j = 0; j <= k; j++) row[j] -= f * inverse[k * ny + j];
-        }
-        double pivot = 1.0 / s[i * ny + i];
-        for (long j = 0; j < i; j++) row[j] *= pivot;
-        row[i] = pivot;
-    }
-    return total;
-}
-
-/* covariance pass; returns 0, or 1 when an innovation's covariance is not positive definite */
-int covariance(long N, long R, long n, long ny, const double *A, const double *C, const double *Q, const double *M,
-               const double *P0, double *K, double *root, double *kept, double *log_determinant)
-{
-    double P[MOST * MOST], Ct[MOST * MOST], PC[MOST * MOST], S[MOST * MOST], W[MOST * MOST], T[MOST * MOST],
-        U[MOST * MOST];
-    for (long r = 0; r < R; r++) {
-        memcpy(P, P0 + r * n * n, n * n * sizeof(double));
-        for (long k = 0; k < N; k++) {
-            long at = k * R + r;
-            const double *c = C + at * ny * n;
-            double *inverse = root + at * ny * ny, *gain = K + at * n * ny;
-            memcpy(kept + at * n * n, P, n * n * sizeof(double));
-            transposed(ny, n, c, Ct);
-            product(n, n, ny, P, Ct, PC, 0);
-            memcpy(S, M + at * ny * ny, ny * ny * sizeof(double));
-            product(ny, n, ny, c, PC, S, 1);
-            log_determinant[at] = inverse_root(ny, S, inverse);
-            if (isnan(log_determinant[at])) return 1;
-            transposed(ny, ny, inverse, T);
-            product(n, ny, ny, PC, T, W, 0);
-            product(n, ny, ny, W, inverse, gain, 0);
-            if (k == N - 1) break;
-            transposed(n, ny, W, T);
-            for (long i = 0; i < n * ny; i++) W[i] = -W[i];
-            product(n, ny, n, W, T, P, 1);
-            const double *a = A + at * n * n;
-            product(n, n, n, a, P, U, 0);
-            transposed(n, n, a, T);
-            memcpy(P, Q + at * n * n, n * n * sizeof(double));
-            product(n, n, n, U, T, P, 1);
-            for (long i = 0; i < n; i++) for (long j = 0; j < i; j++)
-                P[i * n + j] = P[j * n + i] = 0.5 * (P[i * n + j] + P[j * n + i]);
-        }
-    }
-    return 0;
-}
-
-typedef double V __attribute__((vector_size(64)));
-typedef union { V v[2]; double d[TILE]; } tile;
-
-/* c += sign a b, a (rows, inner) by `stride`; of a lower triangle only what is not zero when `triangle` is set. Four
-   rows at a time, so that what is read of b serves four times. */
-static inline void multiply(long rows, long inner, const double *a, const tile *b, tile *c, double sign, int triangle)
-{
-    long i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        V s0 = c[i].v[0], s1 = c[i].v[1], s2 = c[i + 1].v[0], s3 = c[i + 1].v[1];
-        V s4 = c[i + 2].v[0], s5 = c[i + 2].v[1], s6 = c[i + 3].v[0], s7 = c[i + 3].v[1];
-        const double *r0 = a + i * inner, *r1 = r0 + inner, *r2 = r1 + inner, *r3 = r2 + inner;
-        long most = triangle ? i + 4 : inner;
-        for (long j = 0; j < most; j++) {
-            V x = b[j].v[0], y = b[j].v[1];
-            double f0 = sign * r0[j], f1 = sign * r1[j], f2 = sign * r2[j], f3 = sign * r3[j];
-            s0 += f0 * x, s1 += f0 * y, s2 += f1 * x, s3 += f1 * y;
-            s4 += f2 * x, s5 += f2 * y, s6 += f3 * x, s7 += f3 * y;
-        }
-        c[i].v[0] = s0, c[i].v[1] = s1, c[i + 1].v[0] = s2, c[i + 1].v[1] = s3;
-        c[i + 2].v[0] = s4, c[i + 2].v[1] = s5, c[i + 3].v[0] = s6, c[i + 3].v[1] = s7;
-    }
-    for (; i < rows; i++) {
-        V s0 = c[i].v[0], s1 = c[i].v[1];
-        for (long j = 0; j < (triangle ? i + 1 : inner); j++) {
-            double f = sign * a[i * inner + j];
-            s0 += f * b[j].v[0], s1 += f * b[j].v[1];
-        }
-        c[i].v[0] = s0, c[i].v[1] = s1;
-    }
-}
-
-static void load(long rows, long stride, long width, const double *from, tile *to)
-{
-    for (long i = 0; i < rows; i++) memcpy(to[i].d, from + i * stride, width * sizeof(double));
-}
-
-/* to = (added to) what time histories put into `rows` equations through column station[l] of by (rows, nw) */
-static void enter(long rows, long nw, long width, const long *station, const double *by, const double *series, tile *to,
-                  int add)
-{
-    for (long i = 0; i < rows; i++) for (int l = 0; l < width; l++) {
-        double value = by[i * nw + station[l]] * series[l];
-        to[i].d[l] = add ? to[i].d[l] + value : value;
-    }
-}
-
-/* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc), or, when Y is
-   null, as time histories series (N,R,nc) that enter at disturbance number station[nc] through Dw, B0, B1.
-   white (R,N,ny,nc); states (N,R,n,nc). */
-void whiten(long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C, const double *K,
-            const double *root, const double *Y, const double *F, const double *E0, long nw, const long *station,
-            const double *series, const double *Dw, const double *B0, const double *B1, double *white, double *states)
-{
-    tile e[MOST], out[MOST], next[MOST];
-    long tiles = (nc + TILE - 1) / TILE;
-    tile *all = aligned_alloc(sizeof(tile), tiles * n * sizeof(tile));
-    BEGIN
-    memset(e, 0, sizeof e); memset(next, 0, sizeof next);
-    for (long r = 0; r < R; r++) {
-        memset(all, 0, tiles * n * sizeof(tile));
-        if (E0) for (long b = 0; b < tiles; b++)
-            load(n, nc, nc - b * TILE < TILE ? nc - b * TILE : TILE, E0 + r * n * nc + b * TILE, all + b * n);
-        for (long k = 0; k < N; k++) for (long b = 0; b < tiles; b++) {
-            long at = k * R + r, first = b * TILE, width = nc - first < TILE ? nc - first : TILE;
-            tile *E = all + b * n;
-            if (states) for (long i = 0; i < n; i++)
-                memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
-            if (Y) load(ny, nc, width, Y + at * ny * nc + first, e);
-            else enter(ny, nw, width, station + first, Dw + at * ny * nw, series + at * nc + first, e, 0);
-            multiply(ny, n, C + at * ny * n, E, e, 1.0, 0);
-            memset(out, 0, ny * sizeof(tile));
-            multiply(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
-            for (long i = 0; i < ny; i++)
-                memcpy(white + ((r * N + k) * ny + i) * nc + first, out[i].d, width * sizeof(double));
-            if (k == N - 1) continue;
-            if (F) load(nx, nc, width, F + at * nx * nc + first, next);
-            else {
-                enter(nx, nw, width, station + first, B0 + at * nx * nw, series + at * nc + first, next, 0);
-                enter(nx, nw, width, station + first, B1 + at * nx * nw, series + (at + R) * nc + first, next, 1);
-            }
-            memset(next + nx, 0, (n - nx) * sizeof(tile));
-            multiply(n, ny, K + at * n * ny, e, E, -1.0, 0);
-            multiply(n, n, A + at * n * n, E, next, 1.0, 0);
-            memcpy(E, next, n * sizeof(tile));
-        }
-    }
-    END
-    free(all);
-}
-
-/* Bryson-Frazier: deviation (N,R,n) from white (R,N,ny) and predicted states (N,R,n) of one column */
-void smooth(long N, long R, long n, long ny, const double *A, const double *C, const double *K, const double *root,
-            const double *kept, const double *white, const double *states, double *deviation)
-{
-    double costate[MOST], moved[MOST], gained[MOST];
-    for (long r = 0; r < R; r++) {
-        memset(costate, 0, sizeof costate);
-        for (long k = N - 1; k >= 0; k--) {
-            long at = k * R + r;
-            const double *c = C + at * ny * n, *gain = K + at * n * ny, *w = white + (r * N + k) * ny;
-            if (k < N - 1) {
-                const double *a = A + at * n * n;
-                memset(moved, 0, sizeof moved);
-                for (long i = 0; i < n; i++) for (long j = 0; j < n; j++) moved[j] += a[i * n + j] * costate[i];
-                memcpy(costate, moved, n * sizeof(double));
-            }
-            for (long j = 0; j < ny; j++) {
-                double sum = 0.0;
-                if (k < N - 1) for (long i = 0; i < n; i++) sum -= gain[i * ny + j] * moved[i];
-                for (long i = j; i < ny; i++) sum += root[(at * ny + i) * ny + j] * w[i];
-                gained[j] = sum;
-            }
-            for (long j = 0; j < ny; j++) for (long i = 0; i < n; i++) costate[i] += c[j * n + i] * gained[j];
-            for (long i = 0; i < n; i++) {
-                double sum = -states[at * n + i];
-                for (long j = 0; j < n; j++) sum += kept[(at * n + i) * n + j] * costate[j];
-                deviation[at * n + i] = sum;
-            }
-        }
-    }
-}
-
-/* moved (nx) = K x0, K (nx, nx) by columns that lie `rows` apart */
-static void along(long nx, long rows, const double *K, const double *x0, double *moved)
-{
-    memset(moved, 0, nx * sizeof(double));
-    for (long l = 0; l < nx; l++) {
-        double f = x0[l];
-        if (f != 0.0) for (long i = 0; i < nx; i++) moved[i] += K[l * rows + i] * f;
-    }
-}
-
-/* to (ny, columns) = rows of the output equation, 0 where it is not seen */
-static void outputs(long nx, long ny, long columns, const double *by, const unsigned char *seen, double *to)
-{
-    for (long i = 0; i < ny; i++)
-        for (long j = 0; j < columns; j++) to[i * columns + j] = seen[i] ? by[j * (nx + ny) + nx + i] : 0.0;
-}
-
-/* Step matrices of `innovations.linearise` from Jacobians (N,R,columns,nx+ny) of state and output equations. */
-void interval(long N, long R, long nx, long ny, long np, long nw, const double *by_x, const double *by_p,
-              const double *by_w, const double *dt, const unsigned char *live, const unsigned char *held,
-              const unsigned char *seen, double *A, double *Bp, double *B0, double *B1, double *C, double *Dp,
-              double *Dw)
-{
-    long rows = nx + ny;
-    double moved[MOST];
-    for (long k = 0; k < N; k++) for (long r = 0; r < R; r++) {
-        long at = k * R + r, next = at + R;
-        const unsigned char *has = seen + at * ny;
-        outputs(nx, ny, nx, by_x + at * nx * rows, has, C + at * ny * nx);
-        outputs(nx, ny, np, by_p + at * np * rows, has, Dp + at * ny * np);
-        outputs(nx, ny, nw, by_w + at * nw * rows, has, Dw + at * ny * nw);
-        if (k == N - 1) continue;
-        double *a = A + at * nx * nx, *bp = Bp + at * nx * np, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
-        if (!live[next]) {
-            memset(a, 0, nx * nx * sizeof(double));
-            for (long i = 0; i < nx; i++) a[i * nx + i] = 1.0;
-            memset(bp, 0, nx * np * sizeof(double));
-            memset(b0, 0, nx * nw * sizeof(double));
-            memset(b1, 0, nx * nw * sizeof(double));
-            continue;
-        }
-        double h = dt[at];
-        const double *K = by_x + next * nx * rows;
-        for (long j = 0; j < nx; j++) {
-            const double *x0 = by_x + (at * nx + j) * rows, *x1 = K + j * rows;
-            along(nx, rows, K, x0, moved);
-            for (long i = 0; i < nx; i++) a[i * nx + j] = (i == j) + h / 2 * (x0[i] + x1[i]) + h * h / 2 * moved[i];
-        }
-        for (long j = 0; j < np; j++) {
-            const double *x0 = by_p + (at * np + j) * rows, *x1 = by_p + (next * np + j) * rows;
-            along(nx, rows, K, x0, moved);
-            for (long i = 0; i < nx; i++) bp[i * np + j] = h / 2 * (x0[i] + x1[i]) + h * h / 2 * moved[i];
-        }
-        for (long j = 0; j < nw; j++) {
-            const double *x0 = by_w + (at * nw + j) * rows, *x1 = by_w + (next * nw + j) * rows;
-            along(nx, rows, K, x0, moved);
-            for (long i = 0; i < nx; i++) {
-                double first = h / 2 * x0[i] + h * h / 3 * moved[i], second = h / 2 * x1[i] + h * h / 6 * moved[i];
-                b0[i * nw + j] = held[r] ? first + second : first;
-                b1[i * nw + j] = held[r] ? 0.0 : second;
-            }
-        }
-    }
-}
-"""
+_TILE = 16  # columns that go through the filter side by side
+_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC", f"-DMOST={_MOST}", f"-DTILE={_TILE}")
 
 
 class FilterKernel:
@@ -313,8 +28,9 @@ class FilterKernel:
     def __init__(self, library: str) -> None:
         loaded = ctypes.CDLL(library)
         self._covariance, self._whiten, self._smooth = loaded.covariance, loaded.whiten, loaded.smooth
-        self._interval = loaded.interval
-        self._whiten.restype = self._smooth.restype = self._interval.restype = None
+        self._interval, self._augment = loaded.interval, loaded.augment
+        for without in (self._whiten, self._smooth, self._interval, self._augment):
+            without.restype = None
 
     def interval(self, by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
         """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from Jacobians (N, R, nx + ny, columns) of both equations."""
@@ -325,7 +41,20 @@ class FilterKernel:
         made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
         given = [part.swapaxes(2, 3) for part in (by_x, by_p, by_w)]  # as CasADi wrote them
         flags = [flag.astype(np.uint8) for flag in (live, held, seen)]
-        _call(self._interval, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
+        _call(self._interval, N, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
+        return tuple(made)
+
+    def augmented(self, linear, coloured, white, sigma, tau, input_sigma, variance) -> tuple[np.ndarray, ...]:
+        """(A, C, Q, M) of `kalman.augmented`; `coloured` and `white` are indices of disturbances."""
+        (N, R, ny, nx), nw, nz = linear.C.shape, linear.Dw.shape[3], len(coloured)
+        n = nx + nz
+        made = [
+            np.empty((N - steps, R, *shape)) for steps, shape in ((1, (n, n)), (0, (ny, n)), (1, (n, n)), (0, (ny, ny)))
+        ]
+        index = [np.asarray(one, dtype=ctypes.c_long) for one in (coloured, white)]
+        given = (linear.dt, linear.seen.astype(np.uint8), linear.A, linear.Bw0, linear.Bw1, linear.C, linear.Dw)
+        sizes = (N, R, nx, ny, nw, nz, len(white))
+        _call(self._augment, N, sizes, *index, sigma, tau, input_sigma, variance, *given, *made)
         return tuple(made)
 
     def covariance(self, A, C, Q, M, P0) -> tuple[np.ndarray, ...]:
@@ -334,7 +63,7 @@ class FilterKernel:
         N, R, ny, n = C.shape
         K, root = np.empty((N, R, n, ny)), np.empty((N, R, ny, ny))
         kept, log_determinant = np.empty((N, R, n, n)), np.empty((N, R))
-        if _call(self._covariance, (N, R, n, ny), A, C, Q, M, P0, K, root, kept, log_determinant):
+        if not _call(self._covariance, R, (N, R, n, ny), A, C, Q, M, P0, K, root, kept, log_determinant):
             raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
         return K, root, kept, log_determinant
 
@@ -344,7 +73,22 @@ class FilterKernel:
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
-        _call(self._whiten, sizes, A, C, K, root, Y, F, first, ctypes.c_long(0), *[None] * 5, white, kept)
+        _call(
+            self._whiten,
+            R * -(-nc // _TILE),
+            sizes,
+            A,
+            C,
+            K,
+            root,
+            Y,
+            F,
+            first,
+            ctypes.c_long(0),
+            *[None] * 5,
+            white,
+            kept,
+        )
         return white, states
 
     def whiten_histories(self, A, C, K, root, stations, series, Dw, B0, B1) -> np.ndarray:
@@ -352,25 +96,67 @@ class FilterKernel:
         (N, R, ny, n), nc = C.shape, series.shape[2]
         white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
-        _call(self._whiten, sizes, A, C, K, root, None, None, None, nw, index, series, Dw, B0, B1, white, None)
+        _call(
+            self._whiten,
+            R * -(-nc // _TILE),
+            sizes,
+            A,
+            C,
+            K,
+            root,
+            None,
+            None,
+            None,
+            nw,
+            index,
+            series,
+            Dw,
+            B0,
+            B1,
+            white,
+            None,
+        )
         return white
 
     def smooth(self, A, C, K, root, kept, white, states) -> np.ndarray:
         """Deviation (N, R, n) of one column, from its innovations and predicted states."""
         N, R, ny, n = C.shape
         deviation = np.empty((N, R, n))
-        _call(self._smooth, (N, R, n, ny), A, C, K, root, kept, white, states, deviation)
+        _call(self._smooth, R, (N, R, n, ny), A, C, K, root, kept, white, states, deviation)
         return deviation
 
 
-def _call(function, sizes: tuple[int, ...], *arguments: np.ndarray | ctypes.c_long | None) -> int:
-    given, kept = [], []
+def _call(function, parts: int, sizes: tuple[int, ...], *arguments: np.ndarray | ctypes.c_long | None) -> bool:
+    """Run the function on all its parts, shared out among threads; whether it returned 0 everywhere."""
+    given, kept, failed = [], [], []
     for argument in arguments:
         if isinstance(argument, np.ndarray):
             kept.append(np.ascontiguousarray(argument))
             argument = ctypes.c_void_p(kept[-1].ctypes.data)
         given.append(argument)
-    return function(*(ctypes.c_long(size) for size in sizes), *given)
+    if parts == 0:
+        return True
+    bounds = np.linspace(0, parts, min(processors(), parts) + 1).astype(int).tolist()
+
+    def run(first: int, last: int) -> None:
+        if function(*(ctypes.c_long(size) for size in (first, last, *sizes)), *given):
+            failed.append(first)
+
+    # threads begun for each call: a pool would not live through a fork, and to begin one costs 0.1 ms
+    others = [threading.Thread(target=run, args=bound) for bound in pairwise(bounds[1:])]
+    for other in others:
+        other.start()
+    run(*bounds[:2])
+    for other in others:
+        other.join()
+    return not failed
+
+
+def processors() -> int:
+    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
 
 
 def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
@@ -381,5 +167,5 @@ def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
 
 @cache
 def _loaded() -> FilterKernel | None:
-    library = None if c_compiler() is None else compile_library(_SOURCE, _FLAGS)
+    library = None if c_compiler() is None else compile_library(SOURCE, _FLAGS)
     return None if library is None else FilterKernel(str(library))

@@ -14,16 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from casid.estimation.compiler import Compilable
 from casid.estimation.filter_kernel import filter_kernel
 from casid.model.system import Model
 from casid.records.record import Record
 
-_BLOCK = 256  # points per call of a mapped CasADi function
+_BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay in the processor's cache
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,10 +85,7 @@ class PointFunctions:
         x, u, p, w = model.x, model.u, model.p, model.w
         both = ca.vertcat(model.f, model.h)
         by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
-        values = [both, ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
-        calm = [ca.densify(ca.substitute(e, w, ca.SX.zeros(w.shape[0]))) for e in values]
-        self._calm = ca.Function("calm", [x, u, p], ca.cse(calm))
-        self._points = ca.Function("points", [x, u, p, w], ca.cse([ca.densify(e) for e in values]))
+        values = [ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
         u1, dt, d0, d1 = (
             ca.SX.sym(n, m) for n, m in (("u1", u.shape[0]), ("dt", 1), ("d0", w.shape[0]), ("d1", w.shape[0]))
         )
@@ -98,60 +95,39 @@ class PointFunctions:
         k2 = f(x + dt / 2 * k1, um, p, dm)
         k3 = f(x + dt / 2 * k2, um, p, dm)
         k4 = f(x + dt * k3, u1, p, d1)
-        self._step = ca.Function("step", [x, u, u1, p, d0, d1, dt], [x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
-        self._output = ca.Function("output", [x, u, p, w], [model.h])
-        self._blocks: dict[str, ca.Function] = {}
+        after = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e) for e in values])))
+        self._step = Compilable(ca.Function("step", [x, u, u1, p, d0, d1, dt], [after]))
+        self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))
 
-    def _evaluate(self, function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-        """`evaluate` with the map over a block of points kept: making it costs as much as running it many times."""
-        name = function.name()
-        if name not in self._blocks:
-            self._blocks[name] = function.map(_BLOCK)
-        return _evaluate_blocks(function, self._blocks[name], *arguments)
-
-    def points(self, X: np.ndarray, U: np.ndarray, P: np.ndarray, W: np.ndarray | None = None) -> list[np.ndarray]:
-        """[value, d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns); W None: none disturbs."""
-        return self._evaluate(self._calm, X, U, P) if W is None else self._evaluate(self._points, X, U, P, W)
+    def jacobians(self, X: np.ndarray, U: np.ndarray, P: np.ndarray, W: np.ndarray) -> list[np.ndarray]:
+        """[d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
+        return at_points(self._jacobians, X, U, P, W)
 
     def step(self, X, U0, U1, P, W0, W1, dt) -> np.ndarray:
         """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
-        return self._evaluate(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
+        return at_points(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
 
     def output(self, X, U, P, W) -> np.ndarray:
         """Outputs (N, R, ny)."""
-        return self._evaluate(self._output, X, U, P, W)[0][..., 0]
+        return at_points(self._output, X, U, P, W)[0][..., 0]
 
 
-def evaluate(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """A CasADi function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results
-    (N, R, rows, columns)."""
-    return _evaluate_blocks(function, function.map(_BLOCK), *arguments)
-
-
-def _evaluate_blocks(function: ca.Function, block: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
+    """A function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results (N, R, rows,
+    columns)."""
     N, R = arguments[0].shape[:2]
-    count = -(-N * R // _BLOCK)
-    padded = count * _BLOCK
-    inputs, results = [], []
-    for i, argument in enumerate(arguments):
-        n = function.size1_in(i)
-        full = np.zeros((padded, n))
-        full[: N * R] = np.broadcast_to(argument, (N, R, n)).reshape(N * R, n)
-        full[N * R :] = full[N * R - 1]
-        inputs.append(full)
-    results: list[Any] = [np.zeros((padded, *reversed(function.size_out(i)))) for i in range(function.n_out())]
-    buffer: Any
-    buffer, run = block.buffer()
-    for b in range(count):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        for i, full in enumerate(inputs):
-            if full.size:
-                buffer.set_arg(i, memoryview(full[rows].reshape(-1)))
-        for i, out in enumerate(results):
-            if out.size:
-                buffer.set_res(i, memoryview(out[rows].reshape(-1)))
-        run()
-    return [out[: N * R].reshape(N, R, *out.shape[1:]).swapaxes(2, 3) for out in results]
+    flat = [np.broadcast_to(a, (N, R, a.shape[-1])).reshape(N * R, a.shape[-1]) for a in arguments]
+    shapes = [function.symbolic.size_out(i) for i in range(function.symbolic.n_out())]
+    results = [np.empty((N * R, columns, rows)) for rows, columns in shapes]
+    block = function.mapped(_BLOCK)
+    for first in range(0, N * R, _BLOCK):
+        points = np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
+        found = block(*(a[points] for a in flat))
+        for to, part in zip(results, found, strict=True):
+            own = to[first : first + _BLOCK]
+            own[...] = part.reshape(_BLOCK, *to.shape[1:])[: len(own)]
+    return [r.reshape(N, R, *r.shape[1:]).swapaxes(2, 3) for r in results]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -189,9 +165,8 @@ def linearise(
     """
     model = functions.model
     nx = len(model.states)
-    disturbed = W is not None and bool(W.any())
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
-    _, by_x, by_p, by_w = functions.points(X, batch.U, P, W if disturbed else None)
+    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
     U1 = np.where(batch.held[None, :, None], batch.U[:-1], batch.U[1:])
     W1 = np.where(batch.held[None, :, None], W[:-1], W[1:])
     after = functions.step(X[:-1], batch.U[:-1], U1, P, W[:-1], W1, batch.dt)

@@ -108,7 +108,7 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
 
     plain  in numpy, as without a compiler. Raises numpy.linalg.LinAlgError when the innovations have no density.
     """
-    A, C, Q, M, P0 = augmented(linear, noise)
+    A, C, Q, M, P0 = augmented(linear, noise, plain)
     kernel = None if plain else filter_kernel(C.shape[3], C.shape[2])
     passed = kernel.covariance(A, C, Q, M, P0) if kernel is not None else _covariance_pass(A, C, Q, M, P0)
     K, inverse_root, P, log_determinant = passed
@@ -162,22 +162,37 @@ def residual_about(
     return Y, F, first
 
 
-def augmented(linear: Linear, noise: NoiseModel) -> tuple[np.ndarray, ...]:
-    """A, C, Q, R of the model with its coloured disturbances as further states, and the initial covariance."""
-    model = linear.model
-    N, records, ny, nx = linear.C.shape
+def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[np.ndarray, ...]:
+    """A, C, Q, R of the model with its coloured disturbances as further states, and the initial covariance; `plain` in
+    numpy, as without a compiler."""
+    model, ny = linear.model, linear.C.shape[2]
     coloured = [model.disturbances.index(name) for name in noise.coloured]
     white = [model.disturbances.index(name) for name in noise.white]
-    n = nx + len(coloured)
     sigma = np.array([value for value, _ in noise.coloured.values()])
     tau = np.array([value for _, value in noise.coloured.values()])
+    of_inputs = np.array(list(noise.white.values()))
+    variance = np.array([noise.measurement[name] ** 2 for name in model.outputs])
+    n = len(model.states) + len(coloured)
+    kernel = None if plain else filter_kernel(n, ny)
+    made = (_augmented if kernel is None else kernel.augmented)(
+        linear, coloured, white, sigma, tau, of_inputs, variance
+    )
+    P = np.zeros((linear.C.shape[1], n, n))
+    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sigma**2]
+    return *made, P
+
+
+def _augmented(linear: Linear, coloured, white, sigma, tau, of_inputs, variance) -> tuple[np.ndarray, ...]:
+    """(A, C, Q, R), as the compiled recursions compute them."""
+    N, records, ny, nx = linear.C.shape
+    n = nx + len(coloured)
     phi = np.exp(-linear.dt[..., None] / tau) if coloured else np.zeros((N - 1, records, 0))
     A = np.zeros((N - 1, records, n, n))
     A[..., :nx, :nx] = linear.A
     A[..., :nx, nx:] = linear.Bw0[..., coloured] + linear.Bw1[..., coloured] * phi[..., None, :]
     A[..., range(nx, n), range(nx, n)] = phi
     C = np.concatenate([linear.C, linear.Dw[..., coloured]], axis=3)
-    G = (linear.Bw0 + linear.Bw1)[..., white] * np.array(list(noise.white.values()))
+    G = (linear.Bw0 + linear.Bw1)[..., white] * of_inputs
     Q = np.zeros((N - 1, records, n, n))
     Q[..., :nx, :nx] = G @ G.swapaxes(2, 3)
     driven = sigma**2 * (1.0 - phi**2)
@@ -186,10 +201,7 @@ def augmented(linear: Linear, noise: NoiseModel) -> tuple[np.ndarray, ...]:
     Q[..., :nx, nx:] = through
     Q[..., nx:, :nx] = through.swapaxes(2, 3)
     Q[..., :nx, :nx] += through @ linear.Bw1[..., coloured].swapaxes(2, 3)
-    feed = linear.Dw[..., white] * np.array(list(noise.white.values()))
+    feed = linear.Dw[..., white] * of_inputs
     R = feed @ feed.swapaxes(2, 3)
-    variance = np.array([noise.measurement[name] ** 2 for name in model.outputs])
     R[..., range(ny), range(ny)] += np.where(linear.seen, variance, 1.0)
-    P = np.zeros((records, n, n))
-    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sigma**2]
-    return A, C, Q, R, P
+    return A, C, Q, R

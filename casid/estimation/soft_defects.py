@@ -29,7 +29,8 @@ def _moving(problem: Problem, names: list[str]) -> list[str]:
     """The disturbances that drive some state."""
     record, P = problem.records[0], problem.model_parameters(problem.start_vector)
     batch, X = make_batch(problem.model, [record]), problem.model.guess(record)[:, None]
-    by_w = PointFunctions(problem.model, ()).points(X, batch.U, P[:1])[3]
+    calm = np.zeros((*batch.live.shape, len(problem.model.disturbances)))
+    by_w = PointFunctions(problem.model, ()).jacobians(X, batch.U, P[:1], calm)[2]
     states = np.abs(by_w[:, 0, : len(problem.model.states)]).max(axis=(0, 1))
     return [name for name in names if states[problem.model.disturbances.index(name)] > 0.0]
 
