@@ -19,6 +19,7 @@ from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, name_cause
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Diagnosis, View
 from casid.diagnosis.screening import Candidate, screen
+from casid.diagnosis.size import plausible
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_structure
 from casid.diagnosis.trials import CONFIRMED
@@ -40,6 +41,7 @@ _REPAIRS = 3
 _OF_TURBULENCE = 0.02
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _OF_ONE_READING = 1.5  # times what turbulence gains, and it is none
+_RIVAL = 0.3  # part of what one gains alone that a fault and turbulence must keep beside each other
 
 
 class Stages:
@@ -174,17 +176,32 @@ def _beside_faults(
     """Turbulence beside what looks like it until it is in the model: an instrument fault, a discrete gust."""
     repaired = calm
     for _ in range(_REPAIRS):
-        if not (turbulent.named and ranked and ranked[0].net > 0.3 * turbulent.gain):
+        ranked = [one for one in ranked if plausible(one.attached)]
+        if not (turbulent.named and ranked and ranked[0].net > _RIVAL * turbulent.gain):
             break
         other = kinematics.reconstruct(flight, [*repaired.attached, ranked[0].attached], start=repaired)
         if ranked[0].attached.effect.timed:
             other, _ = at_peak(other, free="effects")
-        if repaired.deviance - other.deviance < CONFIRMED * ranked[0].net:
+        alone = repaired.deviance - other.deviance
+        if alone < CONFIRMED * ranked[0].net or not _beside(flight, turbulent, repaired, other):
             break  # it does not keep what it promised: turbulence looks like an instrument fault too
         turbulent, repaired = kinematics.turbulence(flight, other), other
         taken = {a.effect.key for a in repaired.attached}
         ranked = screen(weigh(repaired, discrepancy=False), [e for e in effects if e.key not in taken])
     return turbulent
+
+
+def _beside(flight: Flight, turbulent: Turbulence, without: Fit, faulty: Fit) -> bool:
+    """Whether a fault has a part of its own in what is wrong: it explains more than turbulence, or much of it in moving
+    air too, or leaves turbulence little. Moving air imitates any fault, and a fault may imitate much of moving air."""
+    alone = without.deviance - faulty.deviance
+    if alone > turbulent.gain:
+        return True
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    both = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
+    of_the_fault = without.deviance - turbulent.gain - both.deviance
+    of_the_air = faulty.deviance - both.deviance
+    return of_the_fault > _RIVAL * alone or of_the_air < _RIVAL * turbulent.gain
 
 
 def _view(fitted: Fit) -> View:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from casid.diagnosis.evidence import Evidence, gram_of, weigh
+from casid.diagnosis.evidence import Evidence, cross_of, gram_of, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints
@@ -147,7 +147,7 @@ def _joint(
     """(statistic, sizes, 1-sigmas) of every `together` neighbouring columns of white (N, ny, columns) of record r as
     causes that act together, fitted slots eliminated."""
     columns = white.reshape(-1, white.shape[2])
-    gram, cross = gram_of(columns), evidence.by_record[r].T @ columns
+    gram, cross = gram_of(columns), cross_of(evidence.by_record[r], columns)
     match = columns.T @ evidence.fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
     for first in range(0, columns.shape[1], together):
         own = slice(first, first + together)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import get_blas_funcs
 
 from casid.diagnosis.fit import Fit, scaled_inverse
+from casid.estimation.processors import share_out
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
@@ -146,6 +147,17 @@ def gram_of(columns: np.ndarray) -> np.ndarray:
     (syrk,) = get_blas_funcs(("syrk",), (columns,))
     half = syrk(1.0, columns.T)
     return half + np.triu(half, 1).T
+
+
+def cross_of(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """left' right, for many columns on the right."""
+    found = np.empty((left.shape[1], right.shape[1]))
+
+    def run(first: int, last: int) -> None:
+        np.matmul(left.T, right[:, first:last], out=found[:, first:last])
+
+    share_out(right.shape[1], run)
+    return found
 
 
 def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:

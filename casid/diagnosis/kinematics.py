@@ -27,7 +27,7 @@ _ROTATIONS = (0.3, 1.0, 3.0)
 _LENGTHS = 2.5  # ratio of the scale lengths that are tried
 _SPECTRUM = 0.1  # relative error of the velocity, because a first-order process is not quite a Dryden spectrum
 _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
-_SIGMAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # m/s
+_SIGMAS, _FIRST = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), 2  # m/s, and the one that is tried first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,31 +119,34 @@ def reconstruct(
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
     by parabolas through the deviance."""
-    fitted = calm
 
-    def at(sigma: float, length: float, axes: Sequence[str] = WIND) -> float:
-        nonlocal fitted
-        fitted = reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), fitted, 2)
-        return fitted.deviance
+    def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
+        return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
 
-    deviance: dict[float, float] = {}
-    for sigma in _SIGMAS:
-        deviance[sigma] = at(sigma, _SCALE_LENGTH)
-        if deviance[sigma] > min(deviance.values()) + 20.0:
-            break
-    best = min(deviance, key=lambda s: deviance[s])
-    gain = max(calm.deviance - deviance[best], 0.0)
+    fits: dict[float, Fit] = {}
+    for sigmas in (_SIGMAS[_FIRST:], reversed(_SIGMAS[:_FIRST])):  # upwards, then downwards
+        last = fits.get(_SIGMAS[_FIRST], calm)
+        for sigma in sigmas:
+            last = fits[sigma] = at(sigma, _SCALE_LENGTH, last)
+            if last.deviance > min(one.deviance for one in fits.values()) + 20.0:
+                break
+    best = min(fits, key=lambda s: fits[s].deviance)
+    found = fits[best]
+    gain = max(calm.deviance - found.deviance, 0.0)
     if gain < _TURBULENCE_GAIN:
         return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
-    # what the records feel is the strength of the process at short times, sigma^2 / length
+    # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
+    # What the records feel is the strength of the process at short times, sigma^2 / length
     factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
-    along = [at(best * f**0.5, f * _SCALE_LENGTH) if f != 1.0 else deviance[best] for f in factors]
+    along = [at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1).deviance for f in factors]
     factor, spread = _lowest(factors, along)
     length, middle = factor * _SCALE_LENGTH, best * factor**0.5
     sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
-    sigma, narrow = _lowest(sigmas, [at(s, length) for s in sigmas])
-    lowest = at(sigma, length)
-    alone = min(at(sigma, length, (axis,)) for axis in WIND if axis in fitted.model.disturbances)
+    sigma, narrow = _lowest(sigmas, [at(s, length, found, iterations=1).deviance for s in sigmas])
+    found = at(sigma, length, found)
+    moved = [axis for axis in WIND if axis in found.model.disturbances]
+    alone = min(at(sigma, length, found, (axis,)).deviance for axis in moved)
+    lowest = found.deviance
     return Turbulence(
         sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
         gain=calm.deviance - lowest, records=flight.names, length=length, beyond_one_axis=alone - lowest,

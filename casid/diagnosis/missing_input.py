@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from casid.diagnosis.evidence import Evidence
+from casid.diagnosis.evidence import Evidence, cross_of, gram_of
 from casid.diagnosis.fit import Fit
 from casid.model.path import coefficient_names
 
@@ -147,8 +147,8 @@ def _most_likely(
     cross = np.zeros((evidence.by_record[0].shape[1], R * n))
     for r, w in enumerate(by_record):
         own = slice(r * n, (r + 1) * n)
-        gram[own, own] = w.T @ w
-        cross[:, own] = evidence.by_record[r].T @ w
+        gram[own, own] = gram_of(w)
+        cross[:, own] = cross_of(evidence.by_record[r], w)
         match[own] = w.T @ fit.white[:, r].reshape(-1)
     match -= cross.T @ evidence.newton
     gram -= cross.T @ evidence.covariance @ cross

@@ -164,10 +164,11 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     key = best.candidate.attached.effect.key  # a variant of the best is no other cause
     found = []
     for trial in trials:
+        if trial.candidate.attached.effect.key == key or trial.refuted or not trial.meaningful:
+            continue
         sine, behind = _sine(best, trial), best.net - trial.net
-        alike = sine < _ALIKE and behind < 4.0 * np.sqrt(best.gain) * sine
-        if trial.candidate.attached.effect.key != key and not trial.refuted and trial.meaningful:
-            found += [trial] if behind < reach or alike else []
+        if behind < reach or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.gain) * sine):
+            found.append(trial)
     return tuple(found)
 
 

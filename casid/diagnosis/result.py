@@ -63,11 +63,11 @@ class Cause:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
-    """A cause that was fitted.
+    """A cause that was fitted, or refuted at once; then its values, gain and 1-sigma are the predicted ones.
 
     candidate    with the fitted values; `std` of its value
     fit          the whole fit, kept of a round's winner only
-    fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it
+    fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
     gain         drop of the deviance; `net` is less its price
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
     refuted      contradicted by kinematics; `confirmed` found by them with this size

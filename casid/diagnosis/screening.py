@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
-from casid.diagnosis.evidence import Evidence
+from casid.diagnosis.evidence import Evidence, cross_of
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.estimation.innovations import linearise
@@ -134,7 +134,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
         white = _white(base, chunk, symbolic)
         parts = [white[:, r].reshape(-1, len(chunk)) for r in range(white.shape[1])]
         square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
-        cross = np.stack([c.T @ w for c, w in zip(evidence.by_record, parts, strict=True)])
+        cross = np.stack([cross_of(c, w) for c, w in zip(evidence.by_record, parts, strict=True)])
         match = np.stack([base.white[:, r].reshape(-1) @ w for r, w in enumerate(parts)])
         found += [
             Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])

@@ -18,7 +18,7 @@ _WIND = 3.0  # m/s, of which `SHARE` matters
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 
 
-def plausible(one: Attached, share: float) -> bool:
+def plausible(one: Attached, share: float = 0.0) -> bool:
     """Whether a fitted size is physically possible; flaps and gear may exceed what the derivatives vary by."""
     of_a_term = one.effect.regressor is not None
     return abs(one.values["value"]) <= one.effect.limit and (share <= _LARGEST_SHARE / SHARE or not of_a_term)

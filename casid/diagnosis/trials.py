@@ -62,8 +62,11 @@ def try_cause(
     evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
 ) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
     """A candidate fitted beside what the evidence's model has: the trial, its fit, and intervals of its onsets. It is
-    not fitted to the end when it cannot come below the deviance `give_up`."""
+    not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
+    half the predicted size and any larger one."""
     base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
+    if kinematic is not None and _hopeless(kinematic, attached):
+        return _refuted_at_once(base, candidate), base, {}
     interval: dict[str, tuple[float, float]] = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     if attached.effect.timed:
@@ -90,6 +93,23 @@ def try_cause(
         confirmed=confirmed,
     )  # fmt: skip
     return trial, fitted, interval
+
+
+def _hopeless(kinematic: Evidence, one: Attached) -> bool:
+    """With x times the predicted size, kinematics expect x^2 `predicted` and get x (achieved + predicted) - x^2
+    predicted: refuted for all x above one half when it is at one half."""
+    if one.effect.timed or not one.effect.linear:
+        return False
+    predicted, achieved = (0.25 * part for part in kinematic_check(kinematic, one))
+    return predicted > KINEMATIC_GAIN and 2.0 * achieved + predicted < _REFUTED * predicted
+
+
+def _refuted_at_once(base: Fit, candidate: Candidate) -> Trial:
+    return Trial(
+        candidate=candidate, std=candidate.std, fit=None, fingerprint=np.zeros(0), gain=candidate.statistic,
+        net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False, refuted=True,
+        confirmed=False,
+    )  # fmt: skip
 
 
 def _matters(share: float, gain: float, confirmed: bool) -> bool:

@@ -7,15 +7,13 @@ each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS`
 from __future__ import annotations
 
 import ctypes
-import os
-import threading
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 
 from casid.estimation.compiler import c_compiler, compile_library
 from casid.estimation.filter_kernel_source import SOURCE
+from casid.estimation.processors import share_out
 
 _MOST = 64  # states, outputs; beyond that numpy does the work
 _TILE = 16  # columns that go through the filter side by side
@@ -134,29 +132,13 @@ def _call(function, parts: int, sizes: tuple[int, ...], *arguments: np.ndarray |
             kept.append(np.ascontiguousarray(argument))
             argument = ctypes.c_void_p(kept[-1].ctypes.data)
         given.append(argument)
-    if parts == 0:
-        return True
-    bounds = np.linspace(0, parts, min(processors(), parts) + 1).astype(int).tolist()
 
     def run(first: int, last: int) -> None:
         if function(*(ctypes.c_long(size) for size in (first, last, *sizes)), *given):
             failed.append(first)
 
-    # threads begun for each call: a pool would not live through a fork, and to begin one costs 0.1 ms
-    others = [threading.Thread(target=run, args=bound) for bound in pairwise(bounds[1:])]
-    for other in others:
-        other.start()
-    run(*bounds[:2])
-    for other in others:
-        other.join()
+    share_out(parts, run)
     return not failed
-
-
-def processors() -> int:
-    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
 
 
 def filter_kernel(states: int, outputs: int) -> FilterKernel | None:

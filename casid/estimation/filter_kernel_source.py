@@ -18,18 +18,74 @@ SOURCE = r"""
 #define END
 #endif
 
-/* c (rows, columns) = a (rows, inner) b (inner, columns), added to what is there or not */
-static void product(long rows, long inner, long columns, const double *a, const double *b, double *c, int add)
+typedef double V __attribute__((vector_size(64)));
+#define WIDTH 8 /* numbers in a vector */
+
+/* rows of vectors: c (height, 1 or 2 of `wide`) += sign a (height, inner) b (inner, 1 or 2 of `wide`) */
+static inline __attribute__((always_inline)) void block(int height, int two, long inner, long wide, const double *a,
+                                                        const V *b, V *c, double sign)
 {
-    for (long i = 0; i < rows; i++) {
-        double *to = c + i * columns;
-        if (!add) memset(to, 0, columns * sizeof(double));
-        for (long j = 0; j < inner; j++) {
-            double f = a[i * inner + j];
-            const double *from = b + j * columns;
-            if (f != 0.0) for (long k = 0; k < columns; k++) to[k] += f * from[k];
+    V s[4], t[4];
+    for (int i = 0; i < height; i++) {
+        s[i] = c[i * wide];
+        if (two) t[i] = c[i * wide + 1];
+    }
+    for (long j = 0; j < inner; j++) {
+        V x = b[j * wide], y = two ? b[j * wide + 1] : x;
+        for (int i = 0; i < height; i++) {
+            double f = sign * a[i * inner + j];
+            s[i] += f * x;
+            if (two) t[i] += f * y;
         }
     }
+    for (int i = 0; i < height; i++) {
+        c[i * wide] = s[i];
+        if (two) c[i * wide + 1] = t[i];
+    }
+}
+
+/* c (rows, wide) += sign a (rows, inner) b (inner, wide); b and c in rows of `wide` vectors */
+static void product(long rows, long inner, long wide, const double *a, const V *b, V *c, double sign)
+{
+    for (long v = 0; v < wide; v += 2) {
+        int two = v + 1 < wide;
+        long i = 0;
+        for (; i + 4 <= rows; i += 4) {
+            if (two) block(4, 1, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            else block(4, 0, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+        }
+        for (; i < rows; i++) {
+            if (two) block(1, 1, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            else block(1, 0, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+        }
+    }
+}
+
+static void zero(long rows, long wide, V *to) { memset(to, 0, rows * wide * sizeof(V)); }
+
+/* rows of doubles to rows of vectors, and back; turned: to those of the transposed */
+static void pack(long rows, long columns, long wide, const double *from, V *to)
+{
+    zero(rows, wide, to);
+    for (long i = 0; i < rows; i++) memcpy(to + i * wide, from + i * columns, columns * sizeof(double));
+}
+
+static void pack_turned(long rows, long columns, long wide, const double *from, V *to)
+{
+    double *d = (double *)to;
+    zero(columns, wide, to);
+    for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) d[j * wide * WIDTH + i] = from[i * columns + j];
+}
+
+static void unpack(long rows, long columns, long wide, const V *from, double *to)
+{
+    for (long i = 0; i < rows; i++) memcpy(to + i * columns, from + i * wide, columns * sizeof(double));
+}
+
+static void unpack_turned(long rows, long columns, long wide, const V *from, double *to)
+{
+    const double *d = (const double *)from;
+    for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) to[j * rows + i] = d[i * wide * WIDTH + j];
 }
 
 static void transposed(long rows, long columns, const double *a, double *b)
@@ -114,41 +170,51 @@ void augment(long from, long to, long N, long R, long nx, long ny, long nw, long
 int covariance(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *Q,
                const double *M, const double *P0, double *K, double *root, double *kept, double *log_determinant)
 {
-    double P[MOST * MOST], Ct[MOST * MOST], PC[MOST * MOST], S[MOST * MOST], W[MOST * MOST], T[MOST * MOST],
-        U[MOST * MOST];
+    V P[MOST * MOST / WIDTH], CP[MOST * MOST / WIDTH], S[MOST * MOST / WIDTH], W[MOST * MOST / WIDTH],
+        G[MOST * MOST / WIDTH], T[MOST * MOST / WIDTH];
+    double flat[MOST * MOST], root_turned[MOST * MOST];
+    long wide = (n + WIDTH - 1) / WIDTH, wide_y = (ny + WIDTH - 1) / WIDTH;
     for (long r = from; r < to; r++) {
-        memcpy(P, P0 + r * n * n, n * n * sizeof(double));
+        pack(n, n, wide, P0 + r * n * n, P);
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
             const double *c = C + at * ny * n;
             double *inverse = root + at * ny * ny, *gain = K + at * n * ny;
-            memcpy(kept + at * n * n, P, n * n * sizeof(double));
-            transposed(ny, n, c, Ct);
-            product(n, n, ny, P, Ct, PC, 0);
-            memcpy(S, M + at * ny * ny, ny * ny * sizeof(double));
-            product(ny, n, ny, c, PC, S, 1);
-            log_determinant[at] = inverse_root(ny, S, inverse);
+            unpack(n, n, wide, P, kept + at * n * n);
+            zero(ny, wide, CP);
+            product(ny, n, wide, c, P, CP, 1.0); /* P is symmetric */
+            unpack(ny, n, wide, CP, flat);
+            pack_turned(ny, n, wide_y, c, T);
+            pack(ny, ny, wide_y, M + at * ny * ny, S);
+            product(ny, n, wide_y, flat, T, S, 1.0);
+            unpack(ny, ny, wide_y, S, flat);
+            log_determinant[at] = inverse_root(ny, flat, inverse);
             if (isnan(log_determinant[at])) return 1;
-            transposed(ny, ny, inverse, T);
-            product(n, ny, ny, PC, T, W, 0);
-            product(n, ny, ny, W, inverse, gain, 0);
+            transposed(ny, ny, inverse, root_turned);
+            zero(ny, wide, W);
+            product(ny, ny, wide, inverse, CP, W, 1.0);
+            zero(ny, wide, G);
+            product(ny, ny, wide, root_turned, W, G, 1.0);
+            unpack_turned(ny, n, wide, G, gain);
             if (k == N - 1) break;
-            transposed(n, ny, W, T);
-            for (long i = 0; i < n * ny; i++) W[i] = -W[i];
-            product(n, ny, n, W, T, P, 1);
+            unpack_turned(ny, n, wide, W, flat);
+            product(n, ny, wide, flat, W, P, -1.0);
             const double *a = A + at * n * n;
-            product(n, n, n, a, P, U, 0);
-            transposed(n, n, a, T);
-            memcpy(P, Q + at * n * n, n * n * sizeof(double));
-            product(n, n, n, U, T, P, 1);
+            zero(n, wide, G);
+            product(n, n, wide, a, P, G, 1.0);
+            unpack(n, n, wide, G, flat);
+            pack_turned(n, n, wide, flat, T); /* P A' */
+            pack(n, n, wide, Q + at * n * n, P);
+            product(n, n, wide, a, T, P, 1.0);
+            double *p = (double *)P;
             for (long i = 0; i < n; i++) for (long j = 0; j < i; j++)
-                P[i * n + j] = P[j * n + i] = 0.5 * (P[i * n + j] + P[j * n + i]);
+                p[i * wide * WIDTH + j] = p[j * wide * WIDTH + i] =
+                    0.5 * (p[i * wide * WIDTH + j] + p[j * wide * WIDTH + i]);
         }
     }
     return 0;
 }
 
-typedef double V __attribute__((vector_size(64)));
 typedef union { V v[2]; double d[TILE]; } tile;
 
 /* c += sign a b, a (rows, inner) by `stride`; of a lower triangle only what is not zero when `triangle` is set. Four
@@ -292,9 +358,9 @@ static void outputs(long nx, long ny, long columns, const double *by, const unsi
 
 /* Step matrices of `innovations.linearise` from Jacobians (N,R,columns,nx+ny) of state and output equations. */
 void interval(long from, long to, long N, long R, long nx, long ny, long np, long nw, const double *by_x,
-              const double *by_p, const double *by_w, const double *dt, const unsigned char *live, const unsigned char *held,
-              const unsigned char *seen, double *A, double *Bp, double *B0, double *B1, double *C, double *Dp,
-              double *Dw)
+              const double *by_p, const double *by_w, const double *dt, const unsigned char *live,
+              const unsigned char *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
+              double *C, double *Dp, double *Dw)
 {
     long rows = nx + ny;
     double moved[MOST];

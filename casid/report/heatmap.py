@@ -53,7 +53,7 @@ def heatmap(diagnosis: Diagnosis) -> Picture:
 
 def ambiguity(diagnosis: Diagnosis) -> Picture | None:
     """|cos| between the fingerprints of the causes fitted in the first round; None for fewer than two."""
-    trials = diagnosis.rounds[0].trials if diagnosis.rounds else ()
+    trials = [t for t in diagnosis.rounds[0].trials if t.fingerprint.size] if diagnosis.rounds else []
     if len(trials) < 2:
         return None
     prints = np.stack([trial.fingerprint for trial in trials], axis=1).astype(float)

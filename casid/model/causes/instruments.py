@@ -26,6 +26,9 @@ _DEG = np.pi / 180.0
 _BIAS_MATTERS = {
     "m/s": 0.5, "rad": 0.1 * _DEG, "rad/s": 0.03 * _DEG, "m/s2": 0.03, "rad/s2": 0.1 * _DEG, "m": 5.0,
 }  # fmt: skip
+_BIAS_LIMIT = {
+    "m/s": 15.0, "rad": 10.0 * _DEG, "rad/s": 3.0 * _DEG, "m/s2": 3.0, "rad/s2": 10.0 * _DEG, "m": 500.0,
+}  # fmt: skip
 
 
 def group_channels(target: str) -> tuple[str, ...]:
@@ -43,7 +46,7 @@ def sensor_bias(channel: str) -> Effect:
 
     return Effect(
         kind="sensor_bias", target=channel, reads=(channel,), kinematic=True, by_record=True, station="sensors",
-        change=change, meaningful=_BIAS_MATTERS[unit_of(channel)], constant=True,
+        change=change, meaningful=_BIAS_MATTERS[unit_of(channel)], limit=_BIAS_LIMIT[unit_of(channel)], constant=True,
     )  # fmt: skip
 
 

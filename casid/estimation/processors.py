@@ -1,0 +1,33 @@
+"""Work shared out among processors, for code that lets go of Python's lock: compiled loops, BLAS."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+
+def processors() -> int:
+    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
+
+
+def share_out(parts: int, run: Callable[[int, int], None]) -> None:
+    """Call run(first, last) on stretches of all parts, one a processor. `run` must not raise.
+
+    Threads are begun for each call: a pool would not live through a fork, and to begin a thread costs 0.1 ms.
+    """
+    if parts == 0:
+        return
+    bounds = np.linspace(0, parts, min(processors(), parts) + 1).astype(int).tolist()
+    others = [threading.Thread(target=run, args=stretch) for stretch in pairwise(bounds[1:])]
+    for other in others:
+        other.start()
+    run(*bounds[:2])
+    for other in others:
+        other.join()
