@@ -58,16 +58,18 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     return replace(one, onsets=onsets), intervals
 
 
-def at_peak(fitted: Fit, moves: int = 6, free: Literal["all", "effects"] = "all") -> tuple[Fit, Intervals]:
-    """The fit with the onsets of its last effect moved until they stay or moving does not help, `moves` times at most,
-    and their intervals."""
+def at_peak(
+    fitted: Fit, moves: int = 6, free: Literal["all", "effects", "states"] = "all", which: int = -1
+) -> tuple[Fit, Intervals]:
+    """The fit with the onsets of one of its effects, the last by default, moved until they stay or moving does not
+    help, `moves` times at most, and their intervals."""
     interval: Intervals = {}
     for _ in range(moves):
-        before = fitted.attached[-1]
+        before = fitted.attached[which]
         moved, interval = moved_onsets(weigh(fitted, discrepancy=free == "all"), before)
         if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):
             break
-        attached = [*fitted.attached[:-1], moved]
+        attached = [moved if one is before else one for one in fitted.attached]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
         if other.deviance > fitted.deviance:
             # the profile promised what the fit does not keep: both onsets are possible

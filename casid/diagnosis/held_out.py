@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.flight import Flight
@@ -15,6 +16,8 @@ from casid.diagnosis.screening import Screen, fingerprints
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
+
+_MOVES = 2  # of the onsets of an event
 
 
 def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[Record], list[Record]]:
@@ -52,15 +55,27 @@ def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
     base = fit(held, steady, fitted.noise, free="states", iterations=6, tolerance=1.0)
     for one in fitted.attached:
         if one.records:
-            without = [a for a in base.attached if a.name != one.name]
-            other = fit(held, without, fitted.noise, base, free="states", iterations=4, tolerance=1.0)
-            base = other if other.deviance < base.deviance else base
-    for one in fitted.attached:
-        if one.effect.recurring:
-            moved = replace(one, onsets=_onsets(base, one))
-            other = fit(held, [*base.attached, moved], fitted.noise, base, free="states", iterations=4, tolerance=1.0)
-            base = other if other.deviance < base.deviance else base
+            without = _states(base, [a for a in base.attached if a.name != one.name])
+            base = min(base, without, key=lambda f: f.deviance)
+    recurring = [a for a in fitted.attached if a.effect.recurring]
+    for one in (*recurring, *recurring[:-1]):  # once more, beside those that were not there yet
+        base = _recurred(base, one)
     return base
+
+
+def _recurred(base: Fit, one: Attached) -> Fit:
+    """The fit with the event where it helps most, or without it, whichever is better."""
+    others = [a for a in base.attached if a.name != one.name]
+    without = base if len(others) == len(base.attached) else _states(base, others)
+    found = [base, without]
+    if onsets := _onsets(without, one):
+        moved = _states(without, [*others, replace(one, onsets=onsets)])
+        found.append(at_peak(moved, _MOVES, free="states")[0])
+    return min(found, key=lambda f: f.deviance)
+
+
+def _states(base: Fit, attached: Sequence[Attached]) -> Fit:
+    return fit(base.flight, attached, base.noise, base, free="states", iterations=4, tolerance=1.0)
 
 
 def _everywhere(one: Attached) -> Attached:

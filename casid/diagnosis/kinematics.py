@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
@@ -114,6 +115,14 @@ def reconstruct(
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
     noise = flight.noise(free_forces(flight) | dict(moving))
     return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
+
+
+def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
+    """Evidence of the kinematics with the kinematic ones of `attached` effects in them, their values fitted anew."""
+    before = kinematic.fit
+    ours = [one for one in attached if one.effect.kinematic]
+    fitted = fit(before.flight, ours, before.noise, before, free="effects", iterations=5, tolerance=2.0)
+    return weigh(fitted, discrepancy=False)
 
 
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.events import configuration_changes
+from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
+from casid.diagnosis.kinematics import beside
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
@@ -32,13 +33,14 @@ _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Naming:
-    """Where the naming stands: evidence of the current model, what it still misses, the rounds so far, and onset
-    intervals by cause name."""
+    """Where the naming stands: evidence of the current model and of its kinematics, what it still misses, the rounds
+    so far, and onset intervals by cause name."""
 
     evidence: Evidence
+    kinematic: Evidence | None
     missing: tuple[MissingInput, ...]
     rounds: tuple[Round, ...]
-    intervals: dict[str, dict[str, tuple[float, float]]]
+    intervals: dict[str, Intervals]
 
 
 def name_causes(
@@ -47,10 +49,10 @@ def name_causes(
 ) -> Naming:  # fmt: skip
     """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains `GAIN` (or
     `least`, if that is more) and matters, or when after a naming no anonymous input gains `_NOTHING_LEFT` any more."""
-    firm = state = _standing(baseline, (), {})
+    firm = state = _standing(baseline, kinematic, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
-        state = _one_round(state, catalogue, kinematic, max(GAIN, least))
+        state = _one_round(state, catalogue, max(GAIN, least))
         if not state.rounds[-1].named:
             break
         if _explains(firm.missing, state):
@@ -63,8 +65,11 @@ def name_causes(
     return replace(firm, rounds=(*firm.rounds, *refused))
 
 
-def _standing(evidence: Evidence, rounds: tuple[Round, ...], intervals: dict) -> Naming:
-    return Naming(evidence=evidence, missing=tuple(missing_inputs(evidence)), rounds=rounds, intervals=intervals)
+def _standing(
+    evidence: Evidence, kinematic: Evidence | None, rounds: tuple[Round, ...], intervals: dict[str, Intervals]
+) -> Naming:
+    missing = tuple(missing_inputs(evidence))
+    return Naming(evidence=evidence, kinematic=kinematic, missing=missing, rounds=rounds, intervals=intervals)
 
 
 def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
@@ -98,7 +103,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
 
 
-def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float) -> Naming:
+def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
     attached = state.evidence.fit.attached
     taken = {a.effect.key for a in attached}
     prints = fingerprints(state.evidence, [e for e in catalogue if e.key not in taken])
@@ -112,7 +117,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     trials = []
     give_up, best_fit = np.inf, None
     for candidate in worth_trying(state.evidence.fit, candidates, cautious, switches):
-        trial, fitted, interval = try_cause(state.evidence, candidate, kinematic, give_up)
+        trial, fitted, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         if not trial.refuted:
             give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
         if interval:
@@ -132,11 +137,12 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], kinematic: Evidence |
     )
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
-    best, fitted, interval = settled(best, best_fit)
-    if interval:
-        intervals[best.candidate.name] = interval
+    best, fitted, moved = settled(best, best_fit)
     this = replace(this, trials=(best, *this.trials[1:]))
-    return _standing(weigh(fitted), (*state.rounds, this), intervals)
+    kinematic = state.kinematic
+    if kinematic is not None and best.candidate.attached.effect.kinematic:
+        kinematic = beside(kinematic, fitted.attached)
+    return _standing(weigh(fitted), kinematic, (*state.rounds, this), intervals | moved)
 
 
 def _price(trial: Trial, state: Naming, least: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.events import at_peak, further_records, weak_members
+from casid.diagnosis.events import Intervals, at_peak, further_records, weak_members
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.hypothesis import Attached
@@ -60,14 +60,14 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
 
 def try_cause(
     evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
-) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
+) -> tuple[Trial, Fit, Intervals]:
     """A candidate fitted beside what the evidence's model has: the trial, its fit, and intervals of its onsets. It is
     not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
     half the predicted size and any larger one."""
     base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
     if kinematic is not None and _hopeless(kinematic, attached):
         return _refuted_at_once(base, candidate), base, {}
-    interval: dict[str, tuple[float, float]] = {}
+    interval: Intervals = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     if attached.effect.timed:
         wider = further_records(weigh(fitted), fitted.attached[-1])
@@ -137,22 +137,30 @@ def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
-def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, tuple[float, float]]]:
-    """The winner fitted to the end: what a half-converged cause leaves behind looks like another cause."""
-    before, interval = fitted.deviance, {}
+def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, Intervals]]:
+    """The winner fitted to the end, and intervals of onsets by cause: what a half-converged cause leaves behind looks
+    like another cause. Events that were named before it move to where they belong beside it."""
+    before, intervals = fitted.deviance, {}
+    name = fitted.attached[-1].name
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    earlier = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
     if fitted.attached[-1].effect.timed:
-        fitted, interval = at_peak(fitted)
+        fitted, intervals[name] = at_peak(fitted)
         wider = further_records(weigh(fitted), fitted.attached[-1])
         if len(wider.onsets) > len(fitted.attached[-1].onsets):
             attached = [*fitted.attached[:-1], wider]
-            fitted, interval = at_peak(fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
+            fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+            fitted, intervals[name] = at_peak(fitted)
+    for i in earlier:
+        fitted, intervals[fitted.attached[i].name] = at_peak(fitted, which=i)
+    if earlier and fitted.attached[-1].effect.timed:
+        fitted, intervals[name] = at_peak(fitted)
     one, more = fitted.attached[-1], before - fitted.deviance
     candidate = replace(trial.candidate, attached=one)
     trial = replace(
         trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
     )
-    return trial, fitted, interval
+    return trial, fitted, intervals
 
 
 def _without_weak(base: Fit, fitted: Fit) -> Fit:

@@ -21,16 +21,16 @@ SOURCE = r"""
 typedef double V __attribute__((vector_size(64)));
 #define WIDTH 8 /* numbers in a vector */
 
-/* rows of vectors: c (height, 1 or 2 of `wide`) += sign a (height, inner) b (inner, 1 or 2 of `wide`) */
-static inline __attribute__((always_inline)) void block(int height, int two, long inner, long wide, const double *a,
-                                                        const V *b, V *c, double sign)
+/* rows of vectors: c (height, 1 or 2 of `wide`) += sign a (height, the first `most` of inner) b (most, the same) */
+static inline __attribute__((always_inline)) void block(int height, int two, long most, long inner, long wide,
+                                                        const double *a, const V *b, V *c, double sign)
 {
     V s[4], t[4];
     for (int i = 0; i < height; i++) {
         s[i] = c[i * wide];
         if (two) t[i] = c[i * wide + 1];
     }
-    for (long j = 0; j < inner; j++) {
+    for (long j = 0; j < most; j++) {
         V x = b[j * wide], y = two ? b[j * wide + 1] : x;
         for (int i = 0; i < height; i++) {
             double f = sign * a[i * inner + j];
@@ -44,19 +44,23 @@ static inline __attribute__((always_inline)) void block(int height, int two, lon
     }
 }
 
-/* c (rows, wide) += sign a (rows, inner) b (inner, wide); b and c in rows of `wide` vectors */
-static void product(long rows, long inner, long wide, const double *a, const V *b, V *c, double sign)
+/* c (rows, wide) += sign a (rows, inner) b (inner, wide), b and c in rows of `wide` vectors; of a lower triangle a only
+   what is not zero when `triangle` is set. Four rows at a time, so that what is read of b serves four times. */
+static inline void product(long rows, long inner, long wide, const double *a, const V *b, V *c, double sign,
+                           int triangle)
 {
     for (long v = 0; v < wide; v += 2) {
         int two = v + 1 < wide;
         long i = 0;
         for (; i + 4 <= rows; i += 4) {
-            if (two) block(4, 1, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
-            else block(4, 0, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            long most = triangle ? i + 4 : inner;
+            if (two) block(4, 1, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            else block(4, 0, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
         }
         for (; i < rows; i++) {
-            if (two) block(1, 1, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
-            else block(1, 0, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            long most = triangle ? i + 1 : inner;
+            if (two) block(1, 1, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            else block(1, 0, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
         }
     }
 }
@@ -182,30 +186,30 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
             double *inverse = root + at * ny * ny, *gain = K + at * n * ny;
             unpack(n, n, wide, P, kept + at * n * n);
             zero(ny, wide, CP);
-            product(ny, n, wide, c, P, CP, 1.0); /* P is symmetric */
+            product(ny, n, wide, c, P, CP, 1.0, 0); /* P is symmetric */
             unpack(ny, n, wide, CP, flat);
             pack_turned(ny, n, wide_y, c, T);
             pack(ny, ny, wide_y, M + at * ny * ny, S);
-            product(ny, n, wide_y, flat, T, S, 1.0);
+            product(ny, n, wide_y, flat, T, S, 1.0, 0);
             unpack(ny, ny, wide_y, S, flat);
             log_determinant[at] = inverse_root(ny, flat, inverse);
             if (isnan(log_determinant[at])) return 1;
             transposed(ny, ny, inverse, root_turned);
             zero(ny, wide, W);
-            product(ny, ny, wide, inverse, CP, W, 1.0);
+            product(ny, ny, wide, inverse, CP, W, 1.0, 1);
             zero(ny, wide, G);
-            product(ny, ny, wide, root_turned, W, G, 1.0);
+            product(ny, ny, wide, root_turned, W, G, 1.0, 0);
             unpack_turned(ny, n, wide, G, gain);
             if (k == N - 1) break;
             unpack_turned(ny, n, wide, W, flat);
-            product(n, ny, wide, flat, W, P, -1.0);
+            product(n, ny, wide, flat, W, P, -1.0, 0);
             const double *a = A + at * n * n;
             zero(n, wide, G);
-            product(n, n, wide, a, P, G, 1.0);
+            product(n, n, wide, a, P, G, 1.0, 0);
             unpack(n, n, wide, G, flat);
             pack_turned(n, n, wide, flat, T); /* P A' */
             pack(n, n, wide, Q + at * n * n, P);
-            product(n, n, wide, a, T, P, 1.0);
+            product(n, n, wide, a, T, P, 1.0, 0);
             double *p = (double *)P;
             for (long i = 0; i < n; i++) for (long j = 0; j < i; j++)
                 p[i * wide * WIDTH + j] = p[j * wide * WIDTH + i] =
@@ -216,35 +220,6 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
 }
 
 typedef union { V v[2]; double d[TILE]; } tile;
-
-/* c += sign a b, a (rows, inner) by `stride`; of a lower triangle only what is not zero when `triangle` is set. Four
-   rows at a time, so that what is read of b serves four times. */
-static inline void multiply(long rows, long inner, const double *a, const tile *b, tile *c, double sign, int triangle)
-{
-    long i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        V s0 = c[i].v[0], s1 = c[i].v[1], s2 = c[i + 1].v[0], s3 = c[i + 1].v[1];
-        V s4 = c[i + 2].v[0], s5 = c[i + 2].v[1], s6 = c[i + 3].v[0], s7 = c[i + 3].v[1];
-        const double *r0 = a + i * inner, *r1 = r0 + inner, *r2 = r1 + inner, *r3 = r2 + inner;
-        long most = triangle ? i + 4 : inner;
-        for (long j = 0; j < most; j++) {
-            V x = b[j].v[0], y = b[j].v[1];
-            double f0 = sign * r0[j], f1 = sign * r1[j], f2 = sign * r2[j], f3 = sign * r3[j];
-            s0 += f0 * x, s1 += f0 * y, s2 += f1 * x, s3 += f1 * y;
-            s4 += f2 * x, s5 += f2 * y, s6 += f3 * x, s7 += f3 * y;
-        }
-        c[i].v[0] = s0, c[i].v[1] = s1, c[i + 1].v[0] = s2, c[i + 1].v[1] = s3;
-        c[i + 2].v[0] = s4, c[i + 2].v[1] = s5, c[i + 3].v[0] = s6, c[i + 3].v[1] = s7;
-    }
-    for (; i < rows; i++) {
-        V s0 = c[i].v[0], s1 = c[i].v[1];
-        for (long j = 0; j < (triangle ? i + 1 : inner); j++) {
-            double f = sign * a[i * inner + j];
-            s0 += f * b[j].v[0], s1 += f * b[j].v[1];
-        }
-        c[i].v[0] = s0, c[i].v[1] = s1;
-    }
-}
 
 static void load(long rows, long stride, long width, const double *from, tile *to)
 {
@@ -286,9 +261,9 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
                 memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
             if (Y) load(ny, nc, width, Y + at * ny * nc + first, e);
             else enter(ny, nw, width, station + first, Dw + at * ny * nw, series + at * nc + first, e, 0);
-            multiply(ny, n, C + at * ny * n, E, e, 1.0, 0);
+            product(ny, n, 2, C + at * ny * n, E->v, e->v, 1.0, 0);
             memset(out, 0, ny * sizeof(tile));
-            multiply(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
+            product(ny, ny, 2, root + at * ny * ny, e->v, out->v, 1.0, 1);
             for (long i = 0; i < ny; i++)
                 memcpy(white + ((r * N + k) * ny + i) * nc + first, out[i].d, width * sizeof(double));
             if (k == N - 1) continue;
@@ -298,8 +273,8 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
                 enter(nx, nw, width, station + first, B1 + at * nx * nw, series + (at + R) * nc + first, next, 1);
             }
             memset(next + nx, 0, (n - nx) * sizeof(tile));
-            multiply(n, ny, K + at * n * ny, e, E, -1.0, 0);
-            multiply(n, n, A + at * n * n, E, next, 1.0, 0);
+            product(n, ny, 2, K + at * n * ny, e->v, E->v, -1.0, 0);
+            product(n, n, 2, A + at * n * n, E->v, next->v, 1.0, 0);
             memcpy(E, next, n * sizeof(tile));
         }
     }
