@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+import numpy as np
+
 from casid.diagnosis import kinematics
 from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import Evidence, weigh
@@ -99,8 +101,7 @@ def diagnose(
     on_held = [judge_on(flight, held, step) for step in steps]
     held_calm = judge_on(flight, held, calm) if structure else on_held[0]
     gains = _held_gains(on_held)
-    lost = next((i for i, g in enumerate(gains) if g is not None and g < 0.0), len(gains))
-    final, held_final = steps[lost], on_held[lost]
+    final, held_final = _best_on_held(flight, held, steps, on_held, gains)
     stages.begin("missing inputs")
     same = final is naming.evidence.fit
     judged = naming.evidence if same else weigh(final)
@@ -108,9 +109,9 @@ def diagnose(
     exact = missing_inputs(weigh(final, discrepancy=False))
     first = exact if final is start else missing_inputs(weigh(start, discrepancy=False))
     stages.begin("verdict")
-    causes, minor = causes_of(
-        naming, judged, turbulence, gains if coloured else [None, *gains], lost - coloured, structure
-    )
+    of_structure = _held_gains([held_calm, on_held[0]])[0]
+    of_rounds = gains if coloured else [None, *gains]
+    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, of_structure)
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
     if coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
@@ -207,6 +208,25 @@ def _beside(flight: Flight, turbulent: Turbulence, without: Fit, faulty: Fit) ->
 def _view(fitted: Fit) -> View:
     simulated = free_simulation(fitted)
     return View(fit=fitted, simulated=simulated, channels=channel_fits(fitted, simulated))
+
+
+def _best_on_held(
+    flight: Flight, held: Sequence[Record], steps: Sequence[Fit], on_held: Sequence[Fit], gains: Sequence[float | None]
+) -> tuple[Fit, Fit]:
+    """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
+    of them that lost there and are still no help beside the later ones."""
+    sums = np.cumsum([0.0, *(gain or 0.0 for gain in gains)])
+    kept = int(len(gains) - np.argmax(sums[::-1]))
+    final, held_final = steps[kept], on_held[kept]
+    for before, after, gain in zip(steps[:kept], steps[1 : kept + 1], gains, strict=False):
+        new = {a.name for a in after.attached} - {a.name for a in before.attached}
+        if gain is None or gain >= 0.0 or not new:
+            continue
+        without = fit(flight, [a for a in final.attached if a.name not in new], final.noise, final)
+        held_without = judge_on(flight, held, without)
+        if held_without.data_deviance <= held_final.data_deviance:
+            final, held_final = without, held_without
+    return final, held_final
 
 
 def _held_gains(on_held: Sequence[Fit]) -> list[float | None]:

@@ -85,7 +85,7 @@ def try_cause(
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
-        meaningful=_matters(share, gain, confirmed)
+        meaningful=matters(share, gain, confirmed)
         and plausible(one, share)
         and not _from_the_start(fitted, one),
         share=share,
@@ -112,7 +112,8 @@ def _refuted_at_once(base: Fit, candidate: Candidate) -> Trial:
     )  # fmt: skip
 
 
-def _matters(share: float, gain: float, confirmed: bool) -> bool:
+def matters(share: float, gain: float, confirmed: bool = False) -> bool:
+    """Whether a size, in units of the smallest that matters, matters and is clear enough to be believed."""
     return share >= 1.0 and (confirmed or share**2 * gain > _CLEAR)
 
 

@@ -17,8 +17,8 @@ from casid.diagnosis.missing_input import READING, MissingInput
 from casid.diagnosis.naming import Naming
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
-from casid.diagnosis.size import SHARE, missing_share
-from casid.diagnosis.trials import GAIN
+from casid.diagnosis.size import SHARE, meaningful_share, missing_share
+from casid.diagnosis.trials import GAIN, matters
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import aero_term
 from casid.model.causes import turbulence as turbulence_effect
@@ -36,32 +36,36 @@ def causes_of(
     evidence: Evidence,
     turbulence: Turbulence,
     held_gains: Sequence[float | None],
-    kept: int,
     structure: Sequence[Attached] = (),
+    structure_gain: float | None = None,
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
-    evidence    of the final fit, in which all causes stand
+    evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
+                minor, and so does a cause of which nothing sure is left when others stand beside it
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
-    kept        number of named rounds that the final fit has (-1: not even turbulence): a cause that lasts but loses on
-                held-out records is not confirmed, nor is what was named after it; they stand under minor, and so does a
-                cause of which nothing sure is left when others stand beside it
-    structure   expected terms that were put into the model beforehand; they are minor
+    structure   expected terms that were put into the model beforehand, which together gained `structure_gain` on the
+                held-out records: minor, unless they matter as much as any other term must that is named
     """
     named, final = [r for r in naming.rounds if r.named], evidence.fit
+    there = {one.name for one in final.attached}
     causes, minor, superseded = [], [], []
     if turbulence.named:
-        (causes if kept >= 0 else minor).append(_turbulence(turbulence, final.flight.aircraft, held_gains[0]))
-    for i, (round_, held) in enumerate(zip(named, held_gains[1:], strict=True)):
-        if i < kept and is_sure(evidence, round_.trials[0].candidate.name):
-            causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
-        elif i < kept:
-            superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
-        else:
+        (causes if final.noise.coloured else minor).append(
+            _turbulence(turbulence, final.flight.aircraft, held_gains[0])
+        )
+    for round_, held in zip(named, held_gains[1:], strict=True):
+        name = round_.trials[0].candidate.name
+        if name not in there:
             minor.append(_cause(round_.trials[0], naming, (), held))
+        elif is_sure(evidence, name):
+            causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
+        else:
+            superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"{c.sentence} No longer sure beside the other causes.") for c in superseded]
-    minor += [_expected(one.name, final) for one in structure]
+    for expected in (_expected(one.name, evidence, structure_gain) for one in structure):
+        (causes if expected.meaningful else minor).append(expected)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
@@ -101,15 +105,18 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
     )  # fmt: skip
 
 
-def _expected(name: str, fit: Fit) -> Cause:
+def _expected(name: str, evidence: Evidence, held: float | None) -> Cause:
+    fit = evidence.fit
     one = next(a for a in fit.attached if a.name == name)
-    effect, value, std = one.effect, fit[name], fit.std(name)
-    statistic = (value / std) ** 2
+    effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
+    share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
+    meaningful = matters(share, statistic) and is_sure(evidence, name) and (held is None or held >= 0.0)
     return Cause(
-        kind=effect.kind, target=effect.target, term=effect.term, value=value, std=std, unit=effect.unit,
-        records=fit.batch.names, onset_s=None, statistic=statistic, dof=1, p_value=float(stats.chi2.sf(statistic, 1)),
-        held_out_gain=None, indistinguishable_from=(), parameters={}, meaningful=False, share=0.0,
-        sentence=f"Expected of any aircraft, and added: {effect_sentence(*effect.key, value)}",
+        kind=effect.kind, target=effect.target, term=effect.term, value=value, std=deviation(evidence, name),
+        unit=effect.unit, records=fit.batch.names, onset_s=None, statistic=statistic, dof=1,
+        p_value=float(stats.chi2.sf(statistic, 1)), held_out_gain=held, indistinguishable_from=(), parameters={},
+        meaningful=meaningful, share=share,
+        sentence=sentence if meaningful else f"Expected of any aircraft, and added: {sentence}",
     )  # fmt: skip
 
 
@@ -219,7 +226,8 @@ def extended_aircraft(
 ) -> Aircraft:
     """The aircraft file with fitted derivatives, expected structure as terms, and the named causes as effects."""
     terms: dict[str, dict[str, float]] = {}
-    for one in structure:
+    named = {(c.target, c.term) for c in causes}
+    for one in (s for s in structure if (s.effect.target, s.effect.term) not in named):
         terms.setdefault(one.effect.target, {})[one.effect.term or "0"] = fit[one.name]
     before = {(e.kind, e.target, e.term) for e in aircraft.effects}
     effects = [
