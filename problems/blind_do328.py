@@ -15,6 +15,7 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import Applied, apply_effects
 from casid.model.effects import effect_of
+from casid.model.operators import TURNING
 from casid.model.path import OUTPUTS
 from casid.model.simulate import simulate
 from casid.model.trim import Trim, trim
@@ -63,6 +64,14 @@ def fly(
         if one.kind == "turbulence":
             gusts = air(t, one.value, seed)
     outputs = _flown(applied, start, gusts, outside)
+    for _ in range(_PICARD if any(one.kind == "wind_shear" for one in here) else 0):
+        turning = {
+            key: outputs[:, OUTPUTS.index(key)] for key in TURNING
+        }  # the wind stays where it is, over the ground
+        before, record = outputs, applied.records[0].with_channels(**turning)
+        outputs = _flown(apply_effects(aircraft, [record], outputs=OUTPUTS), start, gusts, outside)
+        if np.abs(outputs - before).max() < _SETTLED * np.abs(outputs).max():
+            break
     read = dict(applied.records[0].channels) | dict(zip(OUTPUTS, outputs.T, strict=True))
     for value in instruments:
         effect = effect_of(value)

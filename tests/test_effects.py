@@ -288,15 +288,25 @@ def test_structural_mode_rings_alike_at_any_sampling_rate():
     assert np.abs(coarse - truth).max() < 0.01 * np.abs(truth).max()
 
 
+def test_heading_follows_from_bank_pitch_and_rates():
+    """The truth is the Euler angles that the rates are made of: q and r of the 3-2-1 rotation."""
+    t = np.arange(0.0, 10.0, 0.01)
+    phi, theta, psi = 0.6 * np.sin(t), 0.2 * np.cos(0.7 * t), 0.9 * np.sin(0.3 * t)
+    theta_rate, psi_rate = -0.14 * np.sin(0.7 * t), 0.27 * np.cos(0.3 * t)
+    q = theta_rate * np.cos(phi) + psi_rate * np.cos(theta) * np.sin(phi)
+    r = psi_rate * np.cos(theta) * np.cos(phi) - theta_rate * np.sin(phi)
+    np.testing.assert_allclose(operators.turned(t, phi, theta, q, r), psi, atol=1e-5)
+
+
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_wind_shear_keeps_its_direction_over_the_ground_while_the_aircraft_banks(axis):
+def test_wind_shear_keeps_its_direction_over_the_ground_while_the_aircraft_turns(axis):
     """The truth is the rotation of 3-2-1 Euler angles: turned back to the horizon, all of it is along the one axis."""
     t = np.arange(0.0, 10.0, 0.1)
-    phi, theta = 0.6 * np.sin(t), 0.2 * np.cos(0.7 * t)
+    phi, theta, psi = 0.6 * np.sin(t), 0.2 * np.cos(0.7 * t), 0.9 * np.sin(0.3 * t)
     series = wind_shear(axis).series
     assert series is not None
-    body = series(t, {"phi": phi, "theta": theta}, {"value": 0.5, "onset": 2.0})
-    level = Rotation.from_euler("ZYX", np.stack([0.0 * t, theta, phi], axis=1)).apply(
+    body = series(t, {"phi": phi, "theta": theta, "turned": psi}, {"value": 0.5, "onset": 2.0})
+    level = Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1)).apply(
         np.stack([body[f"wind_{b}"] for b in "xyz"], axis=1)
     )
     expected = np.zeros((len(t), 3))

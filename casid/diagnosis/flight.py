@@ -12,6 +12,7 @@ from casid.errors import InputError
 from casid.estimation.compiler import Compilable
 from casid.estimation.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
 from casid.estimation.noise import denoise, density_sigma, high_band_holds, motion_edge, pooled_sigma
+from casid.model import operators
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model, flight_inputs
@@ -183,7 +184,11 @@ class Regressors:
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
-        table |= {name: X[..., i] for i, name in enumerate(self._states) if name in ("phi", "theta")}
+        motion = {name: X[..., i] for i, name in enumerate(self._states)}
+        table |= {name: motion[name] for name in ("phi", "theta") if name in motion}
+        if all(name in motion for name in operators.TURNING):
+            columns = zip(self._quiet.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
+            table["turned"] = np.stack([operators.turned(*column) for column in columns], axis=1)
         for angle, length in self._lengths.items():
             rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._quiet.t.T, strict=True)]
             table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
+from casid.model import operators
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import group_channels
 from casid.model.dynamics import aircraft_model, flight_inputs
@@ -237,7 +238,10 @@ def _series(value: EffectValue, record: Record) -> dict[str, np.ndarray]:
     values = _values(value, effect)
     if effect.timed:
         values["onset"] = 0.5 * sum(onsets[record.name])
-    return effect.series(record.t, record.channels, values)
+    known = dict(record.channels)
+    if all(name in record for name in operators.TURNING):
+        known["turned"] = operators.turned(record.t, *(known[name] for name in operators.TURNING))
+    return effect.series(record.t, known, values)
 
 
 def _values(value: EffectValue, effect: Effect) -> dict[str, float]:

@@ -7,7 +7,7 @@ All take t (N,) [s] and a series (N,), run between samples linearly, start in st
 from __future__ import annotations
 
 import numpy as np
-from scipy import interpolate, linalg, signal
+from scipy import integrate, interpolate, linalg, signal
 
 _STRAIGHT = 0.03  # of a period: over that, a wave is a straight line to 0.3 %
 
@@ -90,6 +90,16 @@ def transition(t: np.ndarray, onset: float, duration: float) -> np.ndarray:
 def ramp(t: np.ndarray, onset: float) -> np.ndarray:
     """0 before `onset`, then rising by 1 per second."""
     return np.maximum(t - onset, 0.0)
+
+
+TURNING = ("phi", "theta", "q", "r")  # what `turned` is made of
+
+
+def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Heading [rad] less that at the first sample, from bank and pitch angle [rad] and rates [rad/s]; it rests while
+    one of them is missing."""
+    rate = (q * np.sin(phi) + r * np.cos(phi)) / np.cos(theta)
+    return integrate.cumulative_trapezoid(np.nan_to_num(rate), t, initial=0.0)
 
 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float = 0.03) -> np.ndarray:

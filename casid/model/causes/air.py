@@ -1,7 +1,7 @@
 """Causes in the air: it moves, steadily, in gusts or at random.
 
-Gusts are short and along the axes of the body; a steady change goes on while the aircraft banks, and is along the
-horizon: x forward, y to the right, z down.
+Gusts are short and along the axes of the body; a steady change goes on while the aircraft turns and banks, and is along
+the horizon: x where the aircraft heads at the beginning of the record, y to the right of it, z down.
 """
 
 from __future__ import annotations
@@ -22,10 +22,12 @@ _AXES = ("x", "y", "z")
 def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         wind = values["value"] * operators.ramp(t, values["onset"])
-        phi, theta = known.get("phi", 0.0 * t), known.get("theta", 0.0 * t)
+        phi, theta, psi = (known.get(name, 0.0 * t) for name in ("phi", "theta", "turned"))
+        ahead = (np.cos(theta), np.sin(phi) * np.sin(theta), np.cos(phi) * np.sin(theta))
+        aside = (0.0, np.cos(phi), -np.sin(phi))
         along_body = {
-            "x": (np.cos(theta), np.sin(phi) * np.sin(theta), np.cos(phi) * np.sin(theta)),
-            "y": (0.0, np.cos(phi), -np.sin(phi)),
+            "x": [np.cos(psi) * a - np.sin(psi) * b for a, b in zip(ahead, aside, strict=True)],
+            "y": [np.sin(psi) * a + np.cos(psi) * b for a, b in zip(ahead, aside, strict=True)],
             "z": (-np.sin(theta), np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)),
         }[axis]
         return {f"wind_{body}": share * wind for body, share in zip(_AXES, along_body, strict=True)}
