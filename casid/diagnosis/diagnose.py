@@ -116,8 +116,9 @@ def diagnose(
     if coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
     unexplained = still_missing(final, [*left, *missing_oscillation(judged)], max(least, rough))
-    if not unexplained:
-        minor = (*minor, *too_small(naming, (*causes, *minor)))
+    small = too_small(naming, (*causes, *minor), unexplained)
+    if small and (same or not unexplained):
+        minor, unexplained = (*minor, *small), []
     verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]

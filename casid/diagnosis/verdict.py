@@ -69,16 +69,19 @@ def causes_of(
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
-def too_small(naming: Naming, seen: Sequence[Cause]) -> tuple[Cause, ...]:
+def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
     """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
-    small terms. Only for a model in which nothing else is missing: what is missing distorts small things first."""
+    small terms. What is missing distorts small things: while something is, only a cause that gains more than any of the
+    inputs `missing`, of whatever shape, could; then it is what is missing."""
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
     for round_ in [r for r in naming.rounds if not r.named][:1]:
-        for trial in round_.trials:
+        for trial in sorted(round_.trials, key=lambda t: -t.net):
             effect = trial.candidate.attached.effect
             if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in known:
                 found.append(_cause(trial, naming, (), None))
                 known.add(effect.key)
+    if missing:
+        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > missing[0].gain)
     return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
 
