@@ -107,11 +107,14 @@ def diagnose(
     judged = naming.evidence if same else weigh(final)
     left = naming.missing if same else missing_inputs(judged)
     exact = missing_inputs(weigh(final, discrepancy=False))
-    first = exact if final is start else missing_inputs(weigh(start, discrepancy=False))
     stages.begin("verdict")
-    of_structure = _held_gains([held_calm, on_held[0]])[0]
+    structure_gain = _held_gains([held_calm, on_held[0]])[0]
     of_rounds = gains if coloured else [None, *gains]
-    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, of_structure)
+    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain)
+    keys = {one.effect.key for one in structure}
+    of_structure = any((c.kind, c.target, c.term) in keys for c in causes)
+    bare = calm if of_structure and not coloured else start  # without any cause
+    first = exact if final is bare else missing_inputs(weigh(bare, discrepancy=False))
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
     if coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
