@@ -7,7 +7,7 @@ import pytest
 from diagnosis_flights import NOISE, flights
 from scipy import stats
 
-from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.diagnose import diagnose, steps_to_keep
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
@@ -17,6 +17,7 @@ from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem
 from casid.model.causes import (
     actuator_lag,
     aero_term,
+    configuration_change,
     effectiveness_change,
     gust,
     sensor_bias,
@@ -24,9 +25,11 @@ from casid.model.causes import (
     sensor_scale,
     unsteady_aero,
     vane_position,
+    wind_shear,
 )  # fmt: skip
 from casid.model.dynamics import aircraft_model
-from problems.do328 import STABLE, do328
+from problems.blind_do328 import turbulence
+from problems.do328 import STABLE, V_TRIM, do328
 
 HIDDEN = [
     Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 6.0}),
@@ -75,6 +78,59 @@ def test_clean_data_give_no_name(seed: int) -> None:
     found = diagnose(rough_file(), flights(seed=seed, count=4))
     assert found.verdict == "adequate", str(found)
     assert found.causes == ()
+
+
+TWO = [
+    # in the sheared air a late beta looks like a displaced vane, until the shear is in the kinematics too
+    (
+        Attached(effect=sensor_delay("beta"), values={"value": 0.1}),
+        Attached(effect=wind_shear("x"), values={"value": -0.4}, onsets={"m2": 8.0, "m3": 9.0}),
+    ),
+    # both on the elevator's axis: the first to be named is put where the second one helps it
+    (
+        Attached(effect=effectiveness_change("delta_e"), values={"value": -0.25}, onsets={"m2": 6.0, "m3": 15.0}),
+        Attached(effect=configuration_change("CL+CD+Cm"), onsets={"m2": 11.0},
+                 values={"value": 0.1, "CD": 0.02, "Cm": -0.02, "duration": 0.8}),
+    ),
+    # one is a term that every aircraft has, and put in before anything is named
+    (
+        Attached(effect=sensor_scale("beta"), values={"value": 0.08}),
+        Attached(effect=aero_term("Cn", "alpha*p"), values={"value": 6.0}),
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("hidden", TWO, ids=lambda pair: " and ".join(h.name for h in pair))
+def test_of_two_hidden_effects_both_are_named_and_nothing_else(hidden: tuple[Attached, Attached]) -> None:
+    found = diagnose(rough_file(), flights(hidden, seed=5, count=4))
+    assert {(c.kind, c.target, c.term) for c in found.causes} == {h.effect.key for h in hidden}, str(found)
+    truth = {h.effect.key: h for h in hidden}
+    for cause in found.causes:
+        one = truth[cause.kind, cause.target, cause.term]
+        assert abs(cause.value - one.values["value"]) < 5.0 * cause.std + 0.02 * abs(one.values["value"])
+        for record, (low, high) in (cause.onset_s or {}).items():
+            assert low <= one.onsets[record] <= high
+
+
+def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> None:
+    """Dryden turbulence of 1 m/s: its first-order model has it within three of its sigmas."""
+    t = np.arange(0.0, 20.0, 1.0 / 25.0)
+    found = diagnose(
+        rough_file(), flights(seed=7, count=4, disturbance=turbulence(np.random.default_rng(7), t, 1.0, V_TRIM))
+    )
+    assert [c.kind for c in found.causes] == ["turbulence"], str(found)
+    assert abs(found.causes[0].value - 1.0) < 3.0 * found.causes[0].std
+
+
+@pytest.mark.parametrize(
+    ("gains", "kept"),
+    [
+        ((), 0), ((1.0, 0.5), 2), ((1.0, -0.5), 1), ((-0.2, 6.2, 1.3), 3), ((-0.2, 0.1), 0), ((None, None), 2),
+        ((1.0, -0.1, None), 1),
+    ],
+)  # fmt: skip
+def test_steps_that_lose_on_held_out_records_are_taken_back_unless_later_ones_make_up(gains, kept) -> None:
+    assert steps_to_keep(gains) == kept
 
 
 def test_an_effect_outside_the_catalogue_stays_unexplained() -> None:

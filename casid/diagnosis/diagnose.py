@@ -43,7 +43,7 @@ _REPAIRS = 3
 _OF_TURBULENCE = 0.02
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _OF_ONE_READING = 1.5  # times what turbulence gains, and it is none
-_RIVAL = 0.3  # part of what one gains alone that a fault and turbulence must keep beside each other
+_RIVAL = 0.3  # of what turbulence gains, for a fault; of what faults gain alone, in moving air
 
 
 class Stages:
@@ -178,35 +178,32 @@ def _kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | N
 def _beside_faults(
     flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect], ranked: Sequence[Candidate]
 ) -> Turbulence:
-    """Turbulence beside what looks like it until it is in the model: an instrument fault, a discrete gust."""
-    repaired = calm
-    for _ in range(_REPAIRS):
+    """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
+
+    Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
+    no turbulence, or when they explain much in moving air too.
+    """
+    faulty, left = calm, turbulent.gain
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    both = calm.deviance - turbulent.gain
+    for _ in range(_REPAIRS if turbulent.named else 0):
         ranked = [one for one in ranked if plausible(one.attached)]
-        if not (turbulent.named and ranked and ranked[0].net > _RIVAL * turbulent.gain):
+        if not ranked or ranked[0].net < _RIVAL * left:
             break
-        other = kinematics.reconstruct(flight, [*repaired.attached, ranked[0].attached], start=repaired)
+        other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
             other, _ = at_peak(other, free="effects")
-        alone = repaired.deviance - other.deviance
-        if alone < CONFIRMED * ranked[0].net or not _beside(flight, turbulent, repaired, other):
+        if faulty.deviance - other.deviance < CONFIRMED * ranked[0].net:
             break  # it does not keep what it promised: turbulence looks like an instrument fault too
-        turbulent, repaired = kinematics.turbulence(flight, other), other
-        taken = {a.effect.key for a in repaired.attached}
-        ranked = screen(weigh(repaired, discrepancy=False), [e for e in effects if e.key not in taken])
-    return turbulent
-
-
-def _beside(flight: Flight, turbulent: Turbulence, without: Fit, faulty: Fit) -> bool:
-    """Whether a fault has a part of its own in what is wrong: it explains more than turbulence, or much of it in moving
-    air too, or leaves turbulence little. Moving air imitates any fault, and a fault may imitate much of moving air."""
-    alone = without.deviance - faulty.deviance
-    if alone > turbulent.gain:
-        return True
-    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
-    both = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
-    of_the_fault = without.deviance - turbulent.gain - both.deviance
-    of_the_air = faulty.deviance - both.deviance
-    return of_the_fault > _RIVAL * alone or of_the_air < _RIVAL * turbulent.gain
+        faulty, both = other, kinematics.reconstruct(flight, other.attached, moving, other).deviance
+        left = faulty.deviance - both
+        taken = {a.effect.key for a in faulty.attached}
+        ranked = screen(weigh(faulty, discrepancy=False), [e for e in effects if e.key not in taken])
+    if faulty is calm:
+        return turbulent
+    beside = kinematics.turbulence(flight, faulty)
+    alone, in_moving_air = calm.deviance - faulty.deviance, calm.deviance - turbulent.gain - both
+    return turbulent if beside.named and in_moving_air < _RIVAL * alone else beside
 
 
 def _view(fitted: Fit) -> View:
@@ -214,13 +211,18 @@ def _view(fitted: Fit) -> View:
     return View(fit=fitted, simulated=simulated, channels=channel_fits(fitted, simulated))
 
 
+def steps_to_keep(gains: Sequence[float | None]) -> int:
+    """Number of first steps whose gains (None: not known) add up to the most, the largest of equals."""
+    sums = np.cumsum([0.0, *(gain or 0.0 for gain in gains)])
+    return int(len(gains) - np.argmax(sums[::-1]))
+
+
 def _best_on_held(
     flight: Flight, held: Sequence[Record], steps: Sequence[Fit], on_held: Sequence[Fit], gains: Sequence[float | None]
 ) -> tuple[Fit, Fit]:
     """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
     of them that lost there and are still no help beside the later ones."""
-    sums = np.cumsum([0.0, *(gain or 0.0 for gain in gains)])
-    kept = int(len(gains) - np.argmax(sums[::-1]))
+    kept = steps_to_keep(gains)
     final, held_final = steps[kept], on_held[kept]
     for before, after, gain in zip(steps[:kept], steps[1 : kept + 1], gains, strict=False):
         new = {a.name for a in after.attached} - {a.name for a in before.attached}
