@@ -7,10 +7,11 @@ import pytest
 from diagnosis_flights import NOISE, flights
 from scipy import stats
 
-from casid.diagnosis.diagnose import diagnose, steps_to_keep
+from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
+from casid.diagnosis.held_out import steps_to_keep
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -99,3 +100,37 @@ def _onsets(base: Fit, one: Attached) -> dict[str, float]:
         if max(drops) > 2.0 * np.log(len(prints)):
             found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
     return found
+
+
+def steps_to_keep(gains: Sequence[float | None]) -> int:
+    """Number of first steps whose gains (None: not known) add up to the most, the largest of equals."""
+    sums = np.cumsum([0.0, *(gain or 0.0 for gain in gains)])
+    return int(len(gains) - np.argmax(sums[::-1]))
+
+
+def best_on_held(
+    flight: Flight, held: Sequence[Record], steps: Sequence[Fit], on_held: Sequence[Fit], gains: Sequence[float | None]
+) -> tuple[Fit, Fit]:
+    """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
+    of them that lost there and are still no help beside the later ones."""
+    kept = steps_to_keep(gains)
+    final, held_final = steps[kept], on_held[kept]
+    for before, after, gain in zip(steps[:kept], steps[1 : kept + 1], gains, strict=False):
+        new = {a.name for a in after.attached} - {a.name for a in before.attached}
+        if gain is None or gain >= 0.0 or not new:
+            continue
+        without = fit(flight, [a for a in final.attached if a.name not in new], final.noise, final)
+        held_without = judge_on(flight, held, without)
+        if held_without.data_deviance <= held_final.data_deviance:
+            final, held_final = without, held_without
+    return final, held_final
+
+
+def held_gains(on_held: Sequence[Fit]) -> list[float | None]:
+    """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat."""
+    gains: list[float | None] = []
+    for before, after in pairwise(on_held):
+        new = {a.name for a in after.attached} - {a.name for a in before.attached}
+        gain = 0.5 * (before.data_deviance - after.data_deviance) / int(after.linear.seen.sum())
+        gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
+    return gains

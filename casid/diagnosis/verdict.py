@@ -13,8 +13,8 @@ from casid.diagnosis.fit import Fit
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import READING, MissingInput
-from casid.diagnosis.naming import Naming
+from casid.diagnosis.missing_input import READING, MissingInput, missing_oscillation
+from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, meaningful_share, missing_share
@@ -28,6 +28,7 @@ from casid.model.vocabulary import effect_sentence
 MISSING_GAIN = 150.0
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
+_OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
 
 
@@ -180,12 +181,19 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
     return sorted(found, key=lambda c: -c.statistic)[:5]
 
 
-def still_missing(fit: Fit, missing: Sequence[MissingInput], least: float) -> list[MissingInput]:
-    """Anonymous inputs that gain (`least`, if that is more than usual) and matter still: where something enters that no
-    cause of the catalogue explains; largest gain first."""
-    enough = max(MISSING_GAIN, least)
-    left = [m for m in missing if m.gain > enough and missing_share(fit, m) > SHARE]
-    return sorted(left, key=lambda m: -m.gain)
+def still_missing(
+    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float
+) -> list[MissingInput]:
+    """Where something enters that no cause of the catalogue explains, largest gain first: unknown inputs `left` and an
+    oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter."""
+    rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
+    enough = max(MISSING_GAIN, least, rough)
+    if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
+        left = [m for m in left if m.station not in _OF_THE_AIR]
+    found = [*left, *missing_oscillation(evidence)]
+    return sorted(
+        (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > SHARE), key=lambda m: -m.gain
+    )
 
 
 def verdict_of(

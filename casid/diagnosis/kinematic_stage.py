@@ -1,0 +1,76 @@
+"""What kinematics say before any aerodynamics: which instrument or air cause shows, and is the air turbulent?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from casid.diagnosis import kinematics
+from casid.diagnosis.events import at_peak
+from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.fit import Fit
+from casid.diagnosis.flight import Flight
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematics import Turbulence
+from casid.diagnosis.missing_input import drifts
+from casid.diagnosis.screening import Candidate, screen
+from casid.diagnosis.size import plausible
+from casid.diagnosis.trials import CONFIRMED
+from casid.model.effect import Effect
+from casid.model.effects import catalogue
+
+_REPAIRS = 3
+_OF_ONE_READING = 1.5  # times what turbulence gains, and it is none
+_RIVAL = 0.3  # of what turbulence gains, for a fault; of what faults gain alone, in moving air
+
+
+def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
+    """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence."""
+    none = Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
+    if not kinematics.available(flight):
+        return None, [], none
+    of_the_file = [one for one in known if one.effect.kinematic]
+    calm = kinematics.reconstruct(flight, of_the_file)
+    evidence = weigh(calm, discrepancy=False)
+    taken = {one.effect.key for one in of_the_file}
+    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
+    ranked = screen(evidence, effects)
+    turbulent = kinematics.turbulence(flight, calm)
+    if turbulent.named and drifts(evidence)[0].gain > _OF_ONE_READING * turbulent.gain:
+        return evidence, ranked, none  # one drifting instrument tells more than all moving air
+    turbulent = _beside_faults(flight, turbulent, calm, effects, ranked)
+    if not turbulent.named:
+        return evidence, ranked, turbulent
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
+    return evidence, screen(evidence, effects), turbulent
+
+
+def _beside_faults(
+    flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect], ranked: Sequence[Candidate]
+) -> Turbulence:
+    """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
+
+    Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
+    no turbulence, or when they explain much in moving air too.
+    """
+    faulty, left = calm, turbulent.gain
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    both = calm.deviance - turbulent.gain
+    for _ in range(_REPAIRS if turbulent.named else 0):
+        ranked = [one for one in ranked if plausible(one.attached)]
+        if not ranked or ranked[0].net < _RIVAL * left:
+            break
+        other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
+        if ranked[0].attached.effect.timed:
+            other, _ = at_peak(other, free="effects")
+        if faulty.deviance - other.deviance < CONFIRMED * ranked[0].net:
+            break  # it does not keep what it promised: turbulence looks like an instrument fault too
+        faulty, both = other, kinematics.reconstruct(flight, other.attached, moving, other).deviance
+        left = faulty.deviance - both
+        taken = {a.effect.key for a in faulty.attached}
+        ranked = screen(weigh(faulty, discrepancy=False), [e for e in effects if e.key not in taken])
+    if faulty is calm:
+        return turbulent
+    beside = kinematics.turbulence(flight, faulty)
+    alone, in_moving_air = calm.deviance - faulty.deviance, calm.deviance - turbulent.gain - both
+    return turbulent if beside.named and in_moving_air < _RIVAL * alone else beside
