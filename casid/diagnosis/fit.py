@@ -176,7 +176,7 @@ def fit(
     work = _Work(flight, attached, noise, free)
     attached = tuple(attached)
     values = _start_values(work, attached, start)
-    X, moving = _start_trajectory(work, attached, start)
+    X, moving = _start_trajectory(work, attached, start, values)
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
@@ -212,12 +212,21 @@ def _place(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return fit.values, fit.linear.X, fit.coloured
 
 
-def _start_trajectory(work: _Work, attached: Sequence[Attached], start: Fit | None) -> tuple[np.ndarray, np.ndarray]:
-    """States (N, R, nx) and coloured disturbances (N, R, nc) to begin with."""
+def _start_trajectory(
+    work: _Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (N, R, nx) and coloured disturbances (N, R, nc) to begin with.
+
+    Without a start, what the filter makes of the measured motion: the deviance of a model linearised about noise cannot
+    be compared with any other, and a line search that begins there may stay there.
+    """
     names = tuple(acting_noise(work.noise, attached, work.dt).coloured)
     still = np.zeros((*work.batch.live.shape, len(names)))
     if start is None or start.flight.records is not work.flight.records:
-        return _guess(work), still
+        measured = _evaluate(work, _with_values(attached, work.slots, values), values, _guess(work), still, 0)
+        moved = measured.filter.smooth(*residual_about(measured.linear, measured.acting, still))
+        nx = len(work.model.states)
+        return measured.linear.X + moved[..., :nx], moved[..., nx:]
     same = tuple(start.acting.coloured) == names
     return start.linear.X, start.coloured if same else still
 

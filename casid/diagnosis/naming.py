@@ -147,9 +147,11 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
 
 def _price(trial: Trial, state: Naming, least: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
-    for another; but kinematics have turbulence in them, so what they find is."""
+    for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is."""
     timed, prices = trial.candidate.attached.effect.timed, [GAIN if trial.confirmed else least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
+        if trial.confirmed and not earlier.candidate.attached.effect.kinematic:
+            continue
         of_event = LEFT_BY_AN_EVENT if timed else _LEFT_BY_AN_EVENT_TO_OTHERS
         prices.append((of_event if earlier.candidate.attached.effect.timed else _LEFT_TO_OTHERS) * earlier.gain)
     return max(prices)
