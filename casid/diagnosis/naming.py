@@ -9,6 +9,7 @@ import numpy as np
 
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
+from casid.diagnosis.fit import Fit, fit
 from casid.diagnosis.kinematics import beside
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
@@ -138,11 +139,29 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
     best, fitted, moved = settled(best, best_fit)
+    fitted = _without_superseded(state, best, fitted)
+    best = replace(best, fit=fitted)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic = state.kinematic
     if kinematic is not None and best.candidate.attached.effect.kinematic:
         kinematic = beside(kinematic, fitted.attached)
     return _standing(weigh(fitted), kinematic, (*state.rounds, this), intervals | moved)
+
+
+def _without_superseded(state: Naming, best: Trial, fitted: Fit) -> Fit:
+    """The fit without those earlier causes that had `best` as a rival when they were named and gain nothing beside it:
+    what was missing then and is named by now may have decided for the wrong one."""
+    key = best.candidate.attached.effect.key
+    for earlier in (r for r in state.rounds if r.named):
+        name = earlier.trials[0].candidate.name
+        rivals = {trial.candidate.attached.effect.key for trial in earlier.trials}
+        if key not in rivals or name not in {a.name for a in fitted.attached}:
+            continue
+        others = [a for a in fitted.attached if a.name != name]
+        without = fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
+        if weigh(without).deviance < weigh(fitted).deviance + GAIN:
+            fitted = without
+    return fitted
 
 
 def _price(trial: Trial, state: Naming, least: float) -> float:

@@ -43,13 +43,13 @@ def causes_of(
     """(causes, minor), strongest first.
 
     evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
-                minor, and so does a cause of which nothing sure is left when others stand beside it
+                minor, and so does a cause of which nothing sure is left, or that is not needed, beside the others
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   expected terms that were put into the model beforehand, which together gained `structure_gain` on the
                 held-out records: minor, unless they matter as much as any other term must that is named
     """
     named, final = [r for r in naming.rounds if r.named], evidence.fit
-    there = {one.name for one in final.attached}
+    there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
     causes, minor, superseded = [], [], []
     if turbulence.named:
         (causes if final.noise.coloured else minor).append(
@@ -57,12 +57,12 @@ def causes_of(
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.trials[0].candidate.name
-        if name not in there:
-            minor.append(_cause(round_.trials[0], naming, (), held))
-        elif is_sure(evidence, name):
+        if name in there and is_sure(evidence, name):
             causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
-        else:
+        elif name in there:
             superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
+        else:
+            (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"{c.sentence} No longer sure beside the other causes.") for c in superseded]
     for expected in (_expected(one.name, evidence, structure_gain) for one in structure):
