@@ -98,7 +98,7 @@ def diagnose(
     stages.begin("verdict")
     structure_gain = held_gains([held_calm, on_held[0]])[0]
     of_rounds = gains if coloured else [None, *gains]
-    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain)
+    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain, least)
     keys = {one.effect.key for one in structure}
     of_structure = any((c.kind, c.target, c.term) in keys for c in causes)
     bare = calm if of_structure and not coloured else start  # without any cause

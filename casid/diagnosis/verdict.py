@@ -39,6 +39,7 @@ def causes_of(
     held_gains: Sequence[float | None],
     structure: Sequence[Attached] = (),
     structure_gain: float | None = None,
+    least: float = 0.0,
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
@@ -46,7 +47,7 @@ def causes_of(
                 minor, and so does a cause of which nothing sure is left, or that is not needed, beside the others
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   expected terms that were put into the model beforehand, which together gained `structure_gain` on the
-                held-out records: minor, unless they matter as much as any other term must that is named
+                held-out records: minor, unless they gain more than `least` and matter as any term must that is named
     """
     named, final = [r for r in naming.rounds if r.named], evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
@@ -65,7 +66,7 @@ def causes_of(
             (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"{c.sentence} No longer sure beside the other causes.") for c in superseded]
-    for expected in (_expected(one.name, evidence, structure_gain) for one in structure):
+    for expected in (_expected(one.name, evidence, structure_gain, least) for one in structure):
         (causes if expected.meaningful else minor).append(expected)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
@@ -109,12 +110,13 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
     )  # fmt: skip
 
 
-def _expected(name: str, evidence: Evidence, held: float | None) -> Cause:
+def _expected(name: str, evidence: Evidence, held: float | None, least: float) -> Cause:
     fit = evidence.fit
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    meaningful = matters(share, statistic) and is_sure(evidence, name) and (held is None or held >= 0.0)
+    meaningful = statistic > least and matters(share, statistic) and is_sure(evidence, name)
+    meaningful = meaningful and (held is None or held >= 0.0)
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=deviation(evidence, name),
         unit=effect.unit, records=fit.batch.names, onset_s=None, statistic=statistic, dof=1,
