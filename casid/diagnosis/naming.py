@@ -90,8 +90,10 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     effect, reading = one.effect, READING + one.effect.target
     if not is_sure(state.evidence, one.name):
         return False
-    if effect.constant and reading in was and left[reading] > max(_STEADY * was[reading], _NOTICEABLE):
-        return False
+    for bias in (a.effect for a in state.evidence.fit.attached if a.effect.constant):
+        at = READING + bias.target
+        if at in was and left[at] > max(_STEADY * was[at], _NOTICEABLE):
+            return False  # it drifts
     if effect.improbable:
         return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in was)
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
