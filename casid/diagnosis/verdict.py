@@ -65,7 +65,9 @@ def causes_of(
         else:
             (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
-    minor += [replace(c, sentence=f"{c.sentence} No longer sure beside the other causes.") for c in superseded]
+    minor += [
+        replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.") for c in superseded
+    ]
     for expected in (_expected(one.name, evidence, structure_gain, least) for one in structure):
         (causes if expected.meaningful else minor).append(expected)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)

@@ -71,22 +71,8 @@ class FilterKernel:
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
-        _call(
-            self._whiten,
-            R * -(-nc // _TILE),
-            sizes,
-            A,
-            C,
-            K,
-            root,
-            Y,
-            F,
-            first,
-            ctypes.c_long(0),
-            *[None] * 5,
-            white,
-            kept,
-        )
+        columns = (Y, F, first, ctypes.c_long(0), *[None] * 5)
+        _call(self._whiten, _tiles(R, nc), sizes, A, C, K, root, *columns, white, kept)
         return white, states
 
     def whiten_histories(self, A, C, K, root, stations, series, Dw, B0, B1) -> np.ndarray:
@@ -94,26 +80,8 @@ class FilterKernel:
         (N, R, ny, n), nc = C.shape, series.shape[2]
         white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
-        _call(
-            self._whiten,
-            R * -(-nc // _TILE),
-            sizes,
-            A,
-            C,
-            K,
-            root,
-            None,
-            None,
-            None,
-            nw,
-            index,
-            series,
-            Dw,
-            B0,
-            B1,
-            white,
-            None,
-        )
+        histories = (None, None, None, nw, index, series, Dw, B0, B1)
+        _call(self._whiten, _tiles(R, nc), sizes, A, C, K, root, *histories, white, None)
         return white
 
     def smooth(self, A, C, K, root, kept, white, states) -> np.ndarray:
@@ -122,6 +90,10 @@ class FilterKernel:
         deviation = np.empty((N, R, n))
         _call(self._smooth, R, (N, R, n, ny), A, C, K, root, kept, white, states, deviation)
         return deviation
+
+
+def _tiles(records: int, columns: int) -> int:
+    return records * -(-columns // _TILE)
 
 
 def _call(function, parts: int, sizes: tuple[int, ...], *arguments: np.ndarray | ctypes.c_long | None) -> bool:
