@@ -22,6 +22,7 @@ _FITTED = RECORDS[:-1]
 _TRIES = 60
 _NEEDS_DEVICE = ("configuration_change",)  # a flap, gear or speedbrake, which not every aircraft file of JSBSim has
 _LEAST_SHARE = 0.06  # of a coefficient's variation that a drawn aerodynamic term must add visibly
+_AT_WORK = 0.02  # part of the flight in which it must act: two surfaces that meet for an instant are no effect
 # channel -> smallest and largest bias
 _BIAS: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -174,7 +175,7 @@ def _aero_term(rng: Rng, scene: Scene) -> Hidden:
         if term in scene.structure[coefficient]:
             continue
         value, share = scene.size_of_share(coefficient, scene.column(term), rng.uniform(0.08, 0.30))
-        if share >= _LEAST_SHARE:
+        if share >= _LEAST_SHARE and scene.at_work(coefficient, scene.column(term)) >= _AT_WORK:
             return Hidden(
                 kind="aero_term", target=coefficient, term=term, value=_sign(rng) * _digits(value),
                 parameters={"share": _digits(share)},

@@ -87,11 +87,19 @@ class Scene:
     def size_of_share(self, coefficient: str, series: np.ndarray, share: float) -> tuple[float, float]:
         """(value, share reached): the factor on a series (N,) with which it adds `share` of the coefficient's
         variation that the file's terms cannot imitate, without adding more than 0.8 of that variation itself."""
-        whole = float(np.std(self.coefficients[coefficient]))
-        A = np.stack([self.column(term) for term in self.structure[coefficient]], axis=1)
-        left = series - A @ np.linalg.lstsq(A, series, rcond=None)[0]
+        whole, left = float(np.std(self.coefficients[coefficient])), self._unlike(coefficient, series)
         value = min(share * whole / max(float(np.std(left)), 1e-12), 0.8 * whole / max(float(np.std(series)), 1e-12))
         return value, value * float(np.std(left)) / whole
+
+    def at_work(self, coefficient: str, series: np.ndarray) -> float:
+        """Part of the flight during which what the file's terms leave of a series (N,) acts: 1 when it is as large at
+        all times, 0 for a spike."""
+        power = self._unlike(coefficient, series) ** 2
+        return float(power.mean() ** 2 / max(float(np.mean(power**2)), 1e-300))
+
+    def _unlike(self, coefficient: str, series: np.ndarray) -> np.ndarray:
+        A = np.stack([self.column(term) for term in self.structure[coefficient]], axis=1)
+        return series - A @ np.linalg.lstsq(A, series, rcond=None)[0]
 
 
 def even_products(coefficient: str, degrees: Sequence[int] = (2,)) -> list[str]:
@@ -106,9 +114,13 @@ def even_products(coefficient: str, degrees: Sequence[int] = (2,)) -> list[str]:
     return names
 
 
+def _cubes(coefficient: str) -> list[str]:
+    return [f"{v}^3" for v in (_LATERAL_VARIABLES if coefficient in LATERAL else _LONGITUDINAL_VARIABLES)]
+
+
 def demanded(aircraft: Aircraft, records: Sequence[Record]) -> tuple[dict[str, tuple[str, ...]], Regression]:
-    """The terms that an engineer would have in the aircraft file: STRUCTURE and, one after another, the products
-    without which more than `_SEEN` of a coefficient's variation stays unexplained, and which explain it.
+    """The terms that an engineer would have in the aircraft file: STRUCTURE and, one after another, the products and
+    cubes without which more than `_SEEN` of a coefficient's variation stays unexplained, and which explain it.
 
     Returned with the regression, whose R2 say what is left.
     """
@@ -121,7 +133,7 @@ def demanded(aircraft: Aircraft, records: Sequence[Record]) -> tuple[dict[str, t
                 break
             trials = {
                 term: regress(aircraft, records, {coefficient: (*structure[coefficient], term)}).R2[coefficient]
-                for term in even_products(coefficient)
+                for term in (*even_products(coefficient), *_cubes(coefficient))
                 if term not in structure[coefficient]
             }
             best = max(trials, key=lambda term: trials[term])

@@ -179,7 +179,7 @@ def _price(trial: Trial, state: Naming, least: float) -> float:
 
 
 def _can_be_named(trial: Trial, least: float) -> bool:
-    return trial.net > least and trial.meaningful and not trial.refuted
+    return trial.net + trial.excess > least and trial.meaningful and not trial.refuted
 
 
 def _order(trial: Trial, least: float) -> tuple[bool, float]:

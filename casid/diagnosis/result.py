@@ -68,7 +68,8 @@ class Trial:
     candidate    with the fitted values; `std` of its value
     fit          the whole fit, kept of a round's winner only
     fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
-    gain         drop of the deviance; `net` is less its price
+    gain         drop of the deviance; `net` is less its price; `excess` what it would gain besides if the coefficients
+                 were as bent without it as they are beside it
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
     refuted      contradicted by kinematics; `confirmed` found by them with this size
     """
@@ -79,6 +80,7 @@ class Trial:
     fingerprint: np.ndarray
     gain: float
     net: float
+    excess: float
     meaningful: bool
     share: float
     refuted: bool

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.diagnosis.evidence import coefficient_series, unlike_derivatives, variation
+from casid.diagnosis.coefficients import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.missing_input import READING, MissingInput

@@ -78,14 +78,18 @@ def try_cause(
     if attached.effect.members:
         fitted = _without_weak(base, fitted)
     one = fitted.attached[-1]
-    gain = evidence.deviance - weigh(fitted).deviance
+    beside = weigh(fitted)
+    gain = evidence.deviance - beside.deviance
+    # a term is one of those that bend the coefficient, and makes it look more bent: it is judged by the others
+    excess = evidence.deviance_as_bent(beside.scales) - evidence.deviance if one.effect.regressor else 0.0
     share = meaningful_share(fitted, one)
     predicted, achieved = kinematic_check(kinematic, one) if kinematic is not None else (0.0, 0.0)
     confirmed = predicted > KINEMATIC_GAIN and achieved > CONFIRMED * predicted
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
-        fingerprint=_fingerprint(fitted, base, one), gain=gain, net=gain - (candidate.statistic - candidate.net),
-        meaningful=matters(share, gain, confirmed)
+        fingerprint=_fingerprint(fitted, base, one), gain=gain,
+        net=gain - (candidate.statistic - candidate.net), excess=excess,
+        meaningful=matters(share, gain + excess, confirmed)
         and plausible(one, share)
         and not _from_the_start(fitted, one),
         share=share,
@@ -107,7 +111,7 @@ def _hopeless(kinematic: Evidence, one: Attached) -> bool:
 def _refuted_at_once(base: Fit, candidate: Candidate) -> Trial:
     return Trial(
         candidate=candidate, std=candidate.std, fit=None, fingerprint=np.zeros(0), gain=candidate.statistic,
-        net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False, refuted=True,
+        excess=0.0, net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False, refuted=True,
         confirmed=False,
     )  # fmt: skip
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from casid.diagnosis.evidence import Evidence, deviation, is_sure, unlike_derivatives, variation
+from casid.diagnosis.coefficients import unlike_derivatives, variation
+from casid.diagnosis.evidence import Evidence, deviation, is_sure
 from casid.diagnosis.fit import Fit
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
@@ -20,7 +21,7 @@ from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, meaningful_share, missing_share
 from casid.diagnosis.trials import GAIN, matters
 from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.causes import aero_term
+from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence
@@ -171,11 +172,11 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
         if share > SHARE:
             continue  # not small: it stands for something that is missing, and the verdict says where
-        effect = aero_term(coefficient, term)
+        effect = unsteady_aero(coefficient) if "dot" in term else aero_term(coefficient, term)
         sentence = effect_sentence(*effect.key, mean * factor)
         found.append(
             Cause(
-                kind=effect.kind, target=coefficient, term=term, value=mean * factor, std=std * factor,
+                kind=effect.kind, target=coefficient, term=effect.term, value=mean * factor, std=std * factor,
                 unit=effect.unit, records=fit.batch.names, onset_s=None,
                 statistic=(mean / std) ** 2, dof=1, p_value=float(stats.chi2.sf((mean / std) ** 2, 1)),
                 held_out_gain=None, indistinguishable_from=(), parameters={}, meaningful=False, share=share / SHARE,
