@@ -49,7 +49,7 @@ class Evidence:
 
     def deviance_as_bent(self, scales: Mapping[str, float]) -> float:
         """The deviance if the coefficients were as bent as `scales` says."""
-        return self.fit.deviance + self._sums.posterior(self.scales | scales)[2]
+        return self.fit.deviance + self._sums.posterior({**self.scales, **scales})[2]
 
 
 def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
