@@ -8,8 +8,10 @@ Set-up       every problem of problems/every_problem.py by multiple shooting, ea
 Expectation  estimates equal to 1e-8 of their value or standard deviation (1e-10 for a value of zero), costs to 1e-8
              (1e-8 of a sample's for data without noise). A model that cannot follow its data (cases G, H) may have two
              minima: then our next step at IPOPT's is below 1e-8 standard deviations as well, and each solver, started
-             at the other's estimates, ends at one of the two. Where IPOPT stopped short from the problem's start it
-             must agree that ours is an optimum. A problem of which none of this holds is an error.
+             at the other's estimates, ends at one of the two, or at a third that both call an optimum. Estimates say
+             nothing of the states: from some, with states as measured, both lose their way; ours alone may not. Where
+             IPOPT stopped short from the problem's start it must agree that ours is an optimum. A problem of which
+             none of this holds is an error.
 
     python scripts/compare_solvers.py [--data DIR] [--only TEXT ...] [--whole] [--json FILE]
 
@@ -88,9 +90,22 @@ def found(problem: Problem, ours: Fit, theirs: Fit) -> str:
     again = by_ipopt(replace(problem, start=dict(ours.values)))
     if not theirs.converged:
         return "ours, IPOPT stopped" if apart(ours, again) <= 1.0 else DISAGREE
-    ends = again, by_ours(replace(problem, start=dict(theirs.values)))
-    one_of_both = all(min(apart(end, ours), apart(end, theirs)) <= 1.0 for end in ends)
-    return "two minima" if one_of_both else DISAGREE
+    back = by_ours(replace(problem, start=dict(theirs.values)))
+    if not back.converged and by_ipopt(replace(problem, start=dict(theirs.values))).converged:
+        return DISAGREE  # ours lost its way where IPOPT, from the same start, does not
+    apart_from_both = [end for end in (again, back) if end.converged and not one_of(end, ours, theirs)]
+    if not apart_from_both:
+        return "two minima"
+    return "three minima" if all(agreed(problem, end) for end in apart_from_both) else DISAGREE
+
+
+def one_of(end: Fit, *fits: Fit) -> bool:
+    return any(apart(end, fit) <= 1.0 for fit in fits)
+
+
+def agreed(problem: Problem, end: Fit) -> bool:
+    """Whether a point where one solver ended is an optimum to the other too."""
+    return end.stationarity <= SAME and one_of(by_ipopt(replace(problem, start=dict(end.values))), end)
 
 
 def apart(ours: Fit, theirs: Fit) -> float:
