@@ -15,7 +15,7 @@ def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
     series = {c: np.zeros(fit.batch.live.shape) for c in coefficient_names(fit.flight.aircraft.force_axes)}
     for coefficient, name, term in aerodynamic_parameters(fit.flight.aircraft):
         if name in values and "dot" not in term:
-            series[coefficient] = series[coefficient] + values[name] * parse_term(term).evaluate(fit.known)
+            series[coefficient] = series[coefficient] + values[name] * parse_term(term).evaluate(fit.regressors)
     return series
 
 
@@ -28,7 +28,7 @@ def unlike_derivatives(fit: Fit, coefficient: str, series: np.ndarray) -> np.nda
     """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms."""
     live = fit.batch.live
     present = [
-        np.broadcast_to(parse_term(term).evaluate(fit.known), live.shape)[live]
+        np.broadcast_to(parse_term(term).evaluate(fit.regressors), live.shape)[live]
         for c, _, term in aerodynamic_parameters(fit.flight.aircraft)
         if c == coefficient and "dot" not in term
     ]

@@ -39,6 +39,8 @@ class Fit:
     disturbances (N, R, nw) that attached effects make; `coloured` (N, R, nc) the most likely histories of the
                  coloured ones of `acting`, which the model is linearised about
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
+    known        name -> (N, R) motion and recorded inputs, denoised: what effects are made of; `regressors` as the
+                 aerodynamics see them, behind the effects on surfaces and in the wind that effects make
     deviance     -2 log likelihood up to a constant of the data, prior included
     """
 
@@ -61,6 +63,7 @@ class Fit:
     white: np.ndarray
     columns: np.ndarray
     known: dict[str, np.ndarray]
+    regressors: dict[str, np.ndarray]
     prior_pull: np.ndarray
     prior_weight: np.ndarray
     deviance: float
@@ -273,6 +276,7 @@ def _evaluate(
     moving = scattered(model, acting, coloured)
     known = work.regressors.along(X, moving)
     W = work.series(attached, known)
+    regressors = work.regressors.along(X, moving + W) if W.any() else known
     P = work.parameters(values, attached)
     linear = linearise(work.functions, batch, P, X, W + moving)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
@@ -308,6 +312,7 @@ def _evaluate(
         white=white,
         columns=columns,
         known=known,
+        regressors=regressors,
         prior_pull=work.weight * deviation,
         prior_weight=work.weight,
         data_deviance=data,

@@ -170,7 +170,7 @@ def _white(
     still = np.zeros(base.linear.defect.shape)
     for j, (effect, values, onset) in enumerate(rows):
         if effect.quasi_steady:
-            series = parse_term(effect.regressor or "0").evaluate(base.known)
+            series = parse_term(effect.regressor or "0").evaluate(base.regressors)
             histories.append((j, disturbances.index(f"d{effect.target}"), np.broadcast_to(series, (N, R))))
         elif effect.symbolic:
             if effect.name in symbolic:

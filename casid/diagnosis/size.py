@@ -73,7 +73,7 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
         if not one.effect.members:  # what switches may exceed what derivatives can do
             series = {c: unlike_derivatives(fitted, c, values) for c, values in series.items()}
         return max((float(np.std(v[live])) / max(size[c], 1e-12) for c, v in series.items()), default=0.0)
-    series = one.values["value"] * parse_term(one.effect.regressor or "0").evaluate(fitted.known)
+    series = one.values["value"] * parse_term(one.effect.regressor or "0").evaluate(fitted.regressors)
     left = unlike_derivatives(fitted, one.effect.target, np.broadcast_to(series, live.shape))
     return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
 

@@ -62,7 +62,7 @@ def small_terms(fit: Fit) -> SmallTerms:
         if coefficient not in _moved(fit) or size <= 0.0:
             continue
         allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
-        along = [np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape) for term in allowed]
+        along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in allowed]
         left = unlike_derivatives(fit, coefficient, np.stack(along, axis=2))[fit.batch.live]
         spread = np.std(left, axis=0)
         varies = np.flatnonzero(spread > 1e-12)

@@ -167,7 +167,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         if abs(mean) < _SIGNIFICANT * std or (coefficient, term) in known:
             continue
         factor = evidence.factors[i]
-        series = np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
+        series = np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape)
         left = unlike_derivatives(fit, coefficient, mean * factor * series)
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
         if share > SHARE:

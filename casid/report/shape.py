@@ -164,7 +164,7 @@ def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
     for name, value in after.derivatives.items():
         owner, _, term = name.partition("_")
         if owner == coefficient and name in beside and "dot" not in term:
-            total += (value - beside[name]) * parse_term(term).evaluate(after.known)
+            total += (value - beside[name]) * parse_term(term).evaluate(after.regressors)
     for one in after.attached:
         if one.effect.regressor is not None and one.effect.target == coefficient:
             total += one.values["value"] * _series(after, one.effect.regressor)
@@ -172,7 +172,7 @@ def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
 
 
 def _series(fit: Fit, term: str) -> np.ndarray:
-    return np.broadcast_to(parse_term(term).evaluate(fit.known), fit.batch.live.shape)
+    return np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape)
 
 
 def _abscissa(fit: Fit, regressor: str) -> tuple[np.ndarray, str, float]:
