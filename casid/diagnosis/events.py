@@ -54,7 +54,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
         inside = np.flatnonzero(drops > drops.max() - _DROP)
         # the interval ends where the profile was first found too low, as near as the steps between its points tell
         low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(times) - 1)
-        ends = (round(float(times[low]) - 0.5 * _FINE, 6), round(float(times[high]) + 0.5 * _FINE, 6))
+        ends = (round(float(times[low]) - 0.5 * _FINE, 3), round(float(times[high]) + 0.5 * _FINE, 3))
         intervals[record] = ends
     return replace(one, onsets=onsets), intervals
 

@@ -44,7 +44,12 @@ class Attached:
         return () if self.effect.symbolic else tuple(self.values)
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
-        return replace(self, values=dict(self.values) | dict(values))
+        """With other values; an event that takes longer begins earlier: what the data tell of it is its middle."""
+        extent, onsets = self.effect.extent, self.onsets
+        if extent is not None and extent in values:
+            longer = values[extent] - self.values[extent]
+            onsets = {record: onset - 0.5 * longer for record, onset in onsets.items()}
+        return replace(self, values=dict(self.values) | dict(values), onsets=onsets)
 
 
 def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> NoiseModel:

@@ -63,6 +63,7 @@ class Effect:
     constant     an offset, which a drift imitates: believed only when its reading is steady beside it
     late         the value is by how much [s] the reading is late
     recurring    an event that other records may repeat
+    extent       the value that says how long it takes from its onset to its end
     either_sign  a gain early and a loss late resemble each other: both signs are tried
     regressor    term that the value multiplies in the coefficient `target`
     members      coefficients that change together, the first by the value, the others by parameters of their names
@@ -98,6 +99,7 @@ class Effect:
     constant: bool = False
     late: bool = False
     recurring: bool = False
+    extent: str | None = None
     either_sign: bool = False
     regressor: str | None = None
     members: tuple[str, ...] = ()

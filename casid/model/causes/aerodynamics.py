@@ -136,6 +136,6 @@ def configuration_change(coefficients: str) -> Effect:
 
     return Effect(
         kind="configuration_change", target=coefficients, members=names, enters=f"d{names[0]}", timed=True,
-        recurring=True, grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
+        recurring=True, extent="duration", grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
         defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)}, series=series,
     )  # fmt: skip
