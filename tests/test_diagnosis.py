@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagnosis_flights import NOISE, flights
+from diagnosis_flights import NOISE, flights, rough_file
 from scipy import stats
 
 from casid.diagnosis.diagnose import diagnose
@@ -30,7 +30,7 @@ from casid.model.causes import (
 )  # fmt: skip
 from casid.model.dynamics import aircraft_model
 from problems.blind_do328 import turbulence
-from problems.do328 import STABLE, V_TRIM, do328
+from problems.do328 import V_TRIM, do328
 
 HIDDEN = [
     Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 6.0}),
@@ -41,11 +41,6 @@ HIDDEN = [
     Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0, "m2": 9.5, "m3": 10.0}),
     Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3}),
 ]
-
-
-def rough_file():
-    """An aircraft file whose moments are 30 % off: the start of every estimation here."""
-    return do328({name: 0.7 * v if name[:2] in ("Cl", "Cm", "Cn") else v for name, v in STABLE.items()})
 
 
 @pytest.mark.parametrize("hidden", HIDDEN, ids=lambda h: h.name)

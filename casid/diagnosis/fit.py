@@ -276,7 +276,8 @@ def _evaluate(
     moving = scattered(model, acting, coloured)
     known = work.regressors.along(X, moving)
     W = work.series(attached, known)
-    regressors = work.regressors.along(X, moving + W) if W.any() else known
+    quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
+    regressors = work.regressors.along(X, moving + quiet) if quiet.any() else known
     P = work.parameters(values, attached)
     linear = linearise(work.functions, batch, P, X, W + moving)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
