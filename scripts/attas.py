@@ -30,7 +30,7 @@ import numpy as np
 
 from casid.diagnosis import kinematics
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.fit import Fit as Reconstruction
+from casid.diagnosis.evaluation import Fit as Reconstruction
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.noise_level import with_noise_level

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, weigh
-from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evaluation import Fit
 from casid.model.path import aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 

@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 
 from casid.diagnosis import kinematics
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, split
 from casid.diagnosis.hypothesis import Attached

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit, Free
 from casid.diagnosis.evidence import Evidence, cross_of, gram_of, weigh
-from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints
 from casid.model import operators
@@ -59,9 +59,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     return replace(one, onsets=onsets), intervals
 
 
-def at_peak(
-    fitted: Fit, moves: int = 6, free: Literal["all", "effects", "states"] = "all", which: int = -1
-) -> tuple[Fit, Intervals]:
+def at_peak(fitted: Fit, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Fit, Intervals]:
     """The fit with the onsets of one of its effects, the last by default, moved until they stay or moving does not
     help, `moves` times at most, and their intervals."""
     interval: Intervals = {}

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_blas_funcs
 
-from casid.diagnosis.fit import Fit, scaled_inverse
+from casid.diagnosis.evaluation import Fit, scaled_inverse
 from casid.diagnosis.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
 from casid.estimation.processors import share_out
 

@@ -3,159 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit, Free, Slot, Work, evaluate, gauss_newton_step
 from casid.diagnosis.flight import Flight
-from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_series, readings
-from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
-from casid.estimation.kalman import Filter, kalman_filter, residual_about
-from casid.model.causes import group_channels
-from casid.model.system import Model
-
-_LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
-_SMALLEST = {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Slot:
-    """One fitted number: a parameter of the model, or a value of an attached effect that enters a time series."""
-
-    name: str
-    attached: int | None = None
-    key: str = ""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Fit:
-    """A fitted hypothesis.
-
-    parameters   (R, np) parameters of the model in every record
-    values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
-    noise        of instruments and recorded inputs, `acting` what it is behind the attached effects
-    read         (N, R, ny) what the instruments read of the outputs of `linear`
-    disturbances (N, R, nw) that attached effects make; `coloured` (N, R, nc) the most likely histories of the
-                 coloured ones of `acting`, which the model is linearised about
-    white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
-    known        name -> (N, R) motion and recorded inputs, denoised: what effects are made of; `regressors` as the
-                 aerodynamics see them, behind the effects on surfaces and in the wind that effects make
-    deviance     -2 log likelihood up to a constant of the data, prior included
-    """
-
-    flight: Flight
-    attached: tuple[Attached, ...]
-    model: Model
-    batch: Batch
-    noise: NoiseModel
-    acting: NoiseModel
-    functions: PointFunctions
-    parameters: np.ndarray
-    slots: tuple[Slot, ...]
-    values: np.ndarray
-    covariance: np.ndarray
-    linear: Linear
-    read: np.ndarray
-    filter: Filter
-    disturbances: np.ndarray
-    coloured: np.ndarray
-    white: np.ndarray
-    columns: np.ndarray
-    known: dict[str, np.ndarray]
-    regressors: dict[str, np.ndarray]
-    prior_pull: np.ndarray
-    prior_weight: np.ndarray
-    deviance: float
-    data_deviance: float
-    iterations: int
-    converged: bool
-
-    def __getitem__(self, name: str) -> float:
-        return float(self.values[[s.name for s in self.slots].index(name)])
-
-    def std(self, name: str) -> float:
-        index = [s.name for s in self.slots].index(name)
-        return float(np.sqrt(self.covariance[index, index]))
-
-    def output_along(self, X: np.ndarray) -> np.ndarray:
-        """(N, R, ny) outputs of the fitted model along a trajectory, instrument operators not yet applied."""
-        return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
-
-    @property
-    def moving(self) -> np.ndarray:
-        """(N, R, nw) all disturbances of the linearisation."""
-        return self.disturbances + scattered(self.model, self.acting, self.coloured)
-
-    @property
-    def gradient(self) -> np.ndarray:
-        """(slots,) what is left of the slope of the log likelihood: zero at a maximum."""
-        return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
-
-    @property
-    def derivatives(self) -> dict[str, float]:
-        """Fitted derivatives and terms of the aircraft file."""
-        given = set(self.flight.model().parameters)
-        return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
-
-
-class _Work:
-    """What stays the same over the iterations of one fit."""
-
-    def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: str) -> None:
-        self.flight, self.noise = flight, noise
-        self.model = flight.model([a.effect for a in attached])
-        self.batch = flight.batch(self.model)
-        self.dt = float(np.median(self.batch.dt))
-        symbolic = [a.name for a in attached if a.effect.symbolic]
-        aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
-        names = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "states": []}[free]
-        self.functions = flight.functions(self.model, names)
-        self.regressors = flight.regressors(self.model)
-        numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
-        self.slots = (
-            *(Slot(name=name) for name in names),
-            *(
-                Slot(name=attached[i].name + ("" if key == "value" else f".{key}"), attached=i, key=key)
-                for i, key in numeric
-            ),
-        )
-        self.mean, self.weight = self._prior()
-
-    def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
-        """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
-        an effect is accounted for."""
-        names, t, stations = self.batch.names, self.batch.t, self.model.disturbances
-        passing = [one for one in attached if one.effect.noise is not None and not one.records]
-        others = [one for one in attached if one not in passing]
-        recorded = known | {name: self.batch.U[..., i] for i, name in enumerate(self.model.inputs)}
-        W = disturbance_series(others, names, t, known, stations)
-        return W + disturbance_series(passing, names, t, recorded, stations) if passing else W
-
-    def _prior(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and inverse variance of every slot; effects have none."""
-        mean, weight = np.zeros(len(self.slots)), np.zeros(len(self.slots))
-        of_the_file = self.flight.model().parameters
-        for i, slot in enumerate(self.slots):
-            if slot.attached is None and slot.name in of_the_file:
-                mean[i] = self.model.nominal[slot.name]
-                loose = _LOOSE * max(abs(mean[i]), _SMALLEST[slot.name[:2]])
-                weight[i] = 1.0 / max(self.model.prior_std.get(slot.name, loose), 0.1 * loose / _LOOSE) ** 2
-        return mean, weight
-
-    def parameters(self, values: np.ndarray, attached: Sequence[Attached]) -> np.ndarray:
-        """(R, np) parameters of every record."""
-        P = np.tile(self.model.nominal_vector(), (len(self.batch.names), 1))
-        for slot, value in zip(self.slots, values, strict=True):
-            if slot.attached is None:
-                P[:, self.model.parameters.index(slot.name)] = value
-        for one in attached:
-            if one.effect.symbolic:
-                index = self.model.parameters.index(one.name)
-                if one.name not in {slot.name for slot in self.slots}:
-                    P[:, index] = one.values["value"]
-                P[:, index] *= [one.concerns(record) for record in self.batch.names]
-        return P
+from casid.diagnosis.hypothesis import Attached, acting_noise
+from casid.estimation.innovations import NoiseModel
+from casid.estimation.kalman import residual_about
 
 
 def fit(
@@ -164,7 +20,7 @@ def fit(
     noise: NoiseModel,
     start: Fit | None = None,
     *,
-    free: Literal["all", "effects", "states"] = "all",
+    free: Free = "all",
     iterations: int = 10,
     tolerance: float = 0.5,
     give_up: float = np.inf,
@@ -176,14 +32,14 @@ def fit(
     a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
     below the deviance `give_up` is left as it stands.
     """
-    work = _Work(flight, attached, noise, free)
+    work = Work(flight, attached, noise, free)
     attached = tuple(attached)
     values = _start_values(work, attached, start)
     X, moving = _start_trajectory(work, attached, start, values)
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
-        now = _evaluate(work, _with_values(attached, work.slots, values), values, X, moving, iteration)
+        now = evaluate(work, _with_values(attached, work.slots, values), values, X, moving, iteration)
         if best is not None and not now.deviance < best.deviance + tolerance:
             shrink *= 0.4
             if shrink < 0.02 or step is None:
@@ -197,18 +53,11 @@ def fit(
             break
         if iteration >= 3 and now.deviance - 2.0 * gained > give_up:
             break
-        step = _step(work, now)
+        step = gauss_newton_step(work, now)
         values, X, moving = (at + d for at, d in zip(_place(now), step, strict=True))
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
-
-
-def scattered(model: Model, noise: NoiseModel, coloured: np.ndarray) -> np.ndarray:
-    """(N, R, nw) the coloured disturbances (N, R, coloured) in their places among all."""
-    W = np.zeros((*coloured.shape[:2], len(model.disturbances)))
-    W[..., [model.disturbances.index(name) for name in noise.coloured]] = coloured
-    return W
 
 
 def _place(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -216,7 +65,7 @@ def _place(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _start_trajectory(
-    work: _Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray
+    work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """States (N, R, nx) and coloured disturbances (N, R, nc) to begin with.
 
@@ -226,7 +75,7 @@ def _start_trajectory(
     names = tuple(acting_noise(work.noise, attached, work.dt).coloured)
     still = np.zeros((*work.batch.live.shape, len(names)))
     if start is None or start.flight.records is not work.flight.records:
-        measured = _evaluate(work, _with_values(attached, work.slots, values), values, _guess(work), still, 0)
+        measured = evaluate(work, _with_values(attached, work.slots, values), values, _guess(work), still, 0)
         moved = measured.filter.smooth(*residual_about(measured.linear, measured.acting, still))
         nx = len(work.model.states)
         return measured.linear.X + moved[..., :nx], moved[..., nx:]
@@ -234,7 +83,7 @@ def _start_trajectory(
     return start.linear.X, start.coloured if same else still
 
 
-def _start_values(work: _Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:
+def _start_values(work: Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:
     before = {} if start is None else {s.name: v for s, v in zip(start.slots, start.values, strict=True)}
     own = {a.name: a for a in attached}
     values = []
@@ -259,143 +108,9 @@ def _with_values(attached: Sequence[Attached], slots: Sequence[Slot], values: np
     return tuple(a.with_values(by_effect.get(i, {})) for i, a in enumerate(attached))
 
 
-def _guess(work: _Work) -> np.ndarray:
+def _guess(work: Work) -> np.ndarray:
     X = np.zeros((*work.batch.live.shape, len(work.model.states)))
     for j, record in enumerate(work.flight.records):
         guess = work.model.guess(record)
         X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
     return X
-
-
-def _evaluate(
-    work: _Work, attached: tuple[Attached, ...], values: np.ndarray, X: np.ndarray, coloured: np.ndarray,
-    iteration: int,
-) -> Fit:  # fmt: skip
-    batch, model = work.batch, work.model
-    acting = acting_noise(work.noise, attached, work.dt)
-    moving = scattered(model, acting, coloured)
-    known = work.regressors.along(X, moving)
-    W = work.series(attached, known)
-    quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
-    regressors = work.regressors.along(X, moving + quiet) if quiet.any() else known
-    P = work.parameters(values, attached)
-    linear = linearise(work.functions, batch, P, X, W + moving)
-    read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
-    linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
-    late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
-    if late.any():
-        linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
-    kalman = kalman_filter(linear, acting)
-    Y, F = _columns(work, attached, linear, known, late)
-    white = kalman.whiten(*residual_about(linear, acting, coloured))[..., 0]
-    columns = kalman.whiten(Y, F)
-    deviation = values - work.mean
-    data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
-    flat = columns.reshape(white.size, len(work.slots))
-    information = flat.T @ flat + np.diag(work.weight)
-    return Fit(
-        flight=work.flight,
-        attached=attached,
-        model=model,
-        batch=batch,
-        noise=work.noise,
-        acting=acting,
-        functions=work.functions,
-        parameters=P,
-        slots=work.slots,
-        values=values,
-        covariance=scaled_inverse(information),
-        linear=linear,
-        read=read,
-        filter=kalman,
-        disturbances=W,
-        coloured=coloured,
-        white=white,
-        columns=columns,
-        known=known,
-        regressors=regressors,
-        prior_pull=work.weight * deviation,
-        prior_weight=work.weight,
-        data_deviance=data,
-        deviance=data + float(np.sum(work.weight * deviation**2)),
-        iterations=iteration,
-        converged=False,
-    )
-
-
-def _lateness(attached: Sequence[Attached], names: Sequence[str], outputs: Sequence[str], dt: float) -> np.ndarray:
-    """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
-    late = np.zeros((len(names), len(outputs)), dtype=int)
-    for one in (a for a in attached if a.effect.late):
-        rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
-        records = [j for j, name in enumerate(names) if one.concerns(name)]
-        late[np.ix_(records, rows)] += round(one.values["value"] / dt)
-    return np.maximum(late, 0)
-
-
-def _earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """(N, R, ny, ...) series of readings moved to the time of what they speak of; zero at the end."""
-    moved = series.copy()
-    for j, i in np.argwhere(late):
-        k = min(late[j, i], len(series))
-        moved[: len(series) - k, j, i], moved[len(series) - k :, j, i] = series[k:, j, i], 0
-    return moved
-
-
-def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
-    """What the samples that late readings lose at the end of a record would add to the deviance: as much as the others
-    of their channel do on average."""
-    kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
-    by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
-    mean = np.where(kalman.linear.seen, by_channel, 0.0).sum(axis=(0, 1)) / np.maximum(kept, 1)
-    return float(((all_of_it - kept) * mean).sum())
-
-
-def scaled_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix, scaled to unit diagonal; directions without information get none."""
-    scale = 1.0 / np.sqrt(np.diag(information) + 1e-300)
-    return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
-
-
-def _columns(
-    work: _Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
-    batch, model = work.batch, work.model
-    Y, F = [linear.Dp], [linear.Bp]
-    symbolic = {a.name: a for a in attached if a.effect.symbolic}
-    for i, slot in enumerate(s for s in work.slots if s.attached is None):
-        if slot.name in symbolic:
-            mask = np.array([symbolic[slot.name].concerns(record) for record in batch.names])
-            Y[0][..., i] *= mask[None, :, None]
-            F[0][..., i] *= mask[None, :, None]
-    stations = range(len(model.disturbances))
-    for slot in work.slots:
-        if slot.attached is None:
-            continue
-        one = attached[slot.attached]
-        h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
-        sides = [one.with_values({slot.key: one.values[slot.key] + sign * h}) for sign in (1, -1)]
-        if one.effect.series is not None:
-            plus, minus = (work.series([side], known) for side in sides)
-            y, f = inject(linear, stations, (plus - minus) / (2 * h))
-            Y.append(y.sum(axis=3, keepdims=True))
-            F.append(f.sum(axis=3, keepdims=True))
-        else:
-            chains = [[side if a is one else a for a in attached] for side in sides]
-            plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
-            Y.append(np.where(linear.seen, _earlier((plus - minus) / (2 * h), late), 0.0)[..., None])
-            F.append(np.zeros((*linear.defect.shape, 1)))
-    return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
-
-
-def _step(work: _Work, now: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Change of values, trajectory and coloured disturbances by one full Gauss-Newton step."""
-    change = now.covariance @ now.gradient
-    Y, F, first = residual_about(now.linear, now.acting, now.coloured)
-    late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
-    by_slot = _columns(work, now.attached, now.linear, now.known, late)
-    nx = len(work.model.states)
-    F[:, :, :nx] -= by_slot[1] @ change[:, None]
-    moved = now.filter.smooth(Y - by_slot[0] @ change[:, None], F, first)
-    return change, moved[..., :nx], moved[..., nx:]

@@ -8,9 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from casid.diagnosis import kinematics
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import Evidence, weigh
-from casid.diagnosis.fit import Fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence

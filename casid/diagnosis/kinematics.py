@@ -12,8 +12,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, weigh
-from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.estimation.innovations import NoiseModel

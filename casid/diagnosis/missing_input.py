@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of, gram_of
-from casid.diagnosis.fit import Fit
 from casid.model.path import coefficient_names
 
 READING = "reading_"  # and the channel: station of what is added to a reading

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.screening import Candidate

@@ -15,8 +15,8 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of
-from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.estimation.innovations import linearise
 from casid.model.effect import Effect

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from casid.diagnosis.coefficients import coefficient_series, unlike_derivatives, variation
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.missing_input import READING, MissingInput
 from casid.model.terms import parse_term

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from casid.diagnosis.coefficients import unlike_derivatives, variation
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evaluation import Fit
 from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 

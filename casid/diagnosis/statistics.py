@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from scipy import signal, stats
 
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.hypothesis import readings
 
 _LAGS = 20

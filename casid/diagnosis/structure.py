@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints
 from casid.model.causes import aero_term

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, at_peak, further_records, weak_members
 from casid.diagnosis.evidence import Evidence, weigh
-from casid.diagnosis.fit import Fit, fit
+from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints

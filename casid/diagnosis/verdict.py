@@ -9,8 +9,8 @@ import numpy as np
 from scipy import stats
 
 from casid.diagnosis.coefficients import unlike_derivatives, variation
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, deviation, is_sure
-from casid.diagnosis.fit import Fit
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import Fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.screening import Screen, fingerprints

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import Fit
 from casid.diagnosis.missing_input import MissingInput, response
 from casid.diagnosis.result import Diagnosis
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from casid.diagnosis.fit import Fit
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.kinematics import WIND
 from casid.diagnosis.missing_input import READING, MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
