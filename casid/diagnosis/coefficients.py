@@ -24,11 +24,14 @@ def variation(fit: Fit) -> dict[str, float]:
     return {c: float(np.std(s[fit.batch.live])) for c, s in coefficient_series(fit).items()}
 
 
-def unlike_derivatives(fit: Fit, coefficient: str, series: np.ndarray) -> np.ndarray:
-    """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms."""
-    live = fit.batch.live
+def unlike_derivatives(
+    fit: Fit, coefficient: str, series: np.ndarray, regressors: dict[str, np.ndarray] | None = None
+) -> np.ndarray:
+    """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms, which are
+    functions of the fit's `regressors` or of others."""
+    live, regressors = fit.batch.live, fit.regressors if regressors is None else regressors
     present = [
-        np.broadcast_to(parse_term(term).evaluate(fit.regressors), live.shape)[live]
+        np.broadcast_to(parse_term(term).evaluate(regressors), live.shape)[live]
         for c, _, term in aerodynamic_parameters(fit.flight.aircraft)
         if c == coefficient and "dot" not in term
     ]

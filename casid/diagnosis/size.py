@@ -58,7 +58,7 @@ def _consequence(fitted: Fit, one: Attached) -> float:
     shares = [0.0]
     for coefficient, size in variation(fitted).items():
         slope = fitted.derivatives.get(f"{coefficient}_{one.effect.target}", 0.0)
-        left = unlike_derivatives(fitted, coefficient, slope * moved)
+        left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # of a model with the bare surface
         shares.append(float(np.std(left[live])) / max(size, 1e-12))
     return max(shares)
 
