@@ -48,7 +48,7 @@ def gust(axis: str) -> Effect:
 
     return Effect(
         kind="gust", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True,
-        extent="length", grid=tuple({"length": v} for v in (0.8, 1.6, 3.2)), series=series, meaningful=0.5, limit=40.0,
+        grid=tuple({"length": v} for v in (0.8, 1.6, 3.2)), series=series, meaningful=0.5, limit=40.0,
     )  # fmt: skip
 
 
