@@ -85,7 +85,7 @@ def found(problem: Problem, ours: Fit, theirs: Fit) -> str:
     """What two fits are that ended apart."""
     if theirs.converged and not theirs.stationarity <= SAME:  # by our derivatives
         return DISAGREE
-    if not ours.converged:
+    if not (ours.converged and ours.stationarity <= SAME):
         return DISAGREE
     again = by_ipopt(replace(problem, start=dict(ours.values)))
     if not theirs.converged:
