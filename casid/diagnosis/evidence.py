@@ -64,9 +64,6 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     sums = _sums(fit, by_record, small)
     scales = sums.most_likely()
     covariance, newton, deviance = sums.posterior(scales)
-    scale = sums.scale(scales)
-    for flat in by_record:
-        flat[:, k:] *= scale
     return Evidence(
         fit=fit,
         by_record=tuple(by_record),
@@ -74,7 +71,7 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
         newton=newton,
         deviance=fit.deviance + deviance,
         terms=small.names,
-        factors=scale * small.factors,
+        factors=small.factors,
         scales=scales,
         _sums=sums,
     )
@@ -90,10 +87,6 @@ class _Sums:
     alike: np.ndarray
     owners: tuple[str, ...]
 
-    def scale(self, scales: Mapping[str, float]) -> np.ndarray:
-        """(small terms,) their scales."""
-        return np.array([scales[owner] for owner in self.owners])
-
     def most_likely(self) -> dict[str, float]:
         k = len(self.slope) - len(self.owners)
         by_slots = self.gram[k:, :k] @ scaled_inverse(self.gram[:k, :k]) if k else np.zeros((len(self.owners), 0))
@@ -102,16 +95,16 @@ class _Sums:
 
     def posterior(self, scales: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
         """(covariance, newton, and by what the marginalised small terms change the deviance)."""
-        k, scale = len(self.slope) - len(self.owners), np.ones(len(self.slope))
-        scale[k:] = self.scale(scales)
-        information, gradient = self.gram * scale[:, None] * scale, self.slope * scale
-        information[k:, k:] += self.alike
+        k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
+        prior = self.alike / scale[:, None] / scale
+        information = self.gram.copy()
+        information[k:, k:] += prior
         covariance = scaled_inverse(information)
-        newton = covariance @ gradient
-        deviance = -float(gradient @ newton)
+        newton = covariance @ self.slope
+        deviance = -float(self.slope @ newton)
         if self.owners:
             by_slots = information[k:, :k] @ scaled_inverse(information[:k, :k]) @ information[:k, k:] if k else 0.0
-            before, after = np.linalg.slogdet(self.alike)[1], np.linalg.slogdet(information[k:, k:] - by_slots)[1]
+            before, after = np.linalg.slogdet(prior)[1], np.linalg.slogdet(information[k:, k:] - by_slots)[1]
             deviance += float(after - before)
         return covariance, newton, deviance
 

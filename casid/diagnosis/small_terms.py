@@ -23,6 +23,7 @@ from casid.model.terms import parse_term
 
 SMALL = 0.0025
 _SCALES = (1.0, 2.0, 4.0)  # at most 1 % a part, some 4 % in all: a coefficient more bent than that misses something
+_LEFT = 1e-6  # of a term, beside the fitted ones: less is rounding
 _RIDGE = 1e-3  # of a term's own prior information, for those that are nearly the sum of others
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
@@ -63,19 +64,20 @@ def small_terms(fit: Fit) -> SmallTerms:
             continue
         allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
         along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in allowed]
-        left = unlike_derivatives(fit, coefficient, np.stack(along, axis=2))[fit.batch.live]
+        whole = np.stack(along, axis=2)
+        left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
-        varies = np.flatnonzero(spread > 1e-12)
+        varies = np.flatnonzero(spread > _LEFT * np.std(whole[fit.batch.live], axis=0))
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
-        series += [along[i] for i in varies]
+        series.append(whole[..., varies])
         factors.append(SMALL * size / spread[varies])
         blocks.append((unit.T @ unit / len(unit) + _RIDGE * np.eye(len(varies))) / (1.0 + _RIDGE))
     if not names:
         return no_terms(fit)
     return SmallTerms(
         names=tuple(names),
-        series=np.stack(series, axis=2),
+        series=np.concatenate(series, axis=2),
         factors=np.concatenate(factors),
         alike=np.asarray(block_diag(*blocks)),
     )
