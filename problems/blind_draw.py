@@ -22,6 +22,7 @@ _FITTED = RECORDS[:-1]
 _TRIES = 60
 _NEEDS_DEVICE = ("configuration_change",)  # a flap, gear or speedbrake, which not every aircraft file of JSBSim has
 _LEAST_SHARE = 0.06  # of a coefficient's variation that a drawn aerodynamic term must add visibly
+_FELT = 0.05  # of a surface's motion that a rate limit must take
 _AT_WORK = 0.02  # part of the flight in which it must act: two surfaces that meet for an instant are no effect
 # channel -> smallest and largest bias
 _BIAS: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -109,7 +110,17 @@ def _servo(rng: Rng, kind: str, scene: Scene) -> Hidden:
         "dead_zone": lambda: size * rng.uniform(0.15, 0.30),
         "backlash": lambda: size * rng.uniform(0.15, 0.30),
     }[kind]()
+    while kind == "rate_limit" and _lost_to_a_limit(scene, surface, value) < _FELT:
+        value *= 0.8  # the surface is never as fast as the limit
     return Hidden(kind=kind, target=surface, value=_digits(value))
+
+
+def _lost_to_a_limit(scene: Scene, surface: str, rate: float) -> float:
+    """r.m.s. of what a rate limit takes from a surface's motion in the fitted records, as a part of it."""
+    fitted = [r for r in scene.records if r.name in _FITTED]
+    moved = [r[surface] for r in fitted]
+    lost = [y - operators.rate_limit(r.t, y, rate) for r, y in zip(fitted, moved, strict=True)]
+    return float(np.std(np.concatenate(lost)) / np.std(np.concatenate(moved)))
 
 
 def _effectiveness(rng: Rng, scene: Scene) -> Hidden:
