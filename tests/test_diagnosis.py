@@ -158,6 +158,21 @@ def test_a_drifting_instrument_is_not_named_a_bias() -> None:
     assert "the reading of q" in found.sentence
 
 
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m4": 12.3}),
+        Attached(effect=actuator_lag("delta_e"), values={"value": 0.25}, records=("m4",)),
+        Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={"m4": 8.0}),
+    ],
+    ids=lambda h: h.name,
+)
+def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Attached) -> None:
+    found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
+    assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
+    assert "m4, which no fit has seen" in found.sentence
+
+
 def test_a_bend_that_barely_matters_is_no_cause() -> None:
     """Cm with 4 % of its variation from alpha^2, as stock aircraft have: clear, but no more than minor."""
     bend = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 3.0})

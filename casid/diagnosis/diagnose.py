@@ -13,10 +13,10 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, split
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_stage import judge_kinematics
-from casid.diagnosis.missing_input import missing_inputs
+from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.naming import name_causes
 from casid.diagnosis.noise_level import with_noise_level
-from casid.diagnosis.result import Diagnosis, View
+from casid.diagnosis.result import Cause, Diagnosis, View
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_structure
 from casid.diagnosis.verdict import (
@@ -108,6 +108,7 @@ def diagnose(
     small = too_small(naming, (*causes, *minor), unexplained)
     if small and (same or not unexplained):
         minor, unexplained = (*minor, *small), []
+    unexplained = unexplained or _missing_on_held(held_final, causes, least)
     verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]
@@ -120,6 +121,12 @@ def diagnose(
         missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments), turbulence=turbulence,
         detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
+
+
+def _missing_on_held(held: Fit, causes: Sequence[Cause], least: float) -> list[MissingInput]:
+    """What the held-out records show that neither the model nor other derivatives explain: an effect in them alone."""
+    evidence = weigh(fit(held.flight, held.attached, held.noise, held))
+    return still_missing(evidence, missing_inputs(evidence), causes, least)
 
 
 def attached_effects(flight: Flight) -> list[Attached]:

@@ -8,7 +8,7 @@ afterwards. What is added to a reading is slow, like the drift of an instrument:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,10 @@ class MissingInput:
     time_constant: float
     history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     frequency: float | None = None  # Hz, of an oscillation
+
+    def concerns(self, records: Iterable[str]) -> bool:
+        """Whether it is missing in one of these records."""
+        return not self.history.keys().isdisjoint(records)
 
     @property
     def rms(self) -> float:

@@ -205,7 +205,7 @@ def verdict_of(
     causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], fit: Fit
 ) -> tuple[str, str]:
     """(verdict, the sentence that opens the report)."""
-    where = _where(unexplained[0]) if unexplained else ""
+    where = _where(unexplained[0], fit.batch.names) if unexplained else ""
     if causes:
         told = " ".join(c.told for c in causes)
         if unexplained:
@@ -222,9 +222,10 @@ def verdict_of(
     return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
 
 
-def _where(missing: MissingInput) -> str:
+def _where(missing: MissingInput, fitted: Sequence[str]) -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
-    return f"{_place(missing.station)} ({oscillation}{_gain(missing.gain)})"
+    unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
+    return f"{_place(missing.station)} ({oscillation}{_gain(missing.gain)}){unseen}"
 
 
 def _place(station: str) -> str:

@@ -108,7 +108,8 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     """What an anonymous input at each of the most rewarding stations gains, before naming and after."""
     before = {station: m.gain for station, m in seen.before.items()}
     after = {station: m.gain for station, m in seen.after.items()}
-    unexplained = [m.station for m in diagnosis.unexplained][:1]
+    fitted = diagnosis.extended.fit.batch.names
+    unexplained = [m.station for m in diagnosis.unexplained if m.concerns(fitted)][:1]
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
     figure = blank(0.36 * len(order) + 1.4)
