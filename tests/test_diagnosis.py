@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_flights import NOISE, flights, rough_file
@@ -13,6 +15,7 @@ from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import steps_to_keep
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.naming import without_superseded
 from casid.diagnosis.screening import Screen, fingerprints
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
@@ -21,6 +24,7 @@ from casid.model.causes import (
     configuration_change,
     effectiveness_change,
     gust,
+    input_delay,
     sensor_bias,
     sensor_delay,
     sensor_scale,
@@ -171,6 +175,22 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
     found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
     assert "m4, which no fit has seen" in found.sentence
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.25])
+def test_a_cause_goes_when_its_rival_explains_all_and_stays_when_both_are_there(lag: float) -> None:
+    """A lag is named where a delay is missing, and the delay after it; with both flown, both stay."""
+    both = [
+        Attached(effect=actuator_lag("delta_e"), values={"value": lag}),
+        Attached(effect=input_delay("delta_e"), values={"value": 0.15}),
+    ]
+    flight = prepare(do328(), flights(both if lag else both[1:], seed=3, count=3))
+    guessed = [one.with_values({"value": 0.1}) for one in both]
+    trials = tuple(SimpleNamespace(candidate=SimpleNamespace(name=one.name, attached=one)) for one in guessed)
+    rounds = [SimpleNamespace(named=True, trials=trials)]
+    fitted = fit(flight, guessed, flight.noise(), iterations=20)
+    kept = without_superseded(rounds, trials[1], fitted).attached
+    assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
 
 
 def test_a_bend_that_barely_matters_is_no_cause() -> None:

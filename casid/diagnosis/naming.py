@@ -142,7 +142,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
     best, fitted, moved = settled(best, best_fit)
-    fitted = _without_superseded(state, best, fitted)
+    fitted = without_superseded(state.rounds, best, fitted)
     best = replace(best, fit=fitted)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic = state.kinematic
@@ -151,11 +151,11 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     return _standing(weigh(fitted), kinematic, (*state.rounds, this), intervals | moved)
 
 
-def _without_superseded(state: Naming, best: Trial, fitted: Fit) -> Fit:
+def without_superseded(rounds: Sequence[Round], best: Trial, fitted: Fit) -> Fit:
     """The fit without those earlier causes that had `best` as a rival when they were named and gain nothing beside it:
     what was missing then and is named by now may have decided for the wrong one."""
     key = best.candidate.attached.effect.key
-    for earlier in (r for r in state.rounds if r.named):
+    for earlier in (r for r in rounds if r.named):
         name = earlier.trials[0].candidate.name
         rivals = {trial.candidate.attached.effect.key for trial in earlier.trials}
         if key not in rivals or name not in {a.name for a in fitted.attached}:
