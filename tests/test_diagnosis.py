@@ -10,7 +10,7 @@ from diagnosis_flights import NOISE, flights, rough_file
 from scipy import stats
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.evidence import weigh
+from casid.diagnosis.evidence import between_samples, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import steps_to_keep
@@ -28,6 +28,7 @@ from casid.model.causes import (
     sensor_bias,
     sensor_delay,
     sensor_scale,
+    structural_mode,
     unsteady_aero,
     vane_position,
     wind_shear,
@@ -175,6 +176,19 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
     found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
     assert "m4, which no fit has seen" in found.sentence
+
+
+def test_straight_lines_between_samples_are_part_of_a_size() -> None:
+    """Truth: a straight line between samples takes 1 - sinc^2(f dt) from what oscillates at f; a gust has no input."""
+    mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0})
+    wave = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m1": 12.0})
+    flight = prepare(do328(), flights([mode, wave], seed=4, count=2))
+    found = weigh(fit(flight, [mode, wave], flight.noise(), iterations=20))
+    of_mode, of_gust = (
+        between_samples(found, [slot.name for slot in found.fit.slots].index(one.name)) for one in (mode, wave)
+    )
+    assert of_mode == pytest.approx(0.8 * (1.0 - np.sinc(3.0 * 0.04) ** 2), rel=0.5)
+    assert of_gust == 0.0
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.25])
