@@ -64,7 +64,7 @@ def fly(
         if one.kind == "turbulence":
             gusts = air(t, one.value, seed)
     outputs = _flown(applied, start, gusts, outside)
-    for _ in range(_PICARD if any(one.kind == "wind_shear" for one in here) else 0):
+    for _ in range(_PICARD if any(one.kind in ("wind_shear", "gust") for one in here) else 0):
         turning = {
             key: outputs[:, OUTPUTS.index(key)] for key in TURNING
         }  # the wind stays where it is, over the ground

@@ -9,6 +9,7 @@ import numpy as np
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
+from casid.model.operators import TURNING, turned
 from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.record import Record
@@ -20,6 +21,7 @@ NOISE = {
     "phi": 0.05 * DEG, "theta": 0.05 * DEG, "ax": 0.05, "ay": 0.05, "az": 0.08,
 }  # fmt: skip
 SURFACE_NOISE = 0.03 * DEG
+_PICARD, _AIR = 4, ("wind_x", "wind_y", "wind_z")
 _SIGNS = (1.0, -1.0, 0.8, -0.9)
 
 
@@ -74,11 +76,15 @@ def flights(
         }  # fmt: skip
         commanded = Record(name=name, t=t, channels=channels)
         known = {key: series[:, None] for key, series in channels.items()}
-        W = disturbance_series(hidden, [name], t[:, None], known, model.disturbances)[:, 0]
-        acting = {station: W[:, j] for j, station in enumerate(model.disturbances)}
-        for station, series in (disturbance or {}).items():
-            acting[station] = acting[station] + series
-        flown = simulate(model, commanded, level.state, values, acting, substeps=2)
+        for _ in range(_PICARD if any(a.effect.enters in _AIR for a in hidden) else 1):
+            W = disturbance_series(hidden, [name], t[:, None], known, model.disturbances)[:, 0]
+            acting = {station: W[:, j] for j, station in enumerate(model.disturbances)}
+            for station, series in (disturbance or {}).items():
+                acting[station] = acting[station] + series
+            flown = simulate(model, commanded, level.state, values, acting, substeps=2)
+            turning = [flown.outputs[:, model.outputs.index(key)] for key in TURNING]
+            attitude = {"phi": turning[0], "theta": turning[1], "turned": turned(t, *turning)}
+            known |= {key: series[:, None] for key, series in attitude.items()}  # wind keeps its direction
         read = readings(hidden, [name], t[:, None], flown.outputs[:, None], model.outputs, known)[:, 0]
         measured = {o: read[:, model.outputs.index(o)] + rng.normal(0.0, s, len(t)) for o, s in noise.items()}
         surfaces = {s: channels[s] + rng.normal(0.0, SURFACE_NOISE, len(t)) for s in ("delta_e", "delta_a", "delta_r")}

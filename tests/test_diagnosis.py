@@ -191,6 +191,13 @@ def test_straight_lines_between_samples_are_part_of_a_size() -> None:
     assert of_gust == 0.0
 
 
+def test_a_gust_that_the_held_out_record_has_too_is_explained() -> None:
+    hidden = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3, "m4": 9.1})
+    found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
+    assert found.verdict == "explained", str(found)
+    assert [(c.kind, c.target) for c in found.causes] == [("gust", "z")]
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.25])
 def test_a_cause_goes_when_its_rival_explains_all_and_stays_when_both_are_there(lag: float) -> None:
     """A lag is named where a delay is missing, and the delay after it; with both flown, both stay."""

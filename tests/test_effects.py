@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from casid.model import operators
 from casid.model.aircraft import EffectValue
-from casid.model.causes import configuration_change, effectiveness_change, wind_shear
+from casid.model.causes import configuration_change, effectiveness_change, gust, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
@@ -299,16 +299,26 @@ def test_heading_follows_from_bank_pitch_and_rates():
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_wind_shear_keeps_its_direction_over_the_ground_while_the_aircraft_turns(axis):
-    """The truth is the rotation of 3-2-1 Euler angles: turned back to the horizon, all of it is along the one axis."""
+@pytest.mark.parametrize(
+    ("effect", "wind"),
+    [
+        (wind_shear, lambda t: np.maximum(t - 2.0, 0.0)),
+        (gust, lambda t: np.where((t > 2.0) & (t < 6.0), 0.5 - 0.5 * np.cos(np.pi * (t - 2.0) / 2.0), 0.0)),
+    ],
+    ids=["wind_shear", "gust"],
+)
+def test_moving_air_keeps_its_direction_over_the_ground_while_the_aircraft_turns(effect, wind, axis):
+    """The truth is the rotation of 3-2-1 Euler angles: turned back to the horizon, all of it is along one direction, of
+    the horizon for a shear, and for a gust that of the body axis when it begins."""
     t = np.arange(0.0, 10.0, 0.1)
     phi, theta, psi = 0.6 * np.sin(t), 0.2 * np.cos(0.7 * t), 0.9 * np.sin(0.3 * t)
-    series = wind_shear(axis).series
+    series = effect(axis).series
     assert series is not None
-    body = series(t, {"phi": phi, "theta": theta, "turned": psi}, {"value": 0.5, "onset": 2.0})
-    level = Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1)).apply(
-        np.stack([body[f"wind_{b}"] for b in "xyz"], axis=1)
-    )
-    expected = np.zeros((len(t), 3))
-    expected[:, "xyz".index(axis)] = 0.5 * np.maximum(t - 2.0, 0.0)
+    body = series(t, {"phi": phi, "theta": theta, "turned": psi}, {"value": 0.5, "onset": 2.0, "length": 4.0})
+    from_body = Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1))
+    level = from_body.apply(np.stack([body[f"wind_{b}"] for b in "xyz"], axis=1))
+    direction = np.eye(3)["xyz".index(axis)]
+    if effect is gust:
+        direction = from_body[20].apply(direction)
+    expected = 0.5 * wind(t)[:, None] * direction
     np.testing.assert_allclose(level, expected, atol=1e-12)

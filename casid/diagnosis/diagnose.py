@@ -10,7 +10,7 @@ from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight, prepare
-from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, split
+from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_stage import judge_kinematics
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
@@ -108,7 +108,7 @@ def diagnose(
     small = too_small(naming, (*causes, *minor), unexplained)
     if small and (same or not unexplained):
         minor, unexplained = (*minor, *small), []
-    unexplained = unexplained or _missing_on_held(held_final, causes, least)
+    unexplained = unexplained or _missing_on_held(with_events(held_final, final), causes, least)
     verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]

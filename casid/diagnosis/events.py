@@ -18,7 +18,7 @@ from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
-_BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
+BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
 # chi-square 99.9 %, one degree of freedom, for intervals that promise 95 %: while a surface rests, the profile is flat
 # but for the noise of its record
 _DROP = 10.83
@@ -165,7 +165,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
     longest = max(record.duration for record in base.flight.records)
-    prints = fingerprints(evidence, [effect], np.arange(EDGE, longest - EDGE, _BETWEEN))
+    prints = fingerprints(evidence, [effect], np.arange(EDGE, longest - EDGE, BETWEEN))
     onsets = dict(one.onsets)
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:

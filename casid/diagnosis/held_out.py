@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.events import at_peak
+from casid.diagnosis.events import BETWEEN, at_peak
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import Screen, fingerprints
+from casid.diagnosis.screening import EDGE, Screen, fingerprints
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
@@ -65,6 +65,14 @@ def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
     return base
 
 
+def with_events(held: Fit, fitted: Fit) -> Fit:
+    """The fit of held-out records with those events too that need not repeat, where they do."""
+    for one in fitted.attached:
+        if one.effect.timed and not one.effect.recurring:
+            held = _recurred(held, one)
+    return held
+
+
 def _recurred(base: Fit, one: Attached) -> Fit:
     """The fit with the event where it helps most, or without it, whichever is better."""
     others = [a for a in base.attached if a.name != one.name]
@@ -90,7 +98,8 @@ def _onsets(base: Fit, one: Attached) -> dict[str, float]:
     size = one.values["value"]
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": size},))
-    prints = fingerprints(judge.evidence, [effect])
+    longest = max(record.duration for record in base.flight.records)
+    prints = fingerprints(judge.evidence, [effect], np.arange(EDGE, longest - EDGE, BETWEEN))
     for r, record in enumerate(base.flight.records):
         keep = np.zeros((1, len(base.flight.records)))
         keep[0, r] = 1.0

@@ -1,17 +1,30 @@
 """Causes in the air: it moves, steadily, in gusts or at random.
 
-Gusts are short and along the axes of the body; a steady change goes on while the aircraft turns and banks, and is along
-the horizon: x where the aircraft heads at the beginning of the record, y to the right of it, z down.
+Its direction over the ground stays, whatever the aircraft does in it. A steady change is along the horizon: x where the
+aircraft heads at the beginning of the record, y to the right of it, z down. A gust is along the body axis that it is
+named after when it begins (as JSBSim's cosine gust is).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from casid.model import operators
 from casid.model.effect import Effect, Series, Values, cause
 
 _AXES = ("x", "y", "z")
+
+
+def _to_body(t: np.ndarray, known: Series) -> np.ndarray:
+    """(N, 3, 3) from the horizon at the first sample to the body axes, by the attitude as far as it is known."""
+    phi, theta, psi = (known.get(name, 0.0 * t) for name in ("phi", "theta", "turned"))
+    return Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1)).inv().as_matrix()
+
+
+def _along(direction: np.ndarray, wind: np.ndarray) -> dict[str, np.ndarray]:
+    """Station -> (N,) of a wind (N,) along body directions (N, 3)."""
+    return {f"wind_{body}": share * wind for body, share in zip(_AXES, direction.T, strict=True)}
 
 
 @cause(
@@ -21,16 +34,8 @@ _AXES = ("x", "y", "z")
 )  # fmt: skip
 def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        wind = values["value"] * operators.ramp(t, values["onset"])
-        phi, theta, psi = (known.get(name, 0.0 * t) for name in ("phi", "theta", "turned"))
-        ahead = (np.cos(theta), np.sin(phi) * np.sin(theta), np.cos(phi) * np.sin(theta))
-        aside = (0.0, np.cos(phi), -np.sin(phi))
-        along_body = {
-            "x": [np.cos(psi) * a - np.sin(psi) * b for a, b in zip(ahead, aside, strict=True)],
-            "y": [np.sin(psi) * a + np.cos(psi) * b for a, b in zip(ahead, aside, strict=True)],
-            "z": (-np.sin(theta), np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)),
-        }[axis]
-        return {f"wind_{body}": share * wind for body, share in zip(_AXES, along_body, strict=True)}
+        direction = _to_body(t, known)[:, :, _AXES.index(axis)]
+        return _along(direction, values["value"] * operators.ramp(t, values["onset"]))
 
     return Effect(
         kind="wind_shear", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True, series=series,
@@ -44,7 +49,10 @@ def wind_shear(axis: str) -> Effect:
 )  # fmt: skip
 def gust(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {f"wind_{axis}": values["value"] * operators.one_minus_cosine(t, values["onset"], values["length"])}
+        wind = values["value"] * operators.one_minus_cosine(t, values["onset"], values["length"])
+        to_body = _to_body(t, known)
+        begins = to_body[min(int(np.searchsorted(t, values["onset"])), len(t) - 1)]
+        return _along(to_body @ begins[_AXES.index(axis)], wind)
 
     return Effect(
         kind="gust", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True,
