@@ -179,7 +179,7 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
 
 
 def test_straight_lines_between_samples_are_part_of_a_size() -> None:
-    """Truth: a straight line between samples takes 1 - sinc^2(f dt) from what oscillates at f; a gust has no input."""
+    """Truth: a straight line between samples takes 1 - sinc^2(f dt) from what oscillates at f; a gust has none."""
     mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0})
     wave = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m1": 12.0})
     flight = prepare(do328(), flights([mode, wave], seed=4, count=2))
@@ -188,7 +188,7 @@ def test_straight_lines_between_samples_are_part_of_a_size() -> None:
         between_samples(found, [slot.name for slot in found.fit.slots].index(one.name)) for one in (mode, wave)
     )
     assert of_mode == pytest.approx(0.8 * (1.0 - np.sinc(3.0 * 0.04) ** 2), rel=0.5)
-    assert of_gust == 0.0
+    assert of_gust < 1e-5  # m/s, by the attitude between samples
 
 
 def test_a_gust_that_the_held_out_record_has_too_is_explained() -> None:
