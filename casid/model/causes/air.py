@@ -14,17 +14,32 @@ from casid.model import operators
 from casid.model.effect import Effect, Series, Values, cause
 
 _AXES = ("x", "y", "z")
+_ATTITUDE = ("phi", "theta", "turned")
 
 
-def _to_body(t: np.ndarray, known: Series) -> np.ndarray:
-    """(N, 3, 3) from the horizon at the first sample to the body axes, by the attitude as far as it is known."""
-    phi, theta, psi = (known.get(name, 0.0 * t) for name in ("phi", "theta", "turned"))
-    return Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1)).inv().as_matrix()
+def _blowing(direction: np.ndarray, wind: np.ndarray, known: Series) -> dict[str, np.ndarray]:
+    """Station -> (N,) of a wind (N,) along a direction (3,) of the horizon, whose x is the heading at the first sample,
+    by the attitude as far as it is known."""
+    blows = np.flatnonzero(wind)
+    phi, theta, psi = (known[name][blows] if name in known else np.zeros(len(blows)) for name in _ATTITUDE)
+    north, east, down = direction
+    ahead, aside = np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north
+    below = np.sin(theta) * ahead + np.cos(theta) * down
+    parts = (
+        np.cos(theta) * ahead - np.sin(theta) * down,
+        np.cos(phi) * aside + np.sin(phi) * below,
+        np.cos(phi) * below - np.sin(phi) * aside,
+    )
+    series = {f"wind_{axis}": np.zeros(len(wind)) for axis in _AXES}
+    for axis, part in zip(_AXES, parts, strict=True):
+        series[f"wind_{axis}"][blows] = part * wind[blows]
+    return series
 
 
-def _along(direction: np.ndarray, wind: np.ndarray) -> dict[str, np.ndarray]:
-    """Station -> (N,) of a wind (N,) along body directions (N, 3)."""
-    return {f"wind_{body}": share * wind for body, share in zip(_AXES, direction.T, strict=True)}
+def _body_axis(axis: str, at: int, known: Series) -> np.ndarray:
+    """(3,) direction over the horizon of a body axis at one sample."""
+    angles = [float(known[name][at]) if name in known else 0.0 for name in ("turned", "theta", "phi")]
+    return Rotation.from_euler("ZYX", angles).as_matrix()[:, _AXES.index(axis)]
 
 
 @cause(
@@ -34,8 +49,8 @@ def _along(direction: np.ndarray, wind: np.ndarray) -> dict[str, np.ndarray]:
 )  # fmt: skip
 def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        direction = _to_body(t, known)[:, :, _AXES.index(axis)]
-        return _along(direction, values["value"] * operators.ramp(t, values["onset"]))
+        direction = np.eye(3)[_AXES.index(axis)]
+        return _blowing(direction, values["value"] * operators.ramp(t, values["onset"]), known)
 
     return Effect(
         kind="wind_shear", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True, series=series,
@@ -50,9 +65,8 @@ def wind_shear(axis: str) -> Effect:
 def gust(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         wind = values["value"] * operators.one_minus_cosine(t, values["onset"], values["length"])
-        to_body = _to_body(t, known)
-        begins = to_body[min(int(np.searchsorted(t, values["onset"])), len(t) - 1)]
-        return _along(to_body @ begins[_AXES.index(axis)], wind)
+        begins = min(int(np.searchsorted(t, values["onset"])), len(t) - 1)
+        return _blowing(_body_axis(axis, begins, known), wind, known)
 
     return Effect(
         kind="gust", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True,
