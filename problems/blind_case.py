@@ -64,6 +64,11 @@ class Hidden:
         """SI unit of `value`; an effect outside the catalogue is a share, or of its channel."""
         return effect_unit(self.kind, self.target, self.term) if self.kind in KINDS else "(of the effect)"
 
+    @property
+    def imitated(self) -> bool:
+        """Whether free derivatives imitate it: the mass, an inertia or the c.g. of all records."""
+        return self.kind in ("mass", "inertia", "cg_offset") and set(self.records) == set(RECORDS)
+
     def scaled(self, factor: float) -> Hidden:
         """The same effect, `factor` times as large; a rate limit is the larger the slower it is."""
         steps = {name: factor * x if name in COEFFICIENTS else x for name, x in self.parameters.items()}

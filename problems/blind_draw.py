@@ -52,7 +52,8 @@ def draw_two(rng: Rng, scene: Scene) -> tuple[Hidden, Hidden]:
     kinds = [k for k in KINDS if k not in hard]
     while True:
         first, second = (draw_effect(rng, str(k), scene) for k in rng.choice(kinds, 2, replace=False))
-        if family(first.kind, first.target) != family(second.kind, second.target):
+        apart = family(first.kind, first.target) != family(second.kind, second.target)
+        if apart and not (first.imitated or second.imitated):
             return first, second
 
 

@@ -44,9 +44,7 @@ def summary(scores: Sequence[Score]) -> list[tuple[str, str]]:
     clean = [s for s in scores if group(s) == "clean"]
     outside = [s for s in scores if group(s) in OUTSIDE]
     two = [s for s in scores if group(s) == "two"]
-    spread = [s for s in single if len(s.answer.hidden[0].records) == 4 or s.answer.hidden[0].onset_s]
-    hidden_by_nature = [s for s in spread if group(s) in ("mass", "inertia", "cg_offset")]
-    visible = [s for s in single if s not in hidden_by_nature]
+    visible = [s for s in single if not s.answer.hidden[0].imitated]
     onsets = [s.onsets for s in scores if s.onsets[1]]
     sized = [s.sized for s in single if s.sized is not None]
     done = sorted(s.seconds for s in scores if s.verdict != FAILED)

@@ -52,6 +52,7 @@ def flights(
     rate_hz: float = 25.0,
     disturbance: Mapping[str, np.ndarray] | None = None,
     noise: Mapping[str, float] = NOISE,
+    surface_noise: float = SURFACE_NOISE,
 ) -> list[Record]:
     """`count` records m1, m2, ... with the hidden effects and any further `disturbance` flown, white noise added.
 
@@ -87,6 +88,6 @@ def flights(
             known |= {key: series[:, None] for key, series in attitude.items()}  # wind keeps its direction
         read = readings(hidden, [name], t[:, None], flown.outputs[:, None], model.outputs, known)[:, 0]
         measured = {o: read[:, model.outputs.index(o)] + rng.normal(0.0, s, len(t)) for o, s in noise.items()}
-        surfaces = {s: channels[s] + rng.normal(0.0, SURFACE_NOISE, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
+        surfaces = {s: channels[s] + rng.normal(0.0, surface_noise, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
         records.append(Record(name=name, t=t, channels={**channels, **surfaces, **measured}))
     return records

@@ -163,7 +163,7 @@ def test_slopes_together_are_the_difference_quotient_of_the_likelihood():
     noise = NoiseModel(measurement=NOISE, white=WHITE)
     system, theta, X = system_at_truth([flown(9, WHITE, samples=200)], noise)
     linear = system.linearise(theta, X)
-    linear = system.linearise(theta, X + kalman_filter(linear, noise).smooth(*residual_column(linear))[..., :2])
+    linear = system.linearise(theta, X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0][..., :2])
     none = np.zeros(len(theta))
     step = evaluate_step(system, theta, linear, noise, none)
     std = np.sqrt(np.diag(step.covariance))

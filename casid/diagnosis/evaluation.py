@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,6 +15,7 @@ from casid.estimation.kalman import Filter, kalman_filter, residual_about
 from casid.model.causes import group_channels
 from casid.model.system import Model
 
+_MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
 _LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
 _SMALLEST = {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
 
@@ -31,6 +32,22 @@ class Slot:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
+    """What a model is linearised about: the trajectory X (N, R, nx), and the most likely histories of the coloured
+    disturbances (N, R, nc) and of the noise of the recorded inputs (N, R, ni), in the order of the acting noise."""
+
+    X: np.ndarray
+    coloured: np.ndarray
+    inputs: np.ndarray
+
+    def moved(self, step: Motion, length: float = 1.0) -> Motion:
+        return Motion(
+            X=self.X + length * step.X, coloured=self.coloured + length * step.coloured,
+            inputs=self.inputs + length * step.inputs,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
     """A fitted hypothesis.
 
@@ -38,10 +55,10 @@ class Fit:
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
     noise        of instruments and recorded inputs, `acting` what it is behind the attached effects
     read         (N, R, ny) what the instruments read of the outputs of `linear`
-    disturbances (N, R, nw) that attached effects make; `coloured` (N, R, nc) the most likely histories of the
-                 coloured ones of `acting`, which the model is linearised about
+    disturbances (N, R, nw) that attached effects make
+    motion       that the model is linearised about
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
-    known        name -> (N, R) motion and recorded inputs, denoised: what effects are made of; `regressors` as the
+    known        name -> (N, R) motion and inputs, denoised: what effects are made of; `regressors` as the
                  aerodynamics see them, behind the effects on surfaces and in the wind that effects make
     deviance     -2 log likelihood up to a constant of the data, prior included
     """
@@ -61,7 +78,7 @@ class Fit:
     read: np.ndarray
     filter: Filter
     disturbances: np.ndarray
-    coloured: np.ndarray
+    motion: Motion
     white: np.ndarray
     columns: np.ndarray
     known: dict[str, np.ndarray]
@@ -87,7 +104,8 @@ class Fit:
     @property
     def moving(self) -> np.ndarray:
         """(N, R, nw) all disturbances of the linearisation."""
-        return self.disturbances + scattered(self.model, self.acting, self.coloured)
+        W = _scattered(self.model, self.acting.coloured, self.motion.coloured)
+        return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.motion.inputs)
 
     @property
     def gradient(self) -> np.ndarray:
@@ -160,27 +178,28 @@ class Work:
         return P
 
 
-def scattered(model: Model, noise: NoiseModel, coloured: np.ndarray) -> np.ndarray:
-    """(N, R, nw) the coloured disturbances (N, R, coloured) in their places among all."""
-    W = np.zeros((*coloured.shape[:2], len(model.disturbances)))
-    W[..., [model.disturbances.index(name) for name in noise.coloured]] = coloured
+def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
+    """(N, R, nw) histories (N, R, names) of named disturbances in their places among all."""
+    W = np.zeros((*histories.shape[:2], len(model.disturbances)))
+    W[..., [model.disturbances.index(name) for name in names]] = histories
     return W
 
 
-def evaluate(
-    work: Work, attached: tuple[Attached, ...], values: np.ndarray, X: np.ndarray, coloured: np.ndarray,
-    iteration: int,
-) -> Fit:  # fmt: skip
-    """The hypothesis at values of its slots, along a trajectory X (N, R, nx) and coloured disturbances (N, R, nc)."""
+def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int) -> Fit:
+    """The hypothesis at values of its slots, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
-    moving = scattered(model, acting, coloured)
-    known = work.regressors.along(X, moving)
+    moving, errors = (
+        _scattered(model, acting.coloured, motion.coloured),
+        _scattered(model, acting.inputs, motion.inputs),
+    )
+    inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
+    known = work.regressors.along(motion.X, moving, inputs)
     W = work.series(attached, known)
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
-    regressors = work.regressors.along(X, moving + quiet) if quiet.any() else known
+    regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)
-    linear = linearise(work.functions, batch, P, X, W + moving)
+    linear = linearise(work.functions, batch, P, motion.X, W + moving + errors)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
     linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
     late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
@@ -188,7 +207,7 @@ def evaluate(
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
     kalman = kalman_filter(linear, acting)
     Y, F = _columns(work, attached, linear, known, late)
-    white = kalman.whiten(*residual_about(linear, acting, coloured))[..., 0]
+    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, motion.inputs))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
@@ -210,7 +229,7 @@ def evaluate(
         read=read,
         filter=kalman,
         disturbances=W,
-        coloured=coloured,
+        motion=motion,
         white=white,
         columns=columns,
         known=known,
@@ -290,13 +309,20 @@ def _columns(
     return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
 
 
-def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Change of values, trajectory and coloured disturbances by one full Gauss-Newton step."""
+def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
+    """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
-    Y, F, first = residual_about(now.linear, now.acting, now.coloured)
+    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.motion.inputs)
     late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
     by_slot = _columns(work, now.attached, now.linear, now.known, late)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]
-    moved = now.filter.smooth(Y - by_slot[0] @ change[:, None], F, first)
-    return change, moved[..., :nx], moved[..., nx:]
+    return change, smoothed(now, Y - by_slot[0] @ change[:, None], F, first)
+
+
+def smoothed(now: Fit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
+    """Change to the most likely motion, given a residual."""
+    moved, noise = now.filter.smooth(Y, F, first)
+    most, nx = _MOST * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
+    noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
+    return Motion(X=moved[..., :nx], coloured=moved[..., nx:], inputs=noise - now.motion.inputs)

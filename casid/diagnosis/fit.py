@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit, Free, Slot, Work, evaluate, gauss_newton_step
+from casid.diagnosis.evaluation import Fit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached, acting_noise
 from casid.estimation.innovations import NoiseModel
@@ -35,16 +35,16 @@ def fit(
     work = Work(flight, attached, noise, free)
     attached = tuple(attached)
     values = _start_values(work, attached, start)
-    X, moving = _start_trajectory(work, attached, start, values)
+    motion = _start_motion(work, attached, start, values)
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
-        now = evaluate(work, _with_values(attached, work.slots, values), values, X, moving, iteration)
+        now = evaluate(work, _with_values(attached, work.slots, values), values, motion, iteration)
         if best is not None and not now.deviance < best.deviance + tolerance:
             shrink *= 0.4
             if shrink < 0.02 or step is None:
                 break
-            values, X, moving = (at + shrink * d for at, d in zip(_place(best), step, strict=True))
+            values, motion = best.values + shrink * step[0], best.motion.moved(step[1], shrink)
             continue
         gained = np.inf if best is None else best.deviance - now.deviance
         best, shrink = now, 1.0
@@ -54,33 +54,33 @@ def fit(
         if iteration >= 3 and now.deviance - 2.0 * gained > give_up:
             break
         step = gauss_newton_step(work, now)
-        values, X, moving = (at + d for at, d in zip(_place(now), step, strict=True))
+        values, motion = now.values + step[0], now.motion.moved(step[1])
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
 
 
-def _place(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return fit.values, fit.linear.X, fit.coloured
-
-
-def _start_trajectory(
-    work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """States (N, R, nx) and coloured disturbances (N, R, nc) to begin with.
+def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray) -> Motion:
+    """The motion to begin with.
 
     Without a start, what the filter makes of the measured motion: the deviance of a model linearised about noise cannot
     be compared with any other, and a line search that begins there may stay there.
     """
-    names = tuple(acting_noise(work.noise, attached, work.dt).coloured)
-    still = np.zeros((*work.batch.live.shape, len(names)))
+    acting, shape = acting_noise(work.noise, attached, work.dt), work.batch.live.shape
+    still = Motion(
+        X=_guess(work), coloured=np.zeros((*shape, len(acting.coloured))), inputs=np.zeros((*shape, len(acting.inputs)))
+    )
     if start is None or start.flight.records is not work.flight.records:
-        measured = evaluate(work, _with_values(attached, work.slots, values), values, _guess(work), still, 0)
-        moved = measured.filter.smooth(*residual_about(measured.linear, measured.acting, still))
-        nx = len(work.model.states)
-        return measured.linear.X + moved[..., :nx], moved[..., nx:]
-    same = tuple(start.acting.coloured) == names
-    return start.linear.X, start.coloured if same else still
+        measured = evaluate(work, _with_values(attached, work.slots, values), values, still, 0)
+        return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
+    before = start.motion
+    same = tuple(start.acting.coloured) == tuple(acting.coloured)
+    at = [list(start.acting.inputs).index(name) if name in start.acting.inputs else -1 for name in acting.inputs]
+    known = [before.inputs[..., i] if i >= 0 else still.inputs[..., 0] for i in at]
+    return Motion(
+        X=before.X, coloured=before.coloured if same else still.coloured,
+        inputs=np.stack(known, axis=2) if known else still.inputs,
+    )  # fmt: skip
 
 
 def _start_values(work: Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -41,15 +41,12 @@ class Flight:
     sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
     doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
                    to be raised by `with_noise_above`
-    quiet          the records with denoised inputs: what fingerprints of effects are made of. Noise in a recorded input
-                   is noise in such a fingerprint too, and would match the residual that it causes itself
     """
 
     aircraft: Aircraft
     axes: str
     outputs: tuple[str, ...]
     records: tuple[Record, ...]
-    quiet: tuple[Record, ...]
     sigma: dict[str, float]
     input_sigma: dict[str, float]
     doubted: tuple[str, ...] = ()
@@ -63,7 +60,7 @@ class Flight:
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """Measurement and input noise, and `coloured` disturbances beside them."""
-        return NoiseModel(measurement=self.sigma, white=self.input_sigma, coloured=coloured or {})
+        return NoiseModel(measurement=self.sigma, inputs=self.input_sigma, coloured=coloured or {})
 
     def model(self, effects: Sequence = ()) -> Model:
         """The aircraft model of this flight, with symbolic `effects` among its parameters."""
@@ -108,8 +105,7 @@ class Flight:
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight."""
         ready = tuple(flight_inputs(aircraft, record, self.axes) for record in records)
-        quiet = tuple(_with_quiet_inputs(record, self.input_sigma) for record in ready)
-        return replace(self, aircraft=aircraft, records=ready, quiet=quiet, _models={}, _functions={}, _regressors={})
+        return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
 
 
 def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
@@ -136,17 +132,12 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         if np.ptp(np.concatenate(series)) > 0.0
     }
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
-    quiet = tuple(_with_quiet_inputs(record, input_sigma) for record in ready)
     edge = motion_edge(ready)
     doubted = tuple(o for o in outputs if not aircraft.noise.get(o) and not high_band_holds(ready, o, edge))
     return Flight(
-        aircraft=aircraft, axes=axes, outputs=outputs, records=ready, quiet=quiet, sigma=sigma,
-        input_sigma=input_sigma, doubted=doubted,
+        aircraft=aircraft, axes=axes, outputs=outputs, records=ready, sigma=sigma, input_sigma=input_sigma,
+        doubted=doubted,
     )  # fmt: skip
-
-
-def _with_quiet_inputs(record: Record, input_sigma: dict[str, float]) -> Record:
-    return record.with_channels(**{name[2:]: denoise(record[name[2:]], s) for name, s in input_sigma.items()})
 
 
 def _measured(record: Record, name: str) -> bool:
@@ -159,7 +150,7 @@ def _sigma(series: list[np.ndarray]) -> float:
 
 
 class Regressors:
-    """The aerodynamic regressors of an aircraft along trajectories, by name, and the recorded inputs with them."""
+    """The aerodynamic regressors of an aircraft along trajectories, by name, and its inputs with them."""
 
     def __init__(self, flight: Flight, model: Model) -> None:
         named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
@@ -171,25 +162,42 @@ class Regressors:
         for station in (surface_station, wind_station, air_data_station):
             station(path)
         self.names = tuple(path.regressor)
-        self._inputs, self._states = model.inputs, model.states
-        self._quiet = make_batch(model, flight.quiet)
+        self._inputs, self._states, self._sigma = model.inputs, model.states, flight.input_sigma
+        self._batch = make_batch(model, flight.records)
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
         self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
 
-    def along(self, X: np.ndarray, W: np.ndarray) -> dict[str, np.ndarray]:
-        """name -> (N, R): regressors of the trajectory X (N, R, nx) in moving air (disturbances W (N, R, nw)), rates of
-        the flow angles by differences included, and the inputs, both from denoised inputs."""
-        inputs = self._quiet.U
+    def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N, R, nu) recorded inputs with the most likely `noise` (disturbance -> (N, R)) that the motion shows taken
+        into account, denoised.
+
+        Noise in a recorded input is noise in what is made of it, and would match the residual that it causes itself;
+        what is left of it beside the motion does not.
+        """
+        U = self._batch.U.copy()
+        for i, name in enumerate(self._inputs):
+            station = f"d_{name}"
+            if station not in self._sigma:
+                continue
+            for j, samples in enumerate(self._batch.live.sum(axis=0)):
+                likely = U[:, j, i] + noise[station][:, j] if station in noise else U[:, j, i]
+                U[:samples, j, i] = denoise(likely[:samples], self._sigma[station])
+                U[samples:, j, i] = U[samples - 1, j, i]
+        return U
+
+    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
+        """name -> (N, R): regressors of the trajectory X (N, R, nx) with `inputs` (N, R, nu) in moving air
+        (disturbances W (N, R, nw)), rates of the flow angles by differences included, and the inputs."""
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
         motion = {name: X[..., i] for i, name in enumerate(self._states)}
         table |= {name: motion[name] for name in ("phi", "theta") if name in motion}
         if all(name in motion for name in operators.TURNING):
-            columns = zip(self._quiet.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
+            columns = zip(self._batch.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
             table["turned"] = np.stack([operators.turned(*column) for column in columns], axis=1)
         for angle, length in self._lengths.items():
-            rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._quiet.t.T, strict=True)]
+            rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._batch.t.T, strict=True)]
             table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]
         return table

@@ -54,12 +54,12 @@ class Attached:
 
 def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> NoiseModel:
     """What noise of recorded inputs is behind the attached effects; those of some records only leave it as it is."""
-    white, coloured = dict(noise.white), dict(noise.coloured)
+    inputs, coloured = dict(noise.inputs), dict(noise.coloured)
     for one in attached:
         station = f"d_{one.effect.target}"
-        if one.effect.noise is not None and not one.records and station in white:
-            coloured[station] = one.effect.noise(white.pop(station), dt, one.values)
-    return replace(noise, white=white, coloured=coloured)
+        if one.effect.noise is not None and not one.records and station in inputs:
+            coloured[station] = one.effect.noise(inputs.pop(station), dt, one.values)
+    return replace(noise, inputs=inputs, coloured=coloured)
 
 
 def disturbance_series(

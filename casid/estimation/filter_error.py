@@ -163,7 +163,7 @@ def predict(problem: Problem, values: Mapping[str, float], noise: NoiseModel, re
     X = _guess(problem, system.batch)
     for _ in range(relinearisations):
         linear = system.linearise(theta, X)
-        X = X + kalman_filter(linear, noise).smooth(*residual_column(linear))[..., : X.shape[2]]
+        X = X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0][..., : X.shape[2]]
     linear = system.linearise(theta, X)
     return _innovations(system, linear, kalman_filter(linear, noise))
 
@@ -274,7 +274,7 @@ def _innovations(system: FilterSystem, linear: Linear, kalman: Filter) -> Innova
     residual = residual_column(linear)
     white = kalman.whiten(*residual)
     error = np.linalg.solve(kalman.inverse_root, white)[..., 0]
-    X = linear.X + kalman.smooth(*residual)[..., : linear.X.shape[2]]
+    X = linear.X + kalman.smooth(*residual)[0][..., : linear.X.shape[2]]
     samples = int(linear.seen.sum())
     deviance = float(np.sum(white**2) + kalman.log_determinant.sum())
     parts = {record.name: (j, len(record)) for j, record in enumerate(system.problem.records)}

@@ -11,8 +11,8 @@ from functools import cache
 
 import numpy as np
 
+from casid.estimation import filter_kernel_source, step_kernel_source
 from casid.estimation.compiler import c_compiler, compile_library
-from casid.estimation.filter_kernel_source import SOURCE
 from casid.estimation.processors import share_out
 
 _MOST = 64  # states, outputs; beyond that numpy does the work
@@ -25,9 +25,9 @@ class FilterKernel:
 
     def __init__(self, library: str) -> None:
         loaded = ctypes.CDLL(library)
-        self._covariance, self._whiten, self._smooth = loaded.covariance, loaded.whiten, loaded.smooth
+        self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
         self._interval, self._augment = loaded.interval, loaded.augment
-        for without in (self._whiten, self._smooth, self._interval, self._augment):
+        for without in (self._whiten, self._costates, self._interval, self._augment):
             without.restype = None
 
     def interval(self, by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
@@ -42,54 +42,55 @@ class FilterKernel:
         _call(self._interval, N, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
         return tuple(made)
 
-    def augmented(self, linear, coloured, white, sigma, tau, input_sigma, variance) -> tuple[np.ndarray, ...]:
-        """(A, C, Q, M) of `kalman.augmented`; `coloured` and `white` are indices of disturbances."""
+    def augmented(
+        self, linear, coloured, white, inputs, sigma, tau, white_sigma, input_sigma, variance
+    ) -> tuple[np.ndarray, ...]:
+        """(A, C, Q, M, S) of `kalman.augmented`; `coloured`, `white` and `inputs` are indices of disturbances."""
         (N, R, ny, nx), nw, nz = linear.C.shape, linear.Dw.shape[3], len(coloured)
         n = nx + nz
-        made = [
-            np.empty((N - steps, R, *shape)) for steps, shape in ((1, (n, n)), (0, (ny, n)), (1, (n, n)), (0, (ny, ny)))
-        ]
-        index = [np.asarray(one, dtype=ctypes.c_long) for one in (coloured, white)]
+        shapes = ((1, (n, n)), (0, (ny, n)), (1, (n, n)), (0, (ny, ny)), (1, (n, ny)))
+        made = [np.empty((N - steps, R, *shape)) for steps, shape in shapes]
+        index = [np.asarray(one, dtype=ctypes.c_long) for one in (coloured, white, inputs)]
         given = (linear.dt, linear.seen.astype(np.uint8), linear.A, linear.Bw0, linear.Bw1, linear.C, linear.Dw)
-        sizes = (N, R, nx, ny, nw, nz, len(white))
-        _call(self._augment, N, sizes, *index, sigma, tau, input_sigma, variance, *given, *made)
+        sizes = (N, R, nx, ny, nw, nz, len(white), len(inputs))
+        _call(self._augment, N, sizes, *index, sigma, tau, white_sigma, input_sigma, variance, *given, *made)
         return tuple(made)
 
-    def covariance(self, A, C, Q, M, P0) -> tuple[np.ndarray, ...]:
-        """(K, inverse root, prediction covariance, log determinant). Raises numpy.linalg.LinAlgError when a covariance
-        of an innovation is not positive definite."""
+    def covariance(self, A, C, Q, M, S, P0) -> tuple[np.ndarray, ...]:
+        """(gain, inverse root, prediction covariance, log determinant); S may be None. Raises numpy.linalg.LinAlgError
+        when a covariance of an innovation is not positive definite."""
         N, R, ny, n = C.shape
-        K, root = np.empty((N, R, n, ny)), np.empty((N, R, ny, ny))
+        gain, root = np.empty((N - 1, R, n, ny)), np.empty((N, R, ny, ny))
         kept, log_determinant = np.empty((N, R, n, n)), np.empty((N, R))
-        if not _call(self._covariance, R, (N, R, n, ny), A, C, Q, M, P0, K, root, kept, log_determinant):
+        if not _call(self._covariance, R, (N, R, n, ny), A, C, Q, M, S, P0, gain, root, kept, log_determinant):
             raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
-        return K, root, kept, log_determinant
+        return gain, root, kept, log_determinant
 
-    def whiten(self, A, C, K, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
+    def whiten(self, A, C, gain, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (R, N, ny, nc) of columns Y, F, first; states (N, R, n, nc) when they are to be kept."""
         (N, R, ny, n), nc = C.shape, Y.shape[3]
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
         columns = (Y, F, first, ctypes.c_long(0), *[None] * 5)
-        _call(self._whiten, _tiles(R, nc), sizes, A, C, K, root, *columns, white, kept)
+        _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *columns, white, kept)
         return white, states
 
-    def whiten_histories(self, A, C, K, root, stations, series, Dw, B0, B1) -> np.ndarray:
+    def whiten_histories(self, A, C, gain, root, stations, series, Dw, B0, B1) -> np.ndarray:
         """Innovations (R, N, ny, nc) of time histories (N, R, nc) at disturbance `stations`."""
         (N, R, ny, n), nc = C.shape, series.shape[2]
         white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
         histories = (None, None, None, nw, index, series, Dw, B0, B1)
-        _call(self._whiten, _tiles(R, nc), sizes, A, C, K, root, *histories, white, None)
+        _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *histories, white, None)
         return white
 
-    def smooth(self, A, C, K, root, kept, white, states) -> np.ndarray:
-        """Deviation (N, R, n) of one column, from its innovations and predicted states."""
+    def costates(self, A, C, gain, root, white) -> np.ndarray:
+        """Costates (N, R, n) of the predicted states, from the innovations (R, N, ny) of one column."""
         N, R, ny, n = C.shape
-        deviation = np.empty((N, R, n))
-        _call(self._smooth, R, (N, R, n, ny), A, C, K, root, kept, white, states, deviation)
-        return deviation
+        found = np.empty((N, R, n))
+        _call(self._costates, R, (N, R, n, ny), A, C, gain, root, white, found)
+        return found
 
 
 def _tiles(records: int, columns: int) -> int:
@@ -121,5 +122,9 @@ def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
 
 @cache
 def _loaded() -> FilterKernel | None:
-    library = None if c_compiler() is None else compile_library(SOURCE, _FLAGS)
+    library = (
+        None
+        if c_compiler() is None
+        else compile_library(filter_kernel_source.SOURCE + step_kernel_source.SOURCE, _FLAGS)
+    )
     return None if library is None else FilterKernel(str(library))

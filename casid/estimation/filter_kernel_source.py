@@ -1,4 +1,4 @@
-"""The C source of `filter_kernel`; the numpy versions in `kalman` and `innovations` say what it computes.
+"""The C source of the recursions in `filter_kernel`; the numpy versions in `kalman` say what it computes.
 
 Every function runs the parts `from` to `to` of its work: records, samples or tiles of columns. MOST, the largest number
 of states or outputs, and TILE, the columns that go through the filter side by side, are defined when it is compiled.
@@ -126,36 +126,70 @@ static double inverse_root(long ny, double *s, double *inverse)
     return total;
 }
 
-/* A model (nx states) with its coloured disturbances as further states, n = nx + nz: A (n, n), C (ny, n), process
-   noise Q over the interval and measurement noise M, as `kalman.augmented`. A part is a sample. */
-void augment(long from, long to, long N, long R, long nx, long ny, long nw, long nz, long ni, const long *coloured,
-             const long *white, const double *sigma, const double *tau, const double *input, const double *variance,
-             const double *dt, const unsigned char *seen, const double *given_A, const double *B0, const double *B1,
-             const double *given_C, const double *D, double *A, double *C, double *Q, double *M)
+/* to (rows) = sigma (by (rows, nx) b1 + b0), b1 and b0 columns of (nx or rows, nw); without b1 at the first sample */
+static void carried(long rows, long nx, long nw, double sigma, const double *by, const double *b1, const double *b0,
+                    double *to)
 {
-    double g[MOST];
+    for (long i = 0; i < rows; i++) {
+        double sum = b0[i * nw];
+        if (b1) for (long j = 0; j < nx; j++) sum += by[i * nx + j] * b1[j * nw];
+        to[i] = sigma * sum;
+    }
+}
+
+/* to (rows, columns) += a b' */
+static void outer(long rows, long columns, const double *a, const double *b, double *to)
+{
+    for (long i = 0; i < rows; i++)
+        if (a[i] != 0.0) for (long j = 0; j < columns; j++) to[i * columns + j] += a[i] * b[j];
+}
+
+/* A model (nx states) with its coloured disturbances as further states, n = nx + nz: A (n, n), C (ny, n), process
+   noise Q over the interval, measurement noise M and what both share S (n, ny), as `kalman.augmented`. A part is a
+   sample. */
+void augment(long from, long to, long N, long R, long nx, long ny, long nw, long nz, long nv, long ni,
+             const long *coloured, const long *white, const long *input, const double *sigma, const double *tau,
+             const double *white_sigma, const double *input_sigma, const double *variance, const double *dt,
+             const unsigned char *seen, const double *given_A, const double *B0, const double *B1,
+             const double *given_C, const double *D, double *A, double *C, double *Q, double *M, double *S)
+{
+    double g[MOST], f[MOST];
     long n = nx + nz;
+    memset(g, 0, sizeof g);
     for (long at = from * R; at < to * R; at++) {
         const double *d = D + at * ny * nw, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
+        const double *before = at < R ? 0 : b1 - R * nx * nw;
         double *c = C + at * ny * n, *m = M + at * ny * ny, *a = A + at * n * n, *q = Q + at * n * n;
+        int last = at >= (N - 1) * R;
         memset(m, 0, ny * ny * sizeof(double));
         for (long i = 0; i < ny; i++) {
             memcpy(c + i * n, given_C + (at * ny + i) * nx, nx * sizeof(double));
             for (long z = 0; z < nz; z++) c[i * n + nx + z] = d[i * nw + coloured[z]];
             m[i * ny + i] = seen[at * ny + i] ? variance[i] : 1.0;
         }
-        for (long w = 0; w < ni; w++) {
-            for (long i = 0; i < ny; i++) g[i] = d[i * nw + white[w]] * input[w];
-            for (long i = 0; i < ny; i++) if (g[i] != 0.0) for (long j = 0; j < ny; j++) m[i * ny + j] += g[i] * g[j];
+        if (!last) {
+            memset(a, 0, n * n * sizeof(double));
+            memset(q, 0, n * n * sizeof(double));
+            memset(S + at * n * ny, 0, n * ny * sizeof(double));
+            for (long i = 0; i < nx; i++) memcpy(a + i * n, given_A + (at * nx + i) * nx, nx * sizeof(double));
         }
-        if (at >= (N - 1) * R) continue;
-        memset(a, 0, n * n * sizeof(double));
-        memset(q, 0, n * n * sizeof(double));
-        for (long i = 0; i < nx; i++) memcpy(a + i * n, given_A + (at * nx + i) * nx, nx * sizeof(double));
-        for (long w = 0; w < ni; w++) {
-            for (long i = 0; i < nx; i++) g[i] = (b0[i * nw + white[w]] + b1[i * nw + white[w]]) * input[w];
-            for (long i = 0; i < nx; i++) if (g[i] != 0.0) for (long j = 0; j < nx; j++) q[i * n + j] += g[i] * g[j];
+        for (long w = 0; w < nv; w++) {
+            for (long i = 0; i < ny; i++) f[i] = d[i * nw + white[w]] * white_sigma[w];
+            outer(ny, ny, f, f, m);
+            if (last) continue;
+            for (long i = 0; i < nx; i++) g[i] = (b0[i * nw + white[w]] + b1[i * nw + white[w]]) * white_sigma[w];
+            outer(n, n, g, g, q);
         }
+        for (long w = 0; w < ni; w++) {
+            const double *b = before ? before + input[w] : 0;
+            carried(ny, nx, nw, input_sigma[w], given_C + at * ny * nx, b, d + input[w], f);
+            outer(ny, ny, f, f, m);
+            if (last) continue;
+            carried(nx, nx, nw, input_sigma[w], given_A + at * nx * nx, b, b0 + input[w], g);
+            outer(n, n, g, g, q);
+            outer(n, ny, g, f, S + at * n * ny);
+        }
+        if (last) continue;
         for (long z = 0; z < nz; z++) {
             double phi = exp(-dt[at] / tau[z]), driven = sigma[z] * sigma[z] * (1.0 - phi * phi);
             a[(nx + z) * n + nx + z] = phi;
@@ -172,7 +206,8 @@ void augment(long from, long to, long N, long R, long nx, long ny, long nw, long
 
 /* covariance pass; returns 0, or 1 when an innovation's covariance is not positive definite */
 int covariance(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *Q,
-               const double *M, const double *P0, double *K, double *root, double *kept, double *log_determinant)
+               const double *M, const double *shared, const double *P0, double *gain, double *root, double *kept,
+               double *log_determinant)
 {
     V P[MOST * MOST / WIDTH], CP[MOST * MOST / WIDTH], S[MOST * MOST / WIDTH], W[MOST * MOST / WIDTH],
         G[MOST * MOST / WIDTH], T[MOST * MOST / WIDTH];
@@ -183,7 +218,7 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
             const double *c = C + at * ny * n;
-            double *inverse = root + at * ny * ny, *gain = K + at * n * ny;
+            double *inverse = root + at * ny * ny;
             unpack(n, n, wide, P, kept + at * n * n);
             zero(ny, wide, CP);
             product(ny, n, wide, c, P, CP, 1.0, 0); /* P is symmetric */
@@ -194,22 +229,26 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
             unpack(ny, ny, wide_y, S, flat);
             log_determinant[at] = inverse_root(ny, flat, inverse);
             if (isnan(log_determinant[at])) return 1;
-            transposed(ny, ny, inverse, root_turned);
+            if (k == N - 1) break;
+            const double *a = A + at * n * n;
+            pack_turned(n, n, wide, a, T);
+            unpack(ny, n, wide, CP, flat);
+            zero(ny, wide, G);
+            if (shared) pack_turned(n, ny, wide, shared + at * n * ny, G);
+            product(ny, n, wide, flat, T, G, 1.0, 0); /* C P A' + what is shared */
             zero(ny, wide, W);
-            product(ny, ny, wide, inverse, CP, W, 1.0, 1);
+            product(ny, ny, wide, inverse, G, W, 1.0, 1);
+            transposed(ny, ny, inverse, root_turned);
             zero(ny, wide, G);
             product(ny, ny, wide, root_turned, W, G, 1.0, 0);
-            unpack_turned(ny, n, wide, G, gain);
-            if (k == N - 1) break;
-            unpack_turned(ny, n, wide, W, flat);
-            product(n, ny, wide, flat, W, P, -1.0, 0);
-            const double *a = A + at * n * n;
+            unpack_turned(ny, n, wide, G, gain + at * n * ny);
             zero(n, wide, G);
             product(n, n, wide, a, P, G, 1.0, 0);
             unpack(n, n, wide, G, flat);
-            pack_turned(n, n, wide, flat, T); /* P A' */
             pack(n, n, wide, Q + at * n * n, P);
-            product(n, n, wide, a, T, P, 1.0, 0);
+            product(n, n, wide, flat, T, P, 1.0, 0);
+            unpack_turned(ny, n, wide, W, flat);
+            product(n, ny, wide, flat, W, P, -1.0, 0);
             double *p = (double *)P;
             for (long i = 0; i < n; i++) for (long j = 0; j < i; j++)
                 p[i * wide * WIDTH + j] = p[j * wide * WIDTH + i] =
@@ -240,7 +279,7 @@ static void enter(long rows, long nw, long width, const long *station, const dou
    null, as time histories series (N,R,nc) that enter at disturbance number station[nc] through Dw, B0, B1.
    white (R,N,ny,nc); states (N,R,n,nc). A part is a tile of columns, of the first record, the second, ... */
 void whiten(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
-            const double *K, const double *root, const double *Y, const double *F, const double *E0, long nw,
+            const double *gain, const double *root, const double *Y, const double *F, const double *E0, long nw,
             const long *station, const double *series, const double *Dw, const double *B0, const double *B1,
             double *white, double *states)
 {
@@ -273,7 +312,7 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
                 enter(nx, nw, width, station + first, B1 + at * nx * nw, series + (at + R) * nc + first, next, 1);
             }
             memset(next + nx, 0, (n - nx) * sizeof(tile));
-            product(n, ny, 2, K + at * n * ny, e->v, E->v, -1.0, 0);
+            product(n, ny, 2, gain + at * n * ny, e->v, next->v, -1.0, 0);
             product(n, n, 2, A + at * n * n, E->v, next->v, 1.0, 0);
             memcpy(E, next, n * sizeof(tile));
         }
@@ -282,99 +321,29 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
     free(all);
 }
 
-/* Bryson-Frazier: deviation (N,R,n) from white (R,N,ny) and predicted states (N,R,n) of one column */
-void smooth(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *K,
-            const double *root, const double *kept, const double *white, const double *states, double *deviation)
+/* Bryson-Frazier: costates (N,R,n) of the predicted states, from white (R,N,ny) of one column */
+void costates(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *gain,
+              const double *root, const double *white, double *found)
 {
-    double costate[MOST], moved[MOST], gained[MOST];
+    double costate[MOST], moved[MOST];
     for (long r = from; r < to; r++) {
         memset(costate, 0, sizeof costate);
         for (long k = N - 1; k >= 0; k--) {
             long at = k * R + r;
-            const double *c = C + at * ny * n, *gain = K + at * n * ny, *w = white + (r * N + k) * ny;
+            const double *c = C + at * ny * n, *w = white + (r * N + k) * ny;
+            memset(moved, 0, sizeof moved);
             if (k < N - 1) {
                 const double *a = A + at * n * n;
-                memset(moved, 0, sizeof moved);
                 for (long i = 0; i < n; i++) for (long j = 0; j < n; j++) moved[j] += a[i * n + j] * costate[i];
-                memcpy(costate, moved, n * sizeof(double));
             }
             for (long j = 0; j < ny; j++) {
                 double sum = 0.0;
-                if (k < N - 1) for (long i = 0; i < n; i++) sum -= gain[i * ny + j] * moved[i];
+                if (k < N - 1) for (long i = 0; i < n; i++) sum -= gain[(at * n + i) * ny + j] * costate[i];
                 for (long i = j; i < ny; i++) sum += root[(at * ny + i) * ny + j] * w[i];
-                gained[j] = sum;
+                for (long i = 0; i < n; i++) moved[i] += c[j * n + i] * sum;
             }
-            for (long j = 0; j < ny; j++) for (long i = 0; i < n; i++) costate[i] += c[j * n + i] * gained[j];
-            for (long i = 0; i < n; i++) {
-                double sum = -states[at * n + i];
-                for (long j = 0; j < n; j++) sum += kept[(at * n + i) * n + j] * costate[j];
-                deviation[at * n + i] = sum;
-            }
-        }
-    }
-}
-
-/* moved (nx) = K x0, K (nx, nx) by columns that lie `rows` apart */
-static void along(long nx, long rows, const double *K, const double *x0, double *moved)
-{
-    memset(moved, 0, nx * sizeof(double));
-    for (long l = 0; l < nx; l++) {
-        double f = x0[l];
-        if (f != 0.0) for (long i = 0; i < nx; i++) moved[i] += K[l * rows + i] * f;
-    }
-}
-
-/* to (ny, columns) = rows of the output equation, 0 where it is not seen */
-static void outputs(long nx, long ny, long columns, const double *by, const unsigned char *seen, double *to)
-{
-    for (long i = 0; i < ny; i++)
-        for (long j = 0; j < columns; j++) to[i * columns + j] = seen[i] ? by[j * (nx + ny) + nx + i] : 0.0;
-}
-
-/* Step matrices of `innovations.linearise` from Jacobians (N,R,columns,nx+ny) of state and output equations. */
-void interval(long from, long to, long N, long R, long nx, long ny, long np, long nw, const double *by_x,
-              const double *by_p, const double *by_w, const double *dt, const unsigned char *live,
-              const unsigned char *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
-              double *C, double *Dp, double *Dw)
-{
-    long rows = nx + ny;
-    double moved[MOST];
-    for (long k = from; k < to; k++) for (long r = 0; r < R; r++) {
-        long at = k * R + r, next = at + R;
-        const unsigned char *has = seen + at * ny;
-        outputs(nx, ny, nx, by_x + at * nx * rows, has, C + at * ny * nx);
-        outputs(nx, ny, np, by_p + at * np * rows, has, Dp + at * ny * np);
-        outputs(nx, ny, nw, by_w + at * nw * rows, has, Dw + at * ny * nw);
-        if (k == N - 1) continue;
-        double *a = A + at * nx * nx, *bp = Bp + at * nx * np, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
-        if (!live[next]) {
-            memset(a, 0, nx * nx * sizeof(double));
-            for (long i = 0; i < nx; i++) a[i * nx + i] = 1.0;
-            memset(bp, 0, nx * np * sizeof(double));
-            memset(b0, 0, nx * nw * sizeof(double));
-            memset(b1, 0, nx * nw * sizeof(double));
-            continue;
-        }
-        double h = dt[at];
-        const double *K = by_x + next * nx * rows;
-        for (long j = 0; j < nx; j++) {
-            const double *x0 = by_x + (at * nx + j) * rows, *x1 = K + j * rows;
-            along(nx, rows, K, x0, moved);
-            for (long i = 0; i < nx; i++) a[i * nx + j] = (i == j) + h / 2 * (x0[i] + x1[i]) + h * h / 2 * moved[i];
-        }
-        for (long j = 0; j < np; j++) {
-            const double *x0 = by_p + (at * np + j) * rows, *x1 = by_p + (next * np + j) * rows;
-            along(nx, rows, K, x0, moved);
-            for (long i = 0; i < nx; i++) bp[i * np + j] = h / 2 * (x0[i] + x1[i]) + h * h / 2 * moved[i];
-        }
-        for (long j = 0; j < nw; j++) {
-            const double *x0 = by_w + (at * nw + j) * rows, *x1 = by_w + (next * nw + j) * rows;
-            along(nx, rows, K, x0, moved);
-            for (long i = 0; i < nx; i++) {
-                double first = h / 2 * x0[i] + h * h / 3 * moved[i], second = h / 2 * x1[i] + h * h / 6 * moved[i];
-                b0[i * nw + j] = held[r] ? first + second : first;
-                b1[i * nw + j] = held[r] ? 0.0 : second;
-            }
+            memcpy(costate, moved, n * sizeof(double));
+            memcpy(found + at * n, costate, n * sizeof(double));
         }
     }
 }

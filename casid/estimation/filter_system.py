@@ -156,5 +156,5 @@ def trajectory_step(system: FilterSystem, step: Step) -> tuple[np.ndarray, np.nd
     """(N, R, nx) each: change of the trajectory to the most likely one, and what the change of the parameters adds."""
     nx = step.linear.X.shape[2]
     Y, F = (columns @ -step.change[:, None] for columns in system.columns(step.linear))
-    alone = step.filter.smooth(*residual_column(step.linear))[..., :nx]
-    return alone, step.filter.smooth(Y, F)[..., :nx]
+    alone = step.filter.smooth(*residual_column(step.linear))[0][..., :nx]
+    return alone, step.filter.smooth(Y, F)[0][..., :nx]

@@ -27,7 +27,7 @@ def fit_initial_state(model: Model, record: Record, window_s: float = np.inf) ->
     X, P = model.guess(part)[:, None], model.nominal_vector()[None]
     for _ in range(_ITERATIONS):
         linear = linearise(functions, batch, P, X)
-        X = X + kalman_filter(linear, NoiseModel(measurement=sigma)).smooth(*residual_column(linear))
+        X = X + kalman_filter(linear, NoiseModel(measurement=sigma)).smooth(*residual_column(linear))[0]
     return X[0, 0]
 
 

@@ -31,11 +31,14 @@ class NoiseModel:
     """What is random.
 
     measurement  output -> 1-sigma, white from sample to sample
-    white        disturbance -> 1-sigma, white from sample to sample (noise of a measured input)
+    inputs       disturbance -> 1-sigma of the noise of a recorded input: white from sample to sample and, like the
+                 input, linear or held between; a sample's acts in both intervals beside it and in its outputs
+    white        disturbance -> 1-sigma, white from sample to sample and held between (process noise)
     coloured     disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
     """
 
     measurement: Mapping[str, float]
+    inputs: Mapping[str, float] = field(default_factory=dict)
     white: Mapping[str, float] = field(default_factory=dict)
     coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 

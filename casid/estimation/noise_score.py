@@ -13,10 +13,10 @@ from casid.estimation.kalman import Filter, augmented
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UnitVariance:
     """What one variance, set to 1 and alone, puts into the covariances of a filter: state noise Q (N-1, R, n, n),
-    measurement noise S (N, R, ny, ny) and initial state P (R, n, n). The covariances are linear in the variances."""
+    measurement noise M (N, R, ny, ny) and initial state P (R, n, n). The covariances are linear in the variances."""
 
     Q: np.ndarray
-    S: np.ndarray
+    M: np.ndarray
     P: np.ndarray
 
 
@@ -26,14 +26,14 @@ def unit_variances(linear: Linear, noise: NoiseModel, measurement: bool) -> list
         measurement=dict.fromkeys(noise.measurement, 0.0), white=dict.fromkeys(noise.white, 0.0),
         coloured={name: (0.0, tau) for name, (_, tau) in noise.coloured.items()},
     )  # fmt: skip
-    _, _, Q0, S0, P0 = augmented(linear, silent)
+    _, _, Q0, M0, _, P0 = augmented(linear, silent)
     alone = [replace(silent, measurement={**silent.measurement, n: 1.0}) for n in linear.model.outputs if measurement]
     alone += [replace(silent, white={**silent.white, n: 1.0}) for n in noise.white]
     alone += [replace(silent, coloured={**silent.coloured, n: (1.0, tau)}) for n, (_, tau) in noise.coloured.items()]
     units = []
     for one in alone:
-        _, _, Q, S, P = augmented(linear, one)
-        units.append(UnitVariance(Q=Q - Q0, S=S - S0, P=P - P0))
+        _, _, Q, M, _, P = augmented(linear, one)
+        units.append(UnitVariance(Q=Q - Q0, M=M - M0, P=P - P0))
     return units
 
 
@@ -43,7 +43,7 @@ def variance_score(kalman: Filter, white: np.ndarray, units: list[UnitVariance])
     white (N, R, ny) innovations. Koopman and Shephard, Biometrika 79 (1992), eq. 2.6: the smoothed disturbances and
     their information, r and N below for the state, u and D for the measurement.
     """
-    A, C, K, root = kalman.A, kalman.C, kalman.K, kalman.inverse_root
+    A, C, gain, root = kalman.A, kalman.C, kalman.gain, kalman.inverse_root
     steps, records, ny, n = C.shape
     r, information = np.zeros((records, n, 1)), np.zeros((records, n, n))
     state = np.empty((steps, records, n, n))  # r r' - N after the sample
@@ -54,10 +54,9 @@ def variance_score(kalman: Filter, white: np.ndarray, units: list[UnitVariance])
         precision = weighted @ root[k]
         state[k] = r @ r.swapaxes(1, 2) - information
         if k < steps - 1:
-            gain = A[k] @ K[k]
-            through = A[k] - gain @ C[k]
-            u = u - gain.swapaxes(1, 2) @ r
-            output[k] = u @ u.swapaxes(1, 2) - precision - gain.swapaxes(1, 2) @ information @ gain
+            through = A[k] - gain[k] @ C[k]
+            u = u - gain[k].swapaxes(1, 2) @ r
+            output[k] = u @ u.swapaxes(1, 2) - precision - gain[k].swapaxes(1, 2) @ information @ gain[k]
             r = A[k].swapaxes(1, 2) @ r + C[k].swapaxes(1, 2) @ u
             information = C[k].swapaxes(1, 2) @ precision @ C[k] + through.swapaxes(1, 2) @ information @ through
         else:
@@ -66,5 +65,5 @@ def variance_score(kalman: Filter, white: np.ndarray, units: list[UnitVariance])
             information = C[k].swapaxes(1, 2) @ precision @ C[k]
     first = r @ r.swapaxes(1, 2) - information
     return np.array(
-        [-(np.sum(state[:-1] * unit.Q) + np.sum(output * unit.S) + np.sum(first * unit.P)) for unit in units]
+        [-(np.sum(state[:-1] * unit.Q) + np.sum(output * unit.M) + np.sum(first * unit.P)) for unit in units]
     )

@@ -126,7 +126,7 @@ def wind(diagnosis: Diagnosis) -> Picture:
     sigma, fit = diagnosis.turbulence.sigma, diagnosis.extended.fit
     # behind them stand the rotation of the air, and noise of inputs that passed through an effect
     stations = [station for station in fit.noise.coloured if station in WIND]
-    gusts = fit.coloured[..., : len(stations)]
+    gusts = fit.motion.coloured[..., : len(stations)]
     r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(fit.flight.records)]))
     record = fit.flight.records[r]
     figure = blank(1.6 * len(stations) + 0.7)
