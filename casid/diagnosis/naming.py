@@ -21,7 +21,6 @@ from casid.model.effect import Effect
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _ROUNDS = 4
-_NOTHING_LEFT = 30.0
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
@@ -50,7 +49,7 @@ def name_causes(
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
     """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains `GAIN` (or
-    `least`, if that is more) and matters, or when after a naming no anonymous input gains `_NOTHING_LEFT` any more."""
+    `least`, if that is more) and matters."""
     firm = state = _standing(baseline, kinematic, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
@@ -60,8 +59,6 @@ def name_causes(
         if _explains(firm.missing, state):
             firm = state
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
-            break
-        if state.missing[0].gain < _NOTHING_LEFT:
             break
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
     return replace(firm, rounds=(*firm.rounds, *refused))
