@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 from diagnosis_flights import DEG, NOISE, flights, rough_file
 from scipy import stats
 
+from casid.diagnosis import naming
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.evidence import between_samples, weigh
+from casid.diagnosis.evidence import between_samples, deviation, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import steps_to_keep
@@ -21,14 +23,18 @@ from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem
 from casid.model.causes import (
     actuator_lag,
     aero_term,
+    backlash,
     configuration_change,
+    dead_zone,
     effectiveness_change,
     gust,
     input_delay,
+    rate_limit,
     sensor_bias,
     sensor_delay,
     sensor_scale,
     structural_mode,
+    thrust_line,
     unsteady_aero,
     vane_position,
     wind_shear,
@@ -215,6 +221,20 @@ def test_a_cause_goes_when_its_rival_explains_all_and_stays_when_both_are_there(
     assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
 
 
+@pytest.mark.parametrize(("where", "price"), [({"m1": 1.0}, 500.0), ({"m1": 0.5, "m2": 0.5}, 200.0), ({}, 500.0)])
+def test_a_gain_in_records_without_an_event_owes_it_no_more_than_any_other_cause(where, price) -> None:
+    """An event of m1 gained 1e5: to a cause that is no event it leaves up to 500 in m1, up to 100 elsewhere."""
+
+    def trial(effect, onsets, **made) -> SimpleNamespace:
+        attached = Attached(effect=effect, values={"value": 1.0}, onsets=onsets)
+        return SimpleNamespace(candidate=SimpleNamespace(attached=attached), confirmed=False, **made)
+
+    event = trial(effectiveness_change("delta_e"), {"m1": 5.0}, gain=1e5)
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=True, trials=[event])])
+    assert naming.price(trial(thrust_line(), {}, where=where), state, 40.0) == pytest.approx(price)
+    assert naming.price(trial(gust("z"), {"m2": 3.0}, where={"m2": 1.0}), state, 40.0) == pytest.approx(2000.0)
+
+
 def test_a_bend_that_barely_matters_is_no_cause() -> None:
     """Cm with 4 % of its variation from alpha^2, as stock aircraft have: clear, but no more than minor."""
     bend = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 3.0})
@@ -253,6 +273,18 @@ def test_noise_of_recorded_surfaces_is_evidence_for_nothing(seed: int) -> None:
     effects = [e for e in catalogue(flight.aircraft, flight.outputs) if not e.timed]
     found = screen(evidence, effects, exact=True)
     assert min(c.p_value * len(effects) for c in found) > 1e-2, found[0]
+
+
+@pytest.mark.parametrize(("operator", "size"), [(rate_limit, 0.12), (dead_zone, 0.01), (backlash, 0.01)])
+def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linear(operator, size: float) -> None:
+    """Noise pushes a play open and rounds the edges that a limit follows: sizes were 2.5 to 4 % off."""
+    hidden = Attached(effect=operator("delta_r"), values={"value": size})
+    flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
+    start = replace(hidden, values={"value": 0.7 * size})
+    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), iterations=20)
+    evidence = weigh(fitted)
+    assert fitted[hidden.name] == pytest.approx(size, rel=0.02)
+    assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
 
 
 @pytest.mark.parametrize("guess", [0.05, 0.3])

@@ -102,6 +102,11 @@ class Fit:
         return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
 
     @property
+    def by_record(self) -> np.ndarray:
+        """(R,) `data_deviance` of the samples of each record."""
+        return np.sum(self.white**2, axis=(0, 2)) + np.sum(self.filter.log_determinant, axis=0)
+
+    @property
     def moving(self) -> np.ndarray:
         """(N, R, nw) all disturbances of the linearisation."""
         W = _scattered(self.model, self.acting.coloured, self.motion.coloured)

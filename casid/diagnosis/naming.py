@@ -124,11 +124,11 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         if interval:
             intervals[trial.candidate.name] = interval
         trials.append(trial)
-        trials.sort(key=lambda t: _order(t, _price(t, state, least)))
+        trials.sort(key=lambda t: _order(t, price(t, state, least)))
         if trials[0] is trial:
             best_fit = fitted
     best = trials[0] if trials else None
-    named = best is not None and _can_be_named(best, _price(best, state, least))
+    named = best is not None and _can_be_named(best, price(best, state, least))
     equivalents = _equivalents(best, trials) if named and best is not None else ()
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
@@ -164,15 +164,22 @@ def without_superseded(rounds: Sequence[Round], best: Trial, fitted: Fit) -> Fit
     return fitted
 
 
-def _price(trial: Trial, state: Naming, least: float) -> float:
+def price(trial: Trial, state: Naming, least: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
-    for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is."""
+    for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
+    that is no event gains in records without the event counts as it does beside any other cause."""
     timed, prices = trial.candidate.attached.effect.timed, [GAIN if trial.confirmed else least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
-        if trial.confirmed and not earlier.candidate.attached.effect.kinematic:
+        one = earlier.candidate.attached
+        if trial.confirmed and not one.effect.kinematic:
             continue
-        of_event = LEFT_BY_AN_EVENT if timed else _LEFT_BY_AN_EVENT_TO_OTHERS
-        prices.append((of_event if earlier.candidate.attached.effect.timed else _LEFT_TO_OTHERS) * earlier.gain)
+        part = _LEFT_TO_OTHERS
+        if one.effect.timed and timed:
+            part = LEFT_BY_AN_EVENT
+        elif one.effect.timed:
+            elsewhere = sum(gained for record, gained in trial.where.items() if not one.concerns(record))
+            part = min(_LEFT_BY_AN_EVENT_TO_OTHERS, _LEFT_TO_OTHERS / max(elsewhere, 1e-9))
+        prices.append(part * earlier.gain)
     return max(prices)
 
 

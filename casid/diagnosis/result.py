@@ -70,6 +70,7 @@ class Trial:
     fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
     gain         drop of the deviance; `net` is less its price; `excess` what it would gain besides if the coefficients
                  were as bent without it as they are beside it
+    where        record -> part of the gain that is made there; empty when refuted at once
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
     refuted      contradicted by kinematics; `confirmed` found by them with this size
     """
@@ -81,6 +82,7 @@ class Trial:
     gain: float
     net: float
     excess: float
+    where: Mapping[str, float]
     meaningful: bool
     share: float
     refuted: bool

@@ -89,7 +89,7 @@ def try_cause(
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain,
-        net=gain - (candidate.statistic - candidate.net), excess=excess,
+        net=gain - (candidate.statistic - candidate.net), excess=excess, where=_where(base, fitted),
         meaningful=matters(share, gain + excess, confirmed)
         and plausible(one, share)
         and not _from_the_start(fitted, one),
@@ -98,6 +98,12 @@ def try_cause(
         confirmed=confirmed,
     )  # fmt: skip
     return trial, fitted, interval
+
+
+def _where(base: Fit, fitted: Fit) -> dict[str, float]:
+    """record -> part of the likelihood gained there."""
+    gained = np.maximum(base.by_record - fitted.by_record, 0.0)
+    return dict(zip(base.batch.names, (gained / max(gained.sum(), 1e-300)).tolist(), strict=True))
 
 
 def _hopeless(kinematic: Evidence, one: Attached) -> bool:
@@ -112,8 +118,8 @@ def _hopeless(kinematic: Evidence, one: Attached) -> bool:
 def _refuted_at_once(base: Fit, candidate: Candidate) -> Trial:
     return Trial(
         candidate=candidate, std=candidate.std, fit=None, fingerprint=np.zeros(0), gain=candidate.statistic,
-        excess=0.0, net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False, refuted=True,
-        confirmed=False,
+        excess=0.0, where={}, net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False,
+        refuted=True, confirmed=False,
     )  # fmt: skip
 
 

@@ -58,30 +58,34 @@ def pooled_sigma(series: list[np.ndarray]) -> float:
 
 
 _HALF_WIDTHS = (0, 1, 2, 4, 8, 16, 32)
-_CONFIDENCE = 2.5
+_CONFIDENCE = 2.0
 
 
 def denoise(values: np.ndarray, sigma: float) -> np.ndarray:
     """Adaptive moving mean of a series (N,) with white noise `sigma` that respects edges.
 
-    At every sample the widest centred window whose mean is still compatible with those of all narrower ones
-    (intersection of confidence intervals; Goldenshluger and Nemirovski 1997): long while a surface rests, one sample
-    while it moves. The noise left is as strong at low frequency as before; only its rough part is gone.
+    At every sample the widest window, centred or to one side, whose mean is still compatible with those of all narrower
+    ones (intersection of confidence intervals; Goldenshluger and Nemirovski 1997): long while a surface rests and up to
+    where it begins to move, one sample while it moves.
     """
     if not sigma > 0.0:
         return values.copy()
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    at = np.arange(len(values))
-    best, open_ = values.copy(), np.ones(len(values), dtype=bool)
-    low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
-    for half in _HALF_WIDTHS:
-        reach = np.minimum(np.minimum(at, len(values) - 1 - at), half)
-        count = 2 * reach + 1
-        mean = (total[at + reach + 1] - total[at - reach]) / count
-        margin = _CONFIDENCE * sigma / np.sqrt(count)
-        low, high = np.maximum(low, mean - margin), np.minimum(high, mean + margin)
-        open_ &= low <= high
-        best = np.where(open_, mean, best)
+    total, at = np.concatenate([[0.0], np.cumsum(values)]), np.arange(len(values))
+    best, most = values.copy(), np.ones(len(values), dtype=int)
+    for before, after in ((1, 1), (2, 0), (0, 2)):
+        open_ = np.ones(len(values), dtype=bool)
+        low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
+        for half in _HALF_WIDTHS:
+            first, last = np.maximum(at - before * half, 0), np.minimum(at + after * half, len(values) - 1)
+            if before == after:
+                reach = np.minimum(at - first, last - at)
+                first, last = at - reach, at + reach
+            count = last - first + 1
+            mean, margin = (total[last + 1] - total[first]) / count, _CONFIDENCE * sigma / np.sqrt(count)
+            low, high = np.maximum(low, mean - margin), np.minimum(high, mean + margin)
+            open_ &= low <= high
+            wider = open_ & (count > most)
+            best, most = np.where(wider, mean, best), np.where(wider, count, most)
     return best
 
 
