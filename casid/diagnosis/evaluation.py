@@ -294,7 +294,6 @@ def _columns(
             mask = np.array([symbolic[slot.name].concerns(record) for record in batch.names])
             Y[0][..., i] *= mask[None, :, None]
             F[0][..., i] *= mask[None, :, None]
-    stations = range(len(model.disturbances))
     for slot in work.slots:
         if slot.attached is None:
             continue
@@ -303,7 +302,9 @@ def _columns(
         sides = [one.with_values({slot.key: one.values[slot.key] + sign * h}) for sign in (1, -1)]
         if one.effect.series is not None:
             plus, minus = (work.series([side], known) for side in sides)
-            y, f = inject(linear, stations, (plus - minus) / (2 * h))
+            change = (plus - minus) / (2 * h)
+            acting = np.flatnonzero(change.any(axis=(0, 1)))
+            y, f = inject(linear, [int(s) for s in acting], change[..., acting])
             Y.append(y.sum(axis=3, keepdims=True))
             F.append(f.sum(axis=3, keepdims=True))
         else:

@@ -48,6 +48,11 @@ class Evidence:
     def samples(self) -> int:
         return int(self.fit.linear.seen.sum())
 
+    @property
+    def bent(self) -> bool:
+        """Whether a coefficient is more bent than usual."""
+        return max(self.scales.values(), default=1.0) > 1.0
+
     def deviance_as_bent(self, scales: Mapping[str, float]) -> float:
         """The deviance if the coefficients were as bent as `scales` says."""
         return self.fit.deviance + self._sums.posterior({**self.scales, **scales})[2]

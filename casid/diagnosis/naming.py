@@ -21,6 +21,7 @@ from casid.model.effect import Effect
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _ROUNDS = 4
+_NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
@@ -49,7 +50,8 @@ def name_causes(
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
     """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains `GAIN` (or
-    `least`, if that is more) and matters."""
+    `least`, if that is more) and matters, or when nothing is missing that it could be: what small terms of a bent
+    coefficient explain as well is looked for once more, but that is no event."""
     firm = state = _standing(baseline, kinematic, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
@@ -60,6 +62,10 @@ def name_causes(
             firm = state
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
             break
+        if state.missing[0].gain < _NOTHING_LEFT:
+            if not state.evidence.bent:
+                break
+            catalogue = [effect for effect in catalogue if not effect.timed]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
     return replace(firm, rounds=(*firm.rounds, *refused))
 
@@ -111,9 +117,8 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it
     candidates = rank(Screen(state.evidence, exact=True), prints)
     cautious = rank(Screen(state.evidence), prints)
-    switches = configuration_changes(state.evidence)
-    if any(a.effect.members for a in attached):
-        switches = []
+    switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
+    switches = configuration_changes(state.evidence) if switching else []
     intervals = dict(state.intervals)
     trials = []
     give_up, best_fit = np.inf, None

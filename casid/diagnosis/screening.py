@@ -69,6 +69,9 @@ class Candidate:
         return float(min(1.0, self.tries * stats.chi2.sf(self.statistic, self.dof)))
 
 
+_Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its further values, and its onset
+
+
 class Screen:
     """Projection off the fitted slots and the small terms, and prices, for one baseline; `exact` takes the structure of
     the model as exact and projects off the slots alone."""
@@ -120,7 +123,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     effects, base = list(effects), evidence.fit
     if onsets is None:
         onsets = np.arange(EDGE, max(record.duration for record in base.flight.records) - EDGE, ONSET_STEP)
-    rows: list[tuple[Effect, Mapping[str, float], float | None]] = []
+    rows: list[_Row] = []
     for effect in effects:
         for values in effect.grid:
             if not effect.timed:
@@ -128,19 +131,30 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
                 continue
             rows += [(effect, values, float(onset)) for onset in onsets]
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
+    direct = [row for row in rows if not _a_history(row[0])]
+    known = [row for row in rows if _a_history(row[0])]
     found: list[Fingerprint] = []
-    for at in range(0, len(rows), _CHUNK):
-        chunk = rows[at : at + _CHUNK]
-        white = _white(base, chunk, symbolic)
-        parts = [white[:, r].reshape(-1, len(chunk)) for r in range(white.shape[1])]
-        square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
-        cross = np.stack([cross_of(c, w) for c, w in zip(evidence.by_record, parts, strict=True)])
-        match = np.stack([base.white[:, r].reshape(-1) @ w for r, w in enumerate(parts)])
-        found += [
-            Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
-            for j, (e, v, o) in enumerate(chunk)
-        ]
+    for some, whiten in ((known, _white_histories), (direct, lambda base, rows: _white_direct(base, rows, symbolic))):
+        for at in range(0, len(some), _CHUNK):
+            found += _fingerprints(evidence, some[at : at + _CHUNK], whiten(base, some[at : at + _CHUNK]))
     return found
+
+
+def _a_history(effect: Effect) -> bool:
+    """Whether an effect is time histories at disturbances of the model."""
+    return effect.quasi_steady or (effect.series is not None and not effect.symbolic)
+
+
+def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
+    """Of the whitened responses (N, R, ny, rows)."""
+    parts = [white[:, r].reshape(-1, len(rows)) for r in range(white.shape[1])]
+    square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
+    cross = np.stack([cross_of(c, w) for c, w in zip(evidence.by_record, parts, strict=True)])
+    match = np.stack([evidence.fit.white[:, r].reshape(-1) @ w for r, w in enumerate(parts)])
+    return [
+        Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
+        for j, (e, v, o) in enumerate(rows)
+    ]
 
 
 def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -159,44 +173,42 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 
-def _white(
-    base: Fit, rows: Sequence[tuple[Effect, Mapping[str, float], float | None]], symbolic: Mapping
-) -> np.ndarray:
-    """(N, R, ny, rows) whitened response to a unit of a linear effect, to the whole of one that is not."""
-    N, R, ny = base.white.shape
-    disturbances = base.model.disturbances
-    histories: list[tuple[int, int, np.ndarray]] = []
-    direct: list[tuple[int, np.ndarray, np.ndarray]] = []
-    still = np.zeros(base.linear.defect.shape)
-    for j, (effect, values, onset) in enumerate(rows):
+def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
+    """(N, R, ny, rows) whitened responses to a unit of effects that are time histories, of one or of more stations."""
+    shape, disturbances = base.batch.live.shape, base.model.disturbances
+    first: list[int] = []
+    stations: list[int] = []
+    histories: list[np.ndarray] = []
+    for effect, values, onset in rows:
+        first.append(len(stations))
         if effect.quasi_steady:
-            series = parse_term(effect.regressor or "0").evaluate(base.regressors)
-            histories.append((j, disturbances.index(f"d{effect.target}"), np.broadcast_to(series, (N, R))))
-        elif effect.symbolic:
-            if effect.name in symbolic:
-                direct.append((j, *symbolic[effect.name]))
-        elif effect.series is not None:
-            one = _unit(effect, values, onset, base)
-            W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
-            histories += [(j, int(s), W[..., s]) for s in np.flatnonzero(W.any(axis=(0, 1)))]
-        else:
-            one, output = _unit(effect, values, onset, base), base.read
-            read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
-            direct.append((j, np.where(base.linear.seen, read - output, 0.0), still))
-    if not direct and [j for j, _, _ in histories] == list(range(len(rows))):
-        return base.filter.whiten_histories(
-            [s for _, s, _ in histories], np.stack([h for _, _, h in histories], axis=2)
-        )
-    white = np.zeros((R, N, ny, len(rows))).swapaxes(0, 1)
-    if histories:
-        stations, series = [s for _, s, _ in histories], np.stack([h for _, _, h in histories], axis=2)
-        parts = base.filter.whiten_histories(stations, series)
-        for i, (j, _, _) in enumerate(histories):
-            white[..., j] += parts[..., i]
-    if direct:
-        Y, F = np.stack([y for _, y, _ in direct], axis=3), np.stack([f for _, _, f in direct], axis=3)
-        white[..., [j for j, _, _ in direct]] = base.filter.whiten(Y, F)
-    return white
+            stations.append(disturbances.index(f"d{effect.target}"))
+            term = parse_term(effect.regressor or "0").evaluate(base.regressors)
+            histories.append(np.broadcast_to(term, shape))
+            continue
+        one = _unit(effect, values, onset, base)
+        W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
+        acting = np.flatnonzero(W.any(axis=(0, 1)))
+        acting = acting if len(acting) else [0]
+        stations += [int(s) for s in acting]
+        histories += [W[..., s] for s in acting]
+    white = base.filter.whiten_histories(stations, np.stack(histories, axis=2))
+    return white if len(stations) == len(rows) else np.add.reduceat(white, first, axis=3)
+
+
+def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
+    """(N, R, ny, rows) whitened responses to a unit of effects in the model's equations, from their Jacobians, and of
+    effects on readings, to the whole of one that is not linear."""
+    seen, still = base.linear.seen, np.zeros(base.linear.defect.shape)
+    columns = []
+    for effect, values, onset in rows:
+        if effect.symbolic:
+            columns.append(symbolic.get(effect.name, (np.zeros(base.read.shape), still)))
+            continue
+        one, output = _unit(effect, values, onset, base), base.read
+        read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
+        columns.append((np.where(seen, read - output, 0.0), still))
+    return base.filter.whiten(*(np.stack(parts, axis=3) for parts in zip(*columns, strict=True)))
 
 
 def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: Fit) -> Attached:
