@@ -216,8 +216,8 @@ def test_a_cause_goes_when_its_rival_explains_all_and_stays_when_both_are_there(
     guessed = [one.with_values({"value": 0.1}) for one in both]
     trials = tuple(SimpleNamespace(candidate=SimpleNamespace(name=one.name, attached=one)) for one in guessed)
     rounds = [SimpleNamespace(named=True, trials=trials)]
-    fitted = fit(flight, guessed, flight.noise(), iterations=20)
-    kept = without_superseded(rounds, trials[1], fitted).attached
+    evidence = weigh(fit(flight, guessed, flight.noise(), iterations=20))
+    kept = without_superseded(rounds, trials[1], evidence).fit.attached
     assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
 
 

@@ -59,13 +59,14 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     return replace(one, onsets=onsets), intervals
 
 
-def at_peak(fitted: Fit, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Fit, Intervals]:
-    """The fit with the onsets of one of its effects, the last by default, moved until they stay or moving does not
-    help, `moves` times at most, and their intervals."""
+def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:
+    """Evidence of the fit with the onsets of one of its effects, the last by default, moved until they stay or moving
+    does not help, `moves` times at most, and their intervals."""
     interval: Intervals = {}
     for _ in range(moves):
+        fitted = evidence.fit
         before = fitted.attached[which]
-        moved, interval = moved_onsets(weigh(fitted, discrepancy=free == "all"), before)
+        moved, interval = moved_onsets(evidence, before)
         if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):
             break
         attached = [moved if one is before else one for one in fitted.attached]
@@ -76,8 +77,8 @@ def at_peak(fitted: Fit, moves: int = 6, free: Free = "all", which: int = -1) ->
                 r: (min(low, before.onsets[r]), max(high, before.onsets[r])) for r, (low, high) in interval.items()
             }
             break
-        fitted = other
-    return fitted, interval
+        evidence = weigh(other, discrepancy=free == "all")
+    return evidence, interval
 
 
 def _shifted(one: Attached, onset: float) -> Effect:

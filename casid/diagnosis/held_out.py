@@ -80,7 +80,7 @@ def _recurred(base: Fit, one: Attached) -> Fit:
     found = [base, without]
     if onsets := _onsets(without, one):
         moved = _states(without, [*others, replace(one, onsets=onsets)])
-        found.append(at_peak(moved, _MOVES, free="states")[0])
+        found.append(at_peak(weigh(moved, discrepancy=False), _MOVES, free="states")[0].fit)
     return min(found, key=lambda f: f.deviance)
 
 

@@ -62,7 +62,7 @@ def _beside_faults(
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
-            other, _ = at_peak(other, free="effects")
+            other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
         if faulty.deviance - other.deviance < CONFIRMED * ranked[0].net:
             break  # it does not keep what it promised: turbulence looks like an instrument fault too
         faulty, both = other, kinematics.reconstruct(flight, other.attached, moving, other).deviance

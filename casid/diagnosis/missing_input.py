@@ -9,6 +9,7 @@ afterwards. What is added to a reading is slow, like the drift of an instrument:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy import stats
 
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of, gram_of
+from casid.estimation.processors import processors
 from casid.model.path import coefficient_names
 
 READING = "reading_"  # and the channel: station of what is added to a reading
@@ -56,13 +58,21 @@ def stations(fit: Fit) -> list[str]:
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
-    found = [_one_station(evidence, station) for station in stations(evidence.fit)]
-    return sorted([*found, *drifts(evidence)], key=lambda m: -m.gain)
+    return _each(evidence, [*stations(evidence.fit), *_readings(evidence.fit)])
 
 
 def drifts(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each reading, largest gain first."""
-    found = [_one_station(evidence, READING + name) for name in evidence.fit.model.outputs]
+    return _each(evidence, _readings(evidence.fit))
+
+
+def _readings(fit: Fit) -> list[str]:
+    return [READING + name for name in fit.model.outputs]
+
+
+def _each(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
+    with ThreadPoolExecutor(processors()) as pool:  # most of the time is spent outside Python's lock
+        found = list(pool.map(lambda station: _one_station(evidence, station), names))
     return sorted(found, key=lambda m: -m.gain)
 
 

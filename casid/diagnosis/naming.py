@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.fit import fit
-from casid.diagnosis.kinematics import beside
+from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
@@ -123,15 +122,15 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     trials = []
     give_up, best_fit = np.inf, None
     for candidate in worth_trying(state.evidence.fit, candidates, cautious, switches):
-        trial, fitted, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
+        trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         if not trial.refuted:
-            give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
+            give_up = min(give_up, beside.fit.deviance + _WIDE * abs(trial.gain))
         if interval:
             intervals[trial.candidate.name] = interval
         trials.append(trial)
         trials.sort(key=lambda t: _order(t, price(t, state, least)))
         if trials[0] is trial:
-            best_fit = fitted
+            best_fit = beside.fit
     best = trials[0] if trials else None
     named = best is not None and _can_be_named(best, price(best, state, least))
     equivalents = _equivalents(best, trials) if named and best is not None else ()
@@ -143,30 +142,31 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     )
     if not named or best is None or best_fit is None:
         return replace(state, rounds=(*state.rounds, this))
-    best, fitted, moved = settled(best, best_fit)
-    fitted = without_superseded(state.rounds, best, fitted)
-    best = replace(best, fit=fitted)
+    best, evidence, moved = settled(best, best_fit)
+    evidence = without_superseded(state.rounds, best, evidence)
+    best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic = state.kinematic
     if kinematic is not None and best.candidate.attached.effect.kinematic:
-        kinematic = beside(kinematic, fitted.attached)
-    return _standing(weigh(fitted), kinematic, (*state.rounds, this), intervals | moved)
+        kinematic = kinematics_beside(kinematic, evidence.fit.attached)
+    return _standing(evidence, kinematic, (*state.rounds, this), intervals | moved)
 
 
-def without_superseded(rounds: Sequence[Round], best: Trial, fitted: Fit) -> Fit:
-    """The fit without those earlier causes that had `best` as a rival when they were named and gain nothing beside it:
-    what was missing then and is named by now may have decided for the wrong one."""
+def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence) -> Evidence:
+    """Evidence of the fit without those earlier causes that had `best` as a rival when they were named and gain nothing
+    beside it: what was missing then and is named by now may have decided for the wrong one."""
     key = best.candidate.attached.effect.key
     for earlier in (r for r in rounds if r.named):
         name = earlier.trials[0].candidate.name
         rivals = {trial.candidate.attached.effect.key for trial in earlier.trials}
+        fitted = evidence.fit
         if key not in rivals or name not in {a.name for a in fitted.attached}:
             continue
         others = [a for a in fitted.attached if a.name != name]
-        without = fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
-        if weigh(without).deviance < weigh(fitted).deviance + GAIN:
-            fitted = without
-    return fitted
+        without = weigh(fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3))
+        if without.deviance < evidence.deviance + GAIN:
+            evidence = without
+    return evidence
 
 
 def price(trial: Trial, state: Naming, least: float) -> float:

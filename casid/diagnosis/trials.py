@@ -61,25 +61,26 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
 
 def try_cause(
     evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
-) -> tuple[Trial, Fit, Intervals]:
-    """A candidate fitted beside what the evidence's model has: the trial, its fit, and intervals of its onsets. It is
+) -> tuple[Trial, Evidence, Intervals]:
+    """A candidate fitted beside what the evidence's model has: the trial, evidence, and intervals of onsets. It is
     not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
     half the predicted size and any larger one."""
     base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
     if kinematic is not None and _hopeless(kinematic, attached):
-        return _refuted_at_once(base, candidate), base, {}
+        return _refuted_at_once(base, candidate), evidence, {}
     interval: Intervals = {}
     fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
-    if attached.effect.timed:
-        wider = further_records(weigh(fitted), fitted.attached[-1])
-        if len(wider.onsets) > len(attached.onsets):
-            fitted = fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0)
-    if attached.effect.timed and fitted.deviance < give_up:
-        fitted, interval = at_peak(fitted, _MOVES)
-    if attached.effect.members:
-        fitted = _without_weak(base, fitted)
-    one = fitted.attached[-1]
     beside = weigh(fitted)
+    if attached.effect.timed:
+        wider = further_records(beside, fitted.attached[-1])
+        if len(wider.onsets) > len(attached.onsets):
+            beside = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
+        if beside.fit.deviance < give_up:
+            beside, interval = at_peak(beside, _MOVES)
+    if attached.effect.members:
+        beside = _without_weak(base, beside)
+    fitted = beside.fit
+    one = fitted.attached[-1]
     gain = evidence.deviance - beside.deviance
     # a term is one of those that bend the coefficient, and makes it look more bent: it is judged by the others
     excess = evidence.deviance_as_bent(beside.scales) - evidence.deviance if one.effect.regressor else 0.0
@@ -97,7 +98,7 @@ def try_cause(
         refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
         confirmed=confirmed,
     )  # fmt: skip
-    return trial, fitted, interval
+    return trial, beside, interval
 
 
 def _where(base: Fit, fitted: Fit) -> dict[str, float]:
@@ -149,44 +150,47 @@ def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
-def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Fit, dict[str, Intervals]]:
-    """The winner fitted to the end, and intervals of onsets by cause: what a half-converged cause leaves behind looks
-    like another cause. Events that were named before it move to where they belong beside it."""
+def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Intervals]]:
+    """The winner fitted to the end, its evidence, and intervals of onsets by cause: what a half-converged cause leaves
+    behind looks like another cause. Events that were named before it move to where they belong beside it."""
     before, intervals = fitted.deviance, {}
     name = fitted.attached[-1].name
-    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    evidence = weigh(fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
     earlier = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
     if fitted.attached[-1].effect.timed:
-        fitted, intervals[name] = at_peak(fitted)
-        wider = further_records(weigh(fitted), fitted.attached[-1])
+        evidence, intervals[name] = at_peak(evidence)
+        fitted = evidence.fit
+        wider = further_records(evidence, fitted.attached[-1])
         if len(wider.onsets) > len(fitted.attached[-1].onsets):
             attached = [*fitted.attached[:-1], wider]
             fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
-            fitted, intervals[name] = at_peak(fitted)
+            evidence, intervals[name] = at_peak(weigh(fitted))
     for i in earlier:
-        fitted, intervals[fitted.attached[i].name] = at_peak(fitted, which=i)
-    if earlier and fitted.attached[-1].effect.timed:
-        fitted, intervals[name] = at_peak(fitted)
+        evidence, intervals[evidence.fit.attached[i].name] = at_peak(evidence, which=i)
+    if earlier and evidence.fit.attached[-1].effect.timed:
+        evidence, intervals[name] = at_peak(evidence)
+    fitted = evidence.fit
     one, more = fitted.attached[-1], before - fitted.deviance
     candidate = replace(trial.candidate, attached=one)
     trial = replace(
         trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
     )
-    return trial, fitted, intervals
+    return trial, evidence, intervals
 
 
-def _without_weak(base: Fit, fitted: Fit) -> Fit:
+def _without_weak(base: Fit, evidence: Evidence) -> Evidence:
     """A configuration change fitted again without the coefficients that do not take part."""
+    fitted = evidence.fit
     one = fitted.attached[-1]
     weak = weak_members(fitted, one)
     names = [c for c in one.effect.members if c not in weak]
     if not weak or not names:
-        return fitted
+        return evidence
     sizes = {c: one.values["value" if c == one.effect.members[0] else c] for c in names}
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    return fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0)
+    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0))
 
 
 def kinematic_check(kinematic: Evidence, one: Attached) -> tuple[float, float]:
