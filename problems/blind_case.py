@@ -23,6 +23,7 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "stall_break": "wing that drops when the flow separates above an angle of attack, until below a lower one",
     }
 )
+LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "controls": ("actuator_lag", "input_delay", "rate_limit", "dead_zone", "backlash", "effectiveness_change"),
@@ -67,7 +68,7 @@ class Hidden:
     @property
     def imitated(self) -> bool:
         """Whether free derivatives imitate it: the mass, an inertia or the c.g. of all records."""
-        return self.kind in ("mass", "inertia", "cg_offset") and set(self.records) == set(RECORDS)
+        return self.kind in LOADING and set(self.records) == set(RECORDS)
 
     def scaled(self, factor: float) -> Hidden:
         """The same effect, `factor` times as large; a rate limit is the larger the slower it is."""

@@ -291,6 +291,9 @@ def test_scores_by_definition() -> None:
     alike = [{"kind": "gust", "target": "z", "term": None}]
     in_set = score(answer(GUST), found(cause("sensor_bias", "q", indistinguishable_from=alike)))
     assert (in_set.first, in_set.wrong, in_set.named, in_set.sized) == (True, 0, "gust", None)
+    moved = Hidden(kind="cg_offset", target="x", value=-0.1, records=("m1", "m3", "m4"))
+    back = score(answer(moved, case="cg_offset"), found(cause("cg_offset", "x", 0.105, std=0.01, records=["m2"])))
+    assert back.sized == (pytest.approx(-0.05), True)
     silent = score(answer(GUST), found(verdict="adequate"))
     assert (silent.first, silent.named) == (False, NOTHING)
     assert score(answer(case="clean-1"), found(cause("gust", "z"))).wrong == 1

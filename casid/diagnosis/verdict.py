@@ -143,7 +143,8 @@ def _sentence(one: Attached, value: float, records: int) -> str:
     if effect.timed:
         return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
     if one.records and len(one.records) < records:
-        return text[:-1] + f", in {', '.join(one.records)} only."
+        others = " (or the other way in the others: free derivatives show differences between records only)"
+        return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
     return text
 
 
@@ -205,27 +206,28 @@ def verdict_of(
     causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], fit: Fit
 ) -> tuple[str, str]:
     """(verdict, the sentence that opens the report)."""
-    where = _where(unexplained[0], fit.batch.names) if unexplained else ""
     if causes:
         told = " ".join(c.told for c in causes)
         if unexplained:
+            where = _where(unexplained[0], fit.batch.names)
             return "partly explained", f"{told} Something more is missing: it enters at {where}."
         return "explained", told
     if unexplained:
         air, share = unexplained[0].station.startswith("wind"), missing_share(fit, unexplained[0])
-        size = f"{unexplained[0].rms:.2g} m/s" if air else f"{100 * share:.0f} % of it"
+        size = f", {unexplained[0].rms:.2g} m/s" if air else f", {100 * share:.0f} % of it"
+        where = _where(unexplained[0], fit.batch.names, size)
         return (
             "unexplained",
-            f"The simulation misses something that no cause in the catalogue explains; it enters at {where}, {size}.",
+            f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
         )
     remark = " What is real but too small to matter is listed as minor." if minor else ""
     return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
 
 
-def _where(missing: MissingInput, fitted: Sequence[str]) -> str:
+def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
     unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{_place(missing.station)} ({oscillation}{_gain(missing.gain)}){unseen}"
+    return f"{_place(missing.station)}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
 
 
 def _place(station: str) -> str:

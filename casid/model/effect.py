@@ -59,6 +59,7 @@ class Effect:
     covered_by   a channel whose own effect of this kind includes this one, when it is measured
     kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
     by_record    it may be in some records and not in others: instruments and loading change between flights
+    relative     free derivatives imitate it when it is in all records: only differences between records show
     improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     constant     an offset, which a drift imitates: believed only when its reading is steady beside it
     late         the value is by how much [s] the reading is late
@@ -95,6 +96,7 @@ class Effect:
     covered_by: str | None = None
     kinematic: bool = False
     by_record: bool = False
+    relative: bool = False
     improbable: bool = False
     constant: bool = False
     late: bool = False

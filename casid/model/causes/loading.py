@@ -23,8 +23,9 @@ def cg_offset(axis: str) -> Effect:
         path.cg["xyz".index(axis)] += values["value"]
 
     return Effect(
-        kind="cg_offset", target=axis, by_record=True, station="wind", change=change, meaningful=0.02, limit=3.0
-    )
+        kind="cg_offset", target=axis, by_record=True, relative=True, station="wind", change=change, meaningful=0.02,
+        limit=3.0,
+    )  # fmt: skip
 
 
 @cause(
@@ -38,7 +39,7 @@ def mass(target: str = "") -> Effect:
     def matters(aircraft: Aircraft) -> float:
         return _MATTERS * aircraft.mass
 
-    return Effect(kind="mass", by_record=True, station="mass", change=change, meaningful=matters)
+    return Effect(kind="mass", by_record=True, relative=True, station="mass", change=change, meaningful=matters)
 
 
 @cause(
@@ -53,7 +54,10 @@ def inertia(component: str) -> Effect:
     def matters(aircraft: Aircraft) -> float:
         return _MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
 
-    return Effect(kind="inertia", target=component, by_record=True, station="mass", change=change, meaningful=matters)
+    return Effect(
+        kind="inertia", target=component, by_record=True, relative=True, station="mass", change=change,
+        meaningful=matters,
+    )  # fmt: skip
 
 
 @cause(
