@@ -202,7 +202,10 @@ def write_confusion(folder: Path, of: str, scores: Sequence[Score]) -> None:
     cells = [
         {"hidden": row, "named": column, "sets": counts.get((row, column), 0)} for row in rows() for column in columns()
     ]
-    write_lines(folder / f"confusion_{of}.csv", [cell for cell in cells if cell["sets"]])
+    filled = [cell for cell in cells if cell["sets"]]
+    if not filled:
+        return  # pairs of effects have no place in it
+    write_lines(folder / f"confusion_{of}.csv", filled)
     right = {row: (row,) for row in rows()} | {"clean": (NOTHING,)}
     right |= dict.fromkeys(OUTSIDE, (UNEXPLAINED,))
     with settings():

@@ -105,7 +105,9 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     if last.confirmed and not (reading in was and left[reading] > max(_HALF * was[reading], _NOTICEABLE)):
         return True
     helped = max(was, key=lambda s: was[s] - left[s])
-    judged = {helped, *([max(own, key=lambda s: was[s])] if own else [])}
+    judged = {max(own, key=lambda s: was[s])} if own else set()
+    if was[helped] - left[helped] > _EXPLAINED * last.gain:  # otherwise no anonymous input could do what the cause does
+        judged.add(helped)
     return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
 
 
