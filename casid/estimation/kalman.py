@@ -128,7 +128,8 @@ class InputNoise:
     out: np.ndarray
 
     def smoothed(self, filter_: Filter, white: np.ndarray, costates: np.ndarray) -> np.ndarray:
-        """(N, R, ni) most likely noise, from innovations (N, R, ny) and costates (N, R, n)."""
+        """(N, R, ni) most likely noise, from innovations (N, R, ny) and costates (N, R, n): the disturbance smoother
+        (Koopman, Biometrika 80 (1993))."""
         pull = filter_.inverse_root.swapaxes(2, 3) @ white[..., None]
         pull[:-1] -= filter_.gain.swapaxes(2, 3) @ costates[1:, ..., None]
         slope = self.out.swapaxes(2, 3) @ pull
