@@ -17,6 +17,7 @@ from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import steps_to_keep
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.naming import without_superseded
 from casid.diagnosis.screening import Screen, fingerprints, screen
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
@@ -118,6 +119,20 @@ def test_of_two_hidden_effects_both_are_named_and_nothing_else(hidden: tuple[Att
         assert abs(cause.value - one.values["value"]) < 5.0 * cause.std + 0.02 * abs(one.values["value"])
         for record, (low, high) in (cause.onset_s or {}).items():
             assert low <= one.onsets[record] <= high
+
+
+def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missing() -> None:
+    """A bent CL takes up what alpha*delta_e does, and no anonymous input gains beside it: a further round finds it."""
+    hidden = (
+        Attached(effect=sensor_bias("p"), values={"value": 0.007}),
+        Attached(effect=aero_term("CL", "alpha*delta_e"), values={"value": 14.0}),
+    )
+    found = diagnose(rough_file(), flights(hidden, seed=5, count=4))
+    assert {(c.kind, c.target, c.term) for c in found.causes} == {one.effect.key for one in hidden}, str(found)
+    first = found.rounds[0].winner
+    assert first.attached[-1].effect.key == hidden[0].effect.key
+    assert missing_inputs(weigh(first))[0].gain < 30.0
+    assert next(c for c in found.causes if c.term).value == pytest.approx(14.0, rel=0.05)
 
 
 def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> None:
