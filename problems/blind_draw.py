@@ -88,8 +88,9 @@ def _events(rng: Rng, scene: Scene, moved: str | None = None, length: float = 0.
             if moved is None or _moves_around(record, moved, onset):
                 onsets[name] = onset
                 break
-    # the input that is to move may rest in all of them
-    return onsets or {chosen[0]: round(0.4 * scene.record(chosen[0]).duration, 2)}
+    if onsets.keys().isdisjoint(_FITTED):  # the input that is to move may rest in all of them
+        onsets[chosen[0]] = round(0.4 * scene.record(chosen[0]).duration, 2)
+    return onsets
 
 
 def _moves_around(record: Record, name: str, onset: float) -> bool:
