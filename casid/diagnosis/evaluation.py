@@ -102,7 +102,7 @@ class Fit:
         return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
 
     @property
-    def by_record(self) -> np.ndarray:
+    def deviance_by_record(self) -> np.ndarray:
         """(R,) `data_deviance` of the samples of each record."""
         return np.sum(self.white**2, axis=(0, 2)) + np.sum(self.filter.log_determinant, axis=0)
 

@@ -103,7 +103,7 @@ def try_cause(
 
 def _where(base: Fit, fitted: Fit) -> dict[str, float]:
     """record -> part of the likelihood gained there."""
-    gained = np.maximum(base.by_record - fitted.by_record, 0.0)
+    gained = np.maximum(base.deviance_by_record - fitted.deviance_by_record, 0.0)
     return dict(zip(base.batch.names, (gained / max(gained.sum(), 1e-300)).tolist(), strict=True))
 
 
