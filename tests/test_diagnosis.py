@@ -20,6 +20,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.naming import without_superseded
 from casid.diagnosis.screening import Screen, fingerprints, screen
+from casid.diagnosis.verdict import onset_intervals
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
     actuator_lag,
@@ -218,6 +219,21 @@ def test_a_gust_that_the_held_out_record_has_too_is_explained() -> None:
     found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
     assert found.verdict == "explained", str(found)
     assert [(c.kind, c.target) for c in found.causes] == [("gust", "z")]
+
+
+def test_an_onset_has_room_for_what_is_not_known_of_the_length() -> None:
+    """The middle of an event is what the data tell: half of the length's uncertainty is the onset's."""
+    events = [
+        Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3}),
+        Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0}),
+    ]
+    flight = prepare(do328(), flights(events, seed=3))
+    evidence = weigh(fit(flight, events, flight.noise()))
+    room = 1.96 * 0.5 * deviation(evidence, f"{events[0].name}.length")
+    wide, plain = (onset_intervals(evidence, one, {"m2": (12.2, 12.4)}) for one in evidence.fit.attached)
+    assert room > 0.004
+    assert wide["m2"] == pytest.approx((12.2 - room, 12.4 + room), abs=1e-3)
+    assert plain == {"m2": (12.2, 12.4)}
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.25])

@@ -10,6 +10,7 @@ from scipy import stats
 
 from casid.diagnosis.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evaluation import Fit
+from casid.diagnosis.events import Intervals
 from casid.diagnosis.evidence import Evidence, deviation, is_sure
 from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
@@ -28,6 +29,7 @@ from casid.model.vocabulary import effect_sentence
 
 MISSING_GAIN = 150.0
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
+_LASTING = ("length", "duration")  # values that say how long an event takes
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
@@ -104,13 +106,21 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=trial.std, unit=effect.unit,
         records=tuple(one.onsets) if effect.timed else one.records or names,
-        onset_s=naming.intervals.get(one.name) if effect.timed else None,
+        onset_s=onset_intervals(naming.evidence, one, naming.intervals.get(one.name, {})) if effect.timed else None,
         statistic=trial.gain, dof=dof, p_value=float(stats.chi2.sf(max(trial.gain, 0.0), dof)), held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
         sentence=_sentence(one, value, len(names)),
         parameters={k: v for k, v in values.items() if k != "value"},
         meaningful=trial.meaningful, share=trial.share,
     )  # fmt: skip
+
+
+def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> Intervals:
+    """95 % intervals of onsets with room for how long the event takes: what the data tell of it is its middle."""
+    lasting = {f"{one.name}.{value}" for value in one.values if value in _LASTING}
+    half = [0.5 * deviation(evidence, slot.name) for slot in evidence.fit.slots if slot.name in lasting]
+    room = 1.96 * sum(half)
+    return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
 def _expected(name: str, evidence: Evidence, held: float | None, least: float) -> Cause:
