@@ -20,6 +20,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.naming import without_superseded
 from casid.diagnosis.screening import Screen, fingerprints, screen
+from casid.diagnosis.trials import contradicted
 from casid.diagnosis.verdict import onset_intervals
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
@@ -184,6 +185,26 @@ def test_a_drifting_instrument_is_not_named_a_bias() -> None:
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
     assert found.unexplained[0].station == "reading_q"
     assert "the reading of q" in found.sentence
+
+
+def test_a_drifting_attitude_is_not_named_moving_air() -> None:
+    """Shear and gusts imitate a pitch angle that drifts; an unknown input at its reading tells more than they do."""
+    records = [
+        r.with_channels(theta=r["theta"] + 0.025 * np.sin(2.0 * np.pi * r.t / 22.0 + i))
+        for i, r in enumerate(flights(seed=4))
+    ]
+    found = diagnose(rough_file(), records)
+    assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
+    assert found.unexplained[0].station == "reading_theta"
+
+
+@pytest.mark.parametrize(
+    ("predicted", "achieved", "expected"),
+    [(83.0, 7.0, False), (1000.0, 100.0, True), (60.0, -60.0, True), (40.0, -40.0, False), (1000.0, 600.0, False)],
+)
+def test_kinematics_refute_what_they_clearly_find_otherwise(predicted: float, achieved: float, expected: bool) -> None:
+    """At (83, 7) they find 0.54 +- 0.11 of the size: neither all of it nor nothing."""
+    assert contradicted(predicted, achieved) is expected
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,9 @@ GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of 
 KINEMATIC_GAIN = 50.0
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
 _REFUTED, CONFIRMED = 0.3, 0.7
+_CONTRADICTION = (
+    30.0  # chi-square of the size that kinematics find against that of the full model, before they refute it
+)
 _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
 # A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
 # units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
@@ -95,10 +98,19 @@ def try_cause(
         and plausible(one, share)
         and not _from_the_start(fitted, one),
         share=share,
-        refuted=predicted > KINEMATIC_GAIN and achieved < _REFUTED * predicted,
+        refuted=contradicted(predicted, achieved),
         confirmed=confirmed,
     )  # fmt: skip
     return trial, beside, interval
+
+
+def contradicted(predicted: float, achieved: float) -> bool:
+    """Whether kinematics, which expect `predicted` of a cause and get `achieved`, find another size, and clearly:
+    theirs is (1 + achieved / predicted) / 2 of the cause's, with a 1-sigma of 1 / sqrt(predicted)."""
+    if predicted <= KINEMATIC_GAIN:
+        return False
+    clear = (predicted - achieved) ** 2 > 4.0 * predicted * _CONTRADICTION
+    return clear and achieved < _REFUTED * predicted
 
 
 def _where(base: Fit, fitted: Fit) -> dict[str, float]:
