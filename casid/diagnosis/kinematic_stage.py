@@ -11,7 +11,7 @@ from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import drifts
+from casid.diagnosis.missing_input import ONE_READING, drifts
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.size import plausible
 from casid.diagnosis.trials import CONFIRMED
@@ -19,7 +19,6 @@ from casid.model.effect import Effect
 from casid.model.effects import catalogue
 
 _REPAIRS = 3
-_OF_ONE_READING = 1.5  # times what turbulence gains, and it is none
 _RIVAL = 0.3  # of what turbulence gains, for a fault; of what faults gain alone, in moving air
 
 
@@ -35,7 +34,7 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidenc
     effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
     ranked = screen(evidence, effects)
     turbulent = kinematics.turbulence(flight, calm)
-    if turbulent.named and drifts(evidence)[0].gain > _OF_ONE_READING * turbulent.gain:
+    if turbulent.named and drifts(evidence)[0].gain > ONE_READING * turbulent.gain:
         return evidence, ranked, none  # one drifting instrument tells more than all moving air
     turbulent = _beside_faults(flight, turbulent, calm, effects, ranked)
     if not turbulent.named:

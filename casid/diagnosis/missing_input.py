@@ -21,6 +21,7 @@ from casid.estimation.processors import processors
 from casid.model.path import coefficient_names
 
 READING = "reading_"  # and the channel: station of what is added to a reading
+ONE_READING = 1.5  # times what moving air gains, by an unknown input at one reading: then it drifts, and no air moves
 _SPACING, _TIMES = 0.4, (0.4, 1.5, 6.0)  # s, between nodes, and correlation times
 _DRIFT_SPACING, _DRIFT_TIMES = 2.0, (6.0, 20.0)  # s, of readings
 _BY_CHANCE = 1e-6

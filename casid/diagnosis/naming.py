@@ -11,7 +11,7 @@ from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.kinematics import beside as kinematics_beside
-from casid.diagnosis.missing_input import READING, MissingInput, missing_inputs
+from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
 from casid.diagnosis.trials import GAIN, settled, try_cause, worth_trying
@@ -23,7 +23,7 @@ _ROUNDS = 4
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
-_AIR, _ONE_READING = "wind_", 1.5  # times what an event of the air gains, by an unknown input at one reading
+_AIR = "wind_"
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
@@ -99,7 +99,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
         if at in was and left[at] > max(_STEADY * was[at], _NOTICEABLE):
             return False  # it drifts
     drift = max(gain for station, gain in was.items() if station.startswith(READING))
-    if (effect.enters or "").startswith(_AIR) and drift > _ONE_READING * last.gain:
+    if (effect.enters or "").startswith(_AIR) and drift > ONE_READING * last.gain:
         return False  # one drifting instrument tells more than moving air
     if effect.improbable:
         return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in was)
