@@ -10,6 +10,7 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached, acting_noise
+from casid.errors import InputError
 from casid.estimation.innovations import NoiseModel
 from casid.estimation.kalman import residual_about
 
@@ -30,7 +31,7 @@ def fit(
 
     Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
     a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
-    below the deviance `give_up` is left as it stands.
+    below the deviance `give_up` is left as it stands. Raises InputError where even the first point cannot be flown.
     """
     work = Work(flight, attached, noise, free)
     attached = tuple(attached)
@@ -39,10 +40,10 @@ def fit(
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
-        now = evaluate(work, _with_values(attached, work.slots, values), values, motion, iteration)
-        if best is not None and not now.deviance < best.deviance + tolerance:
+        now = _flown(work, attached, values, motion, iteration, must=best is None)
+        if now is None or (best is not None and not now.deviance < best.deviance + tolerance):
             shrink *= 0.4
-            if shrink < 0.02 or step is None:
+            if shrink < 0.02 or step is None or best is None:
                 break
             values, motion = best.values + shrink * step[0], best.motion.moved(step[1], shrink)
             continue
@@ -58,6 +59,21 @@ def fit(
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
+
+
+def _flown(
+    work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int, must: bool
+) -> Fit | None:
+    """The hypothesis evaluated; nothing, unless it `must` be, where a step has led so far that the filter diverges."""
+    try:
+        return evaluate(work, _with_values(attached, work.slots, values), values, motion, iteration)
+    except np.linalg.LinAlgError as error:
+        if must:
+            raise InputError(
+                f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
+                "units and signs of its derivatives, of its mass properties and of the records' channels"
+            ) from error
+        return None
 
 
 def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray) -> Motion:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy import stats
@@ -25,6 +24,7 @@ from casid.model.terms import parse_term
 _CHUNK = 96
 ONSET_STEP = 1.0  # s
 EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
+_STARTS = 4  # records from which sets of records grow
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
 
 
@@ -243,16 +243,14 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     """The best of the tried shapes, in all records or, for what may change between flights, in some."""
     effect = prints[0].effect
     R = len(prints[0].square)
-    subsets = [np.ones(R)]
-    if effect.by_record:
-        subsets += [_subset(c, R) for size in range(1, R) for c in combinations(range(R), size)]
     best: Candidate | None = None
     for one in prints:
-        for keep in subsets:
+        sets = _onset_sets(judge, [one], R) if effect.by_record else []
+        for keep in (np.ones(R), *(_subset(chosen, R) for _, chosen in sets if len(chosen) < R)):
             statistic, size, std, share = judge.score([one], keep[None])
             if size == 0.0 or (not effect.linear and not 0.3 < size < 3.0):
                 continue
-            tried = len(prints) * (1 if keep.all() else len(subsets))
+            tried = len(prints) * (1.0 if keep.all() else 2.0**R - 1.0)
             dof = 1 + (effect.linear and len(one.values) > 0)
             net = statistic - dof * judge.price - 2.0 * np.log(tried)
             if best is None or net > best.net:
@@ -303,34 +301,44 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size.
 
-    Larger sets grow from each record by the record and onset that add most, all onsets then moved once more: the
-    fitted derivatives hide a loss that is in most records, so that single records say little.
+    Larger sets grow from each of the `_STARTS` records that say most by the record and onset that add most, all onsets
+    then moved once more: the fitted derivatives hide a loss that is in most records, so that single records say little.
     """
-
-    square, cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
-    match = np.stack([p.match for p in prints]) - cross @ judge.newton
-    spent = cross @ judge.covariance
-    alone = square - np.sum(spent * cross, axis=2)
-
-    def best(others: Mapping[int, int], r: int) -> tuple[float, int]:
-        """Largest statistic and its fingerprint in record r, beside the fingerprints of other records."""
-        fixed = sum((cross[p, s] for s, p in others.items()), np.zeros(cross.shape[2]))
-        whole = square[:, r] + sum(square[p, s] for s, p in others.items())
-        left = alone[:, r] + sum(square[p, s] for s, p in others.items())
-        left = left - 2.0 * spent[:, r] @ fixed - float(fixed @ judge.covariance @ fixed)
-        total = match[:, r] + sum(match[p, s] for s, p in others.items())
-        enough = left > np.maximum(_SURVIVING**2, 1e-9) * np.maximum(whole, 1e-300)
-        statistic = np.where(enough, total**2 / np.where(enough, left, 1.0), 0.0)
-        return float(statistic.max()), int(np.argmax(statistic))
-
-    sets: list[tuple[list[Fingerprint], list[int]]] = []
-    for first in range(R):
-        chosen = {first: best({}, first)[1]}
-        sets.append(([prints[p] for p in chosen.values()], list(chosen)))
+    sums = _Sums(judge, prints)
+    alone = sums.statistics({})
+    singles = [{r: int(np.argmax(alone[:, r]))} for r in range(R)]
+    sets = list(singles)
+    for first in np.argsort(-alone.max(axis=0), kind="stable")[:_STARTS]:
+        chosen = dict(singles[first])
         while len(chosen) < R:
-            _, added, record = max((*best(chosen, r), r) for r in range(R) if r not in chosen)
-            chosen[record] = added
-            for r in chosen:
-                chosen[r] = best({s: p for s, p in chosen.items() if s != r}, r)[1]
-            sets.append(([prints[p] for p in chosen.values()], list(chosen)))
-    return sets
+            beside = sums.statistics(chosen)
+            beside[:, list(chosen)] = -np.inf
+            added, record = np.unravel_index(np.argmax(beside), beside.shape)
+            chosen[int(record)] = int(added)
+            for r in chosen if len(prints) > 1 else ():
+                others = {s: p for s, p in chosen.items() if s != r}
+                chosen[r] = int(np.argmax(sums.statistics(others, [r])))
+            sets.append(dict(chosen))
+    return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
+
+
+class _Sums:
+    """Sums of fingerprints of one effect over records, stacked: what `Screen.projected` does, for many sets at once."""
+
+    def __init__(self, judge: Screen, prints: Sequence[Fingerprint]) -> None:
+        self._square, self._cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
+        self._match = np.stack([p.match for p in prints]) - self._cross @ judge.newton
+        self._covariance = judge.covariance
+        self._spent = self._cross @ judge.covariance
+        self._alone = self._square - np.sum(self._spent * self._cross, axis=2)
+
+    def statistics(self, others: Mapping[int, int], records: Sequence[int] | slice = slice(None)) -> np.ndarray:
+        """(prints, records) statistic of each fingerprint in a record beside the fingerprints `others` by record."""
+        rows, prints = list(others), list(others.values())
+        fixed = self._cross[prints, rows].sum(axis=0)
+        square = self._square[:, records] + self._square[prints, rows].sum()
+        left = self._alone[:, records] + self._square[prints, rows].sum()
+        left = left - 2.0 * self._spent[:, records] @ fixed - float(fixed @ self._covariance @ fixed)
+        match = self._match[:, records] + self._match[prints, rows].sum()
+        enough = left > np.maximum(_SURVIVING**2, 1e-9) * np.maximum(square, 1e-300)
+        return np.where(enough, match**2 / np.where(enough, left, 1.0), 0.0)

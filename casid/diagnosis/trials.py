@@ -15,6 +15,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import EDGE, Candidate, Screen, fingerprints
 from casid.diagnosis.size import meaningful_share, plausible
+from casid.errors import InputError
 from casid.model.causes import configuration_change
 
 GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of its price
@@ -70,9 +71,12 @@ def try_cause(
     half the predicted size and any larger one."""
     base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
     if kinematic is not None and _hopeless(kinematic, attached):
-        return _refuted_at_once(base, candidate), evidence, {}
+        return _given_up(base, candidate), evidence, {}
     interval: Intervals = {}
-    fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+    try:
+        fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+    except InputError:  # of the predicted size it makes an aircraft that cannot fly the record
+        return _given_up(base, candidate), evidence, {}
     beside = weigh(fitted)
     if attached.effect.timed:
         wider = further_records(beside, fitted.attached[-1])
@@ -128,7 +132,7 @@ def _hopeless(kinematic: Evidence, one: Attached) -> bool:
     return predicted > KINEMATIC_GAIN and 2.0 * achieved + predicted < _REFUTED * predicted
 
 
-def _refuted_at_once(base: Fit, candidate: Candidate) -> Trial:
+def _given_up(base: Fit, candidate: Candidate) -> Trial:
     return Trial(
         candidate=candidate, std=candidate.std, fit=None, fingerprint=np.zeros(0), gain=candidate.statistic,
         excess=0.0, where={}, net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False,
