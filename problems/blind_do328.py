@@ -63,21 +63,31 @@ def fly(
     for one in here:
         if one.kind == "turbulence":
             gusts = air(t, one.value, seed)
+    if any(one.kind in ("wind_shear", "gust") for one in here):
+        in_truth = exact(level).with_effects([v for v in aircraft.effects if not v.kind.startswith("sensor_")])
+        record = _with_attitude(in_truth, applied.records[0], start, gusts, outside)
+        applied = apply_effects(aircraft, [record], outputs=OUTPUTS)
     outputs = _flown(applied, start, gusts, outside)
-    for _ in range(_PICARD if any(one.kind in ("wind_shear", "gust") for one in here) else 0):
-        turning = {
-            key: outputs[:, OUTPUTS.index(key)] for key in TURNING
-        }  # the wind stays where it is, over the ground
-        before, record = outputs, applied.records[0].with_channels(**turning)
-        outputs = _flown(apply_effects(aircraft, [record], outputs=OUTPUTS), start, gusts, outside)
-        if np.abs(outputs - before).max() < _SETTLED * np.abs(outputs).max():
-            break
     read = dict(applied.records[0].channels) | dict(zip(OUTPUTS, outputs.T, strict=True))
     for value in instruments:
         effect = effect_of(value)
         assert effect.output is not None
         read |= effect.output(t, read, {"value": value.value, **value.parameters})
     return Record(name=name, t=t, channels=read)
+
+
+def _with_attitude(
+    aircraft: Aircraft, record: Record, start: np.ndarray, gusts: Mapping[str, np.ndarray], outside: Outside | None
+) -> Record:
+    """The record with the attitude in which the aircraft meets a wind that stays where it is, over the ground."""
+    before = np.zeros(0)
+    for _ in range(_PICARD + 1):
+        outputs = _flown(apply_effects(aircraft, [record], outputs=OUTPUTS), start, gusts, outside)
+        record = record.with_channels(**{key: outputs[:, OUTPUTS.index(key)] for key in TURNING})
+        if len(before) and np.abs(outputs - before).max() < _SETTLED * np.abs(outputs).max():
+            break
+        before = outputs
+    return record
 
 
 def effect_value(hidden: Hidden) -> EffectValue:

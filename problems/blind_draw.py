@@ -23,6 +23,7 @@ _TRIES = 60
 _NEEDS_DEVICE = ("configuration_change",)  # a flap, gear or speedbrake, which not every aircraft file of JSBSim has
 _LEAST_SHARE = 0.06  # of a coefficient's variation that a drawn aerodynamic term must add visibly
 _FELT = 0.05  # of a surface's motion that a rate limit must take
+_TURNED = 0.06 * _DEG  # r.m.s. of the flow angle that a vane away from the c.g. must read besides
 _AT_WORK = 0.02  # part of the flight in which it must act: two surfaces that meet for an instant are no effect
 # channel -> smallest and largest bias
 _BIAS: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -155,7 +156,9 @@ def _sensor(rng: Rng, kind: str) -> Hidden:
 
 def _vane(rng: Rng, scene: Scene) -> Hidden:
     arm = float(np.clip(rng.uniform(0.25, 0.6) * scene.span / 2.0, 1.2, 8.0))
-    return Hidden(kind="vane_position", target=str(rng.choice(("alpha", "beta"))), value=_digits(arm))
+    angle = str(rng.choice(("alpha", "beta")))
+    moved = np.concatenate([r["q" if angle == "alpha" else "r"] / r["V"] for r in scene.records])
+    return Hidden(kind="vane_position", target=angle, value=_digits(max(arm, _TURNED / float(np.std(moved)))))
 
 
 def _accelerometer(rng: Rng, scene: Scene) -> Hidden:
@@ -198,7 +201,7 @@ def _aero_term(rng: Rng, scene: Scene) -> Hidden:
 
 def _unsteady(rng: Rng, scene: Scene) -> Hidden:
     """Of some draws of a physical size, the one that the derivatives can imitate least: in level flight alphadot is
-    nearly a sum of alpha, q and delta_e."""
+    nearly a sum of alpha, q and delta_e. Larger, where none of them can be seen."""
     drawn = []
     for _ in range(5):
         coefficient = str(rng.choice(("CL", "Cm", "Cm", "CY", "Cl", "Cn")))
@@ -206,9 +209,13 @@ def _unsteady(rng: Rng, scene: Scene) -> Hidden:
         wanted, share = scene.size_of_share(coefficient, scene.column(rate), rng.uniform(0.08, 0.20))
         value = min(wanted, most * rng.uniform(0.5, 1.0))
         sign = 1.0 if coefficient == "CL" else -1.0 if coefficient == "Cm" else _sign(rng)
-        drawn.append((share * value / wanted, coefficient, sign * _digits(value)))
+        drawn.append((share * value / wanted, coefficient, sign * value))
     share, coefficient, value = max(drawn)
-    return Hidden(kind="unsteady_aero", target=coefficient, value=value, parameters={"share": _digits(share)})
+    seen = max(share, _LEAST_SHARE)
+    return Hidden(
+        kind="unsteady_aero", target=coefficient, value=_digits(value * seen / share),
+        parameters={"share": _digits(seen)},
+    )  # fmt: skip
 
 
 def _configuration(rng: Rng, scene: Scene) -> Hidden:

@@ -12,7 +12,7 @@ from scipy import stats
 
 from casid.diagnosis import naming
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.evidence import between_samples, deviation, weigh
+from casid.diagnosis.evidence import deviation, left_open, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import steps_to_keep
@@ -229,7 +229,7 @@ def test_straight_lines_between_samples_are_part_of_a_size() -> None:
     flight = prepare(do328(), flights([mode, wave], seed=4, count=2))
     found = weigh(fit(flight, [mode, wave], flight.noise(), iterations=20))
     of_mode, of_gust = (
-        between_samples(found, [slot.name for slot in found.fit.slots].index(one.name)) for one in (mode, wave)
+        left_open(found, [slot.name for slot in found.fit.slots].index(one.name))[0] for one in (mode, wave)
     )
     assert of_mode == pytest.approx(0.8 * (1.0 - np.sinc(3.0 * 0.04) ** 2), rel=0.5)
     assert of_gust < 1e-5  # m/s, by the attitude between samples

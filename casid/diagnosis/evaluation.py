@@ -200,7 +200,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     )
     inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
     known = work.regressors.along(motion.X, moving, inputs)
-    W = work.series(attached, known)
+    W = work.series(attached, known | work.regressors.recorded)
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import get_blas_funcs
 
 from casid.diagnosis.evaluation import Fit, scaled_inverse
-from casid.diagnosis.hypothesis import disturbance_series, readings
+from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
 from casid.estimation.processors import share_out
 
@@ -54,8 +54,9 @@ class Evidence:
         return max(self.scales.values(), default=1.0) > 1.0
 
     def deviance_as_bent(self, scales: Mapping[str, float]) -> float:
-        """The deviance if the coefficients were as bent as `scales` says."""
-        return self.fit.deviance + self._sums.posterior({**self.scales, **scales})[2]
+        """The deviance if no coefficient were more bent than `scales` says."""
+        least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
+        return self.fit.deviance + self._sums.posterior(least)[2]
 
 
 def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
@@ -126,32 +127,45 @@ def _sums(fit: Fit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _Sums
 
 def deviation(evidence: Evidence, name: str) -> float:
     """Honest 1-sigma of a fitted slot: its `spread`, where small terms of the structure would move the value to, what
-    the record leaves open between its samples, and `_KNOWN`, for no value is known better."""
+    records leave open that are sampled and noisy, and `_KNOWN`, for no value is known better."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    parts = spread(evidence, name), evidence.newton[index], between_samples(evidence, index)
-    return float(np.linalg.norm([*parts, _KNOWN * evidence.fit[name]]))
+    parts = spread(evidence, name), evidence.newton[index], _KNOWN * evidence.fit[name]
+    return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
 
 
-def between_samples(evidence: Evidence, index: int) -> float:
-    """By how much the straight lines between samples move a slot that acts on a recorded time history: a third of what
-    leaving out every second sample does, for the error goes with the square of the interval (Richardson)."""
+def left_open(evidence: Evidence, index: int) -> tuple[float, float]:
+    """By how much the records an effect is made of leave its slot open. The straight lines between samples: a third of
+    what leaving out every second sample does, for the error goes with the square of the interval (Richardson). The
+    noise of recorded inputs: what the most likely ones do in their place."""
     fit, slot = evidence.fit, evidence.fit.slots[index]
     one = None if slot.attached is None else fit.attached[slot.attached]
     if one is None or (one.effect.series is None and one.effect.output is None):
-        return 0.0
-    names, t = fit.batch.names, fit.batch.t
-    coarse = {name: _every_second(t, series) for name, series in fit.known.items()}
-    stations = fit.model.disturbances
-    change = disturbance_series([one], names, t, coarse, stations) - disturbance_series(
-        [one], names, t, fit.known, stations
+        return 0.0, 0.0
+    made = fit.known | fit.flight.regressors(fit.model).recorded
+    coarse = {name: _every_second(fit.batch.t, series) for name, series in made.items()}
+    return _moved(evidence, index, one, coarse, made) / 3.0, _moved(evidence, index, one, fit.known, made)
+
+
+def _moved(
+    evidence: Evidence, index: int, one: Attached, known: dict[str, np.ndarray], instead: dict[str, np.ndarray]
+) -> float:
+    """By how much a slot moves when its effect is made of other time histories."""
+    fit, names, t, stations = (
+        evidence.fit,
+        evidence.fit.batch.names,
+        evidence.fit.batch.t,
+        evidence.fit.model.disturbances,
+    )
+    change = disturbance_series([one], names, t, known, stations) - disturbance_series(
+        [one], names, t, instead, stations
     )
     white = fit.filter.whiten_histories(list(range(len(stations))), change).sum(axis=3)
     if one.effect.output is not None:
-        read = [readings([one], names, t, fit.linear.output, fit.model.outputs, known) for known in (coarse, fit.known)]
+        read = [readings([one], names, t, fit.linear.output, fit.model.outputs, some) for some in (known, instead)]
         Y = np.where(fit.linear.seen, read[0] - read[1], 0.0)[..., None]
         white = white + fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, 1)))[..., 0]
     pull = sum(flat.T @ white[:, r].reshape(-1) for r, flat in enumerate(evidence.by_record))
-    return abs(float(evidence.covariance[index] @ pull)) / 3.0
+    return abs(float(evidence.covariance[index] @ pull))
 
 
 def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
@@ -160,12 +174,11 @@ def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
 
 
 def is_sure(evidence: Evidence, name: str) -> bool:
-    """Whether no stretch of record contradicts a value, and small terms of the structure could not replace it; a value
-    that is not fitted itself is taken as sure."""
-    index = next((i for i, slot in enumerate(evidence.fit.slots) if slot.name == name), None)
-    if index is None:
+    """Whether no stretch of record contradicts a value, and its 95 % interval, in which small terms of the structure
+    may replace it, leaves zero out; a value that is not fitted itself is taken as sure."""
+    if name not in {slot.name for slot in evidence.fit.slots}:
         return True
-    return abs(evidence.fit[name]) > max(_SURE * spread(evidence, name), abs(float(evidence.newton[index])))
+    return abs(evidence.fit[name]) > max(_SURE * spread(evidence, name), 1.96 * deviation(evidence, name))
 
 
 def spread(evidence: Evidence, name: str) -> float:

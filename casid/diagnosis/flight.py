@@ -11,7 +11,14 @@ import numpy as np
 from casid.errors import InputError
 from casid.estimation.compiler import Compilable
 from casid.estimation.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
-from casid.estimation.noise import denoise, density_sigma, high_band_holds, motion_edge, pooled_sigma
+from casid.estimation.noise import (
+    density_sigma,
+    high_band_holds,
+    mean_over,
+    motion_edge,
+    pooled_sigma,
+    quiet_windows,
+)
 from casid.model import operators
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
@@ -167,6 +174,14 @@ class Regressors:
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
         self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
+        self._windows = {name: self._quiet(i, name) for i, name in enumerate(self._inputs)}
+        quiet = self.inputs({})
+        self.recorded = {name: quiet[..., i] for i, name in enumerate(self._inputs)}
+
+    def _quiet(self, i: int, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each record the windows over which an input may be averaged."""
+        sigma, samples = self._sigma.get(f"d_{name}", 0.0), self._batch.live.sum(axis=0)
+        return [quiet_windows(self._batch.U[:n, j, i], sigma) for j, n in enumerate(samples)]
 
     def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
         """(N, R, nu) recorded inputs with the most likely `noise` (disturbance -> (N, R)) that the motion shows taken
@@ -177,12 +192,10 @@ class Regressors:
         """
         U = self._batch.U.copy()
         for i, name in enumerate(self._inputs):
-            station = f"d_{name}"
-            if station not in self._sigma:
-                continue
-            for j, samples in enumerate(self._batch.live.sum(axis=0)):
-                likely = U[:, j, i] + noise[station][:, j] if station in noise else U[:, j, i]
-                U[:samples, j, i] = denoise(likely[:samples], self._sigma[station])
+            U[..., i] += noise.get(f"d_{name}", 0.0)
+            for j, windows in enumerate(self._windows[name]):
+                samples = len(windows[0])
+                U[:samples, j, i] = mean_over(U[:samples, j, i], *windows)
                 U[samples:, j, i] = U[samples - 1, j, i]
         return U
 

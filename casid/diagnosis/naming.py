@@ -195,11 +195,12 @@ def price(trial: Trial, state: Naming, least: float) -> float:
 
 
 def _can_be_named(trial: Trial, least: float) -> bool:
-    return trial.net + trial.excess > least and trial.meaningful and not trial.refuted
+    gained = trial.total if trial.candidate.attached.effect.regressor else trial.net
+    return gained > least and trial.meaningful and not trial.refuted
 
 
 def _order(trial: Trial, least: float) -> tuple[bool, float]:
-    return not _can_be_named(trial, least), -trial.net
+    return not _can_be_named(trial, least), -trial.total
 
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
@@ -211,7 +212,7 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     for trial in trials:
         if trial.candidate.attached.effect.key == key or trial.refuted or not trial.meaningful:
             continue
-        sine, behind = _sine(best, trial), best.net - trial.net
+        sine, behind = _sine(best, trial), best.total - trial.total
         if behind < reach or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.gain) * sine):
             found.append(trial)
     return tuple(found)

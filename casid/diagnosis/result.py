@@ -26,7 +26,8 @@ class Cause:
     """A named cause, or one that is real but minor.
 
     std            1-sigma of the value, small terms of the structure and unlike stretches of record allowed for
-    statistic      drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters
+    statistic      drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters;
+                   the model without it is given no more bent coefficients than are left beside it
     held_out_gain  log likelihood per sample gained on records never used; None for an event, which does not recur
     onset_s        record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in
     share          its part of the variation of the coefficient it adds to, or of its smallest size that matters
@@ -69,7 +70,7 @@ class Trial:
     fit          the whole fit, kept of a round's winner only
     fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
     gain         drop of the deviance; `net` is less its price; `excess` what it would gain besides if the coefficients
-                 were as bent without it as they are beside it
+                 were as little bent without it as they are beside it; `total` both
     where        record -> part of the gain that is made there; empty when refuted at once
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
     refuted      contradicted by kinematics; `confirmed` found by them with this size
@@ -87,6 +88,12 @@ class Trial:
     share: float
     refuted: bool
     confirmed: bool
+
+    @property
+    def total(self) -> float:
+        """By how much it explains better than the model without it, in the structure that it leaves: what bends a
+        coefficient less leaves less to explain."""
+        return self.net + self.excess
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -255,7 +255,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             net = statistic - dof * judge.price - 2.0 * np.log(tried)
             if best is None or net > best.net:
                 value = size if effect.linear else one.values["value"] * min(size, 1.5)
-                records = () if keep.all() else tuple(np.array(judge.base.batch.names)[keep > 0])
+                records = () if keep.all() else tuple(np.array(judge.base.batch.names)[keep > 0].tolist())
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached, statistic=statistic, net=net, dof=dof, value=value, std=std * abs(value / size),

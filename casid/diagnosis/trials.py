@@ -89,8 +89,9 @@ def try_cause(
     fitted = beside.fit
     one = fitted.attached[-1]
     gain = evidence.deviance - beside.deviance
+    excess = evidence.deviance_as_bent(beside.scales) - evidence.deviance
     # a term is one of those that bend the coefficient, and makes it look more bent: it is judged by the others
-    excess = evidence.deviance_as_bent(beside.scales) - evidence.deviance if one.effect.regressor else 0.0
+    clear = gain + excess if one.effect.regressor else gain
     share = meaningful_share(fitted, one)
     predicted, achieved = kinematic_check(kinematic, one) if kinematic is not None else (0.0, 0.0)
     confirmed = predicted > KINEMATIC_GAIN and achieved > CONFIRMED * predicted
@@ -98,7 +99,7 @@ def try_cause(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain,
         net=gain - (candidate.statistic - candidate.net), excess=excess, where=_where(base, fitted),
-        meaningful=matters(share, gain + excess, confirmed)
+        meaningful=matters(share, clear, confirmed)
         and plausible(one, share)
         and not _from_the_start(fitted, one),
         share=share,

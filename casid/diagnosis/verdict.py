@@ -102,12 +102,12 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
     one, names = trial.candidate.attached, naming.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
-    dof, value = len(values), values["value"]
+    dof, value, statistic = len(values), values["value"], trial.gain + trial.excess
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=trial.std, unit=effect.unit,
         records=tuple(one.onsets) if effect.timed else one.records or names,
         onset_s=onset_intervals(naming.evidence, one, naming.intervals.get(one.name, {})) if effect.timed else None,
-        statistic=trial.gain, dof=dof, p_value=float(stats.chi2.sf(max(trial.gain, 0.0), dof)), held_out_gain=held,
+        statistic=statistic, dof=dof, p_value=float(stats.chi2.sf(max(statistic, 0.0), dof)), held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
         sentence=_sentence(one, value, len(names)),
         parameters={k: v for k, v in values.items() if k != "value"},

@@ -62,16 +62,28 @@ _CONFIDENCE = 2.0
 
 
 def denoise(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Adaptive moving mean of a series (N,) with white noise `sigma` that respects edges.
+    """Adaptive moving mean of a series (N,) with white noise `sigma` that respects edges: over `quiet_windows`."""
+    return mean_over(values, *quiet_windows(values, sigma))
 
-    At every sample the widest window, centred or to one side, whose mean is still compatible with those of all narrower
-    ones (intersection of confidence intervals; Goldenshluger and Nemirovski 1997): long while a surface rests and up to
+
+def mean_over(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(N,) mean of a series from sample `first` to sample `last`."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return (total[last + 1] - total[first]) / (last - first + 1)
+
+
+def quiet_windows(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """(first, last) samples of a window at every sample of a series (N,) with white noise `sigma`.
+
+    The widest window, centred or to one side, whose mean is still compatible with those of all narrower ones
+    (intersection of confidence intervals; Goldenshluger and Nemirovski 1997): long while a surface rests and up to
     where it begins to move, one sample while it moves.
     """
+    at = np.arange(len(values))
+    begin, end = at.copy(), at.copy()
     if not sigma > 0.0:
-        return values.copy()
-    total, at = np.concatenate([[0.0], np.cumsum(values)]), np.arange(len(values))
-    best, most = values.copy(), np.ones(len(values), dtype=int)
+        return begin, end
+    total = np.concatenate([[0.0], np.cumsum(values)])
     for before, after in ((1, 1), (2, 0), (0, 2)):
         open_ = np.ones(len(values), dtype=bool)
         low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
@@ -84,9 +96,9 @@ def denoise(values: np.ndarray, sigma: float) -> np.ndarray:
             mean, margin = (total[last + 1] - total[first]) / count, _CONFIDENCE * sigma / np.sqrt(count)
             low, high = np.maximum(low, mean - margin), np.minimum(high, mean + margin)
             open_ &= low <= high
-            wider = open_ & (count > most)
-            best, most = np.where(wider, mean, best), np.where(wider, count, most)
-    return best
+            wider = open_ & (last - first > end - begin)
+            begin, end = np.where(wider, first, begin), np.where(wider, last, end)
+    return begin, end
 
 
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
