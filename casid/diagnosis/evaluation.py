@@ -13,6 +13,7 @@ from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_serie
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.estimation.kalman import Filter, kalman_filter, residual_about
 from casid.model.causes import group_channels
+from casid.model.path import STATES
 from casid.model.system import Model
 
 _MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
@@ -53,7 +54,8 @@ class Fit:
 
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
-    noise        of instruments and recorded inputs, `acting` what it is behind the attached effects
+    noise        of instruments and recorded inputs; `held` what does to the motion what the noise of inputs did in the
+                 fit before, by `reference`; `acting` what that is behind the attached effects
     read         (N, R, ny) what the instruments read of the outputs of `linear`
     disturbances (N, R, nw) that attached effects make
     motion       that the model is linearised about
@@ -69,6 +71,8 @@ class Fit:
     batch: Batch
     noise: NoiseModel
     acting: NoiseModel
+    held: NoiseModel
+    reference: dict[str, np.ndarray]
     functions: PointFunctions
     parameters: np.ndarray
     slots: tuple[Slot, ...]
@@ -146,6 +150,7 @@ class Work:
             ),
         )
         self.mean, self.weight = self._prior()
+        self.reference: dict[str, np.ndarray] = {}
 
     def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
         """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
@@ -194,10 +199,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     """The hypothesis at values of its slots, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
-    moving, errors = (
-        _scattered(model, acting.coloured, motion.coloured),
-        _scattered(model, acting.inputs, motion.inputs),
-    )
+    moving = _scattered(model, acting.coloured, motion.coloured)
+    errors = _scattered(model, acting.inputs, motion.inputs)
     inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
     known = work.regressors.along(motion.X, moving, inputs)
     W = work.series(attached, known | work.regressors.recorded)
@@ -210,6 +213,11 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
     if late.any():
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
+    into = _into_the_motion(linear, work.noise.inputs)
+    reference = work.reference or into
+    inputs_noise = {n: s * _as_strong(into[n], reference[n]) for n, s in work.noise.inputs.items()}
+    held = replace(work.noise, inputs=inputs_noise)
+    acting = acting_noise(held, attached, work.dt)
     kalman = kalman_filter(linear, acting)
     Y, F = _columns(work, attached, linear, known, late)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, motion.inputs))[..., 0]
@@ -225,6 +233,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         batch=batch,
         noise=work.noise,
         acting=acting,
+        held=held,
+        reference=reference,
         functions=work.functions,
         parameters=P,
         slots=work.slots,
@@ -246,6 +256,21 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         iterations=iteration,
         converged=False,
     )
+
+
+def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
+    """name -> (states of an aircraft,) what noise of an input does to the motion, on average, in typical sizes."""
+    model = linear.model
+    drive = (linear.Bw0 + linear.Bw1).mean(axis=(0, 1)) / model.scale_vector()[:, None]
+    rows = [i for i, state in enumerate(model.states) if state in STATES]
+    return {name: drive[rows, model.disturbances.index(name)] for name in inputs}
+
+
+def _as_strong(into: np.ndarray, reference: np.ndarray) -> float:
+    """Factor with which noise of an input does as much to the motion as in the reference: a cause must not gain by
+    making a control stronger, so that its noise explains what nothing else does."""
+    ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
+    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / _MOST, _MOST))
 
 
 def _lateness(attached: Sequence[Attached], names: Sequence[str], outputs: Sequence[str], dt: float) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.evaluation import Fit, Free
-from casid.diagnosis.evidence import Evidence, cross_of, gram_of, weigh
+from casid.diagnosis.evidence import Evidence, cross_of, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints
@@ -22,6 +22,7 @@ BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
 # chi-square 99.9 %, one degree of freedom, for intervals that promise 95 %: while a surface rests, the profile is flat
 # but for the noise of its record
 _DROP = 10.83
+_TOGETHER = 32  # onsets whose responses are in memory at a time
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
 Intervals = dict[str, tuple[float, float]]
@@ -106,11 +107,13 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
     best: tuple[float, int, float, float, np.ndarray, np.ndarray] | None = None
     for duration in durations:
-        white = _steps(evidence, coefficients, onsets, duration)
-        for r in range(len(base.flight.records)):
-            for onset, found in zip(onsets, _joint(evidence, r, white[:, r], len(coefficients)), strict=True):
-                if best is None or found[0] > best[0]:
-                    best = (found[0], r, float(onset), duration, found[1], found[2])
+        for at in range(0, len(onsets), _TOGETHER):
+            some = onsets[at : at + _TOGETHER]
+            white = _steps(evidence, coefficients, some, duration)
+            for r in range(len(base.flight.records)):
+                for onset, found in zip(some, _joint(evidence, r, white[:, r], len(coefficients)), strict=True):
+                    if best is None or found[0] > best[0]:
+                        best = (found[0], r, float(onset), duration, found[1], found[2])
     if best is None:
         return []
     statistic, r, onset, duration, sizes, stds = best
@@ -149,11 +152,11 @@ def _joint(
     """(statistic, sizes, 1-sigmas) of every `together` neighbouring columns of white (N, ny, columns) of record r as
     causes that act together, fitted slots eliminated."""
     columns = white.reshape(-1, white.shape[2])
-    gram, cross = gram_of(columns), cross_of(evidence.by_record[r], columns)
+    cross = cross_of(evidence.by_record[r], columns)
     match = columns.T @ evidence.fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
     for first in range(0, columns.shape[1], together):
         own = slice(first, first + together)
-        left = gram[own, own] - cross[:, own].T @ evidence.covariance @ cross[:, own]
+        left = columns[:, own].T @ columns[:, own] - cross[:, own].T @ evidence.covariance @ cross[:, own]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
         inverse = np.linalg.pinv(left * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
         sizes = inverse @ match[own]

@@ -34,6 +34,8 @@ def fit(
     below the deviance `give_up` is left as it stands. Raises InputError where even the first point cannot be flown.
     """
     work = Work(flight, attached, noise, free)
+    if start is not None and start.flight.records is flight.records:
+        work.reference = start.reference
     attached = tuple(attached)
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)

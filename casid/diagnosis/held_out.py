@@ -54,7 +54,7 @@ def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
     """The fitted model on other records, derivatives and effects fixed."""
     held = flight.with_records(with_fitted(flight.aircraft, fitted), records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
-    base = fit(held, steady, fitted.noise, free="states", iterations=6, tolerance=1.0)
+    base = fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0)
     for one in fitted.attached:
         if one.records:
             without = _states(base, [a for a in base.attached if a.name != one.name])
