@@ -58,7 +58,8 @@ class Fit:
                  fit before, by `reference`; `acting` what that is behind the attached effects
     read         (N, R, ny) what the instruments read of the outputs of `linear`
     disturbances (N, R, nw) that attached effects make
-    motion       that the model is linearised about
+    motion       that the model is linearised about, its inputs where `known` has them: `errors` (N, R, ni) beside the
+                 recorded ones
     white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
     known        name -> (N, R) motion and inputs, denoised: what effects are made of; `regressors` as the
                  aerodynamics see them, behind the effects on surfaces and in the wind that effects make
@@ -83,6 +84,7 @@ class Fit:
     filter: Filter
     disturbances: np.ndarray
     motion: Motion
+    errors: np.ndarray
     white: np.ndarray
     columns: np.ndarray
     known: dict[str, np.ndarray]
@@ -114,7 +116,7 @@ class Fit:
     def moving(self) -> np.ndarray:
         """(N, R, nw) all disturbances of the linearisation."""
         W = _scattered(self.model, self.acting.coloured, self.motion.coloured)
-        return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.motion.inputs)
+        return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.errors)
 
     @property
     def gradient(self) -> np.ndarray:
@@ -200,14 +202,15 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
     moving = _scattered(model, acting.coloured, motion.coloured)
-    errors = _scattered(model, acting.inputs, motion.inputs)
     inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
+    at = [model.inputs.index(name.removeprefix("d_")) for name in acting.inputs]
+    errors = inputs[..., at] - batch.U[..., at]
     known = work.regressors.along(motion.X, moving, inputs)
     W = work.series(attached, known | work.regressors.recorded)
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)
-    linear = linearise(work.functions, batch, P, motion.X, W + moving + errors)
+    linear = linearise(work.functions, batch, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
     linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
     late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
@@ -220,7 +223,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     acting = acting_noise(held, attached, work.dt)
     kalman = kalman_filter(linear, acting)
     Y, F = _columns(work, attached, linear, known, late)
-    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, motion.inputs))[..., 0]
+    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
@@ -245,6 +248,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         filter=kalman,
         disturbances=W,
         motion=motion,
+        errors=errors,
         white=white,
         columns=columns,
         known=known,
@@ -343,7 +347,7 @@ def _columns(
 def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
-    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.motion.inputs)
+    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors)
     late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
     by_slot = _columns(work, now.attached, now.linear, now.known, late)
     nx = len(work.model.states)

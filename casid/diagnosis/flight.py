@@ -188,11 +188,14 @@ class Regressors:
         into account, denoised.
 
         Noise in a recorded input is noise in what is made of it, and would match the residual that it causes itself;
-        what is left of it beside the motion does not.
+        what is left of it beside the motion does not. More noise than there can be is a fault's, and counts the less
+        the more of it there is.
         """
-        U = self._batch.U.copy()
+        U, live = self._batch.U.copy(), self._batch.live
         for i, name in enumerate(self._inputs):
-            U[..., i] += noise.get(f"d_{name}", 0.0)
+            if (station := f"d_{name}") in noise:
+                power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
+                U[..., i] += noise[station] / np.maximum(power, 1.0)
             for j, windows in enumerate(self._windows[name]):
                 samples = len(windows[0])
                 U[:samples, j, i] = mean_over(U[:samples, j, i], *windows)

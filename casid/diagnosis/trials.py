@@ -73,8 +73,9 @@ def try_cause(
     if kinematic is not None and _hopeless(kinematic, attached):
         return _given_up(base, candidate), evidence, {}
     interval: Intervals = {}
+    begin = [*base.attached, attached.absent() if attached.effect.linear else attached]
     try:
-        fitted = fit(base.flight, [*base.attached, attached], noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+        fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     except InputError:  # of the predicted size it makes an aircraft that cannot fly the record
         return _given_up(base, candidate), evidence, {}
     beside = weigh(fitted)
