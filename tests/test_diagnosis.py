@@ -273,18 +273,27 @@ def test_a_cause_goes_when_its_rival_explains_all_and_stays_when_both_are_there(
     assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
 
 
-@pytest.mark.parametrize(("where", "price"), [({"m1": 1.0}, 500.0), ({"m1": 0.5, "m2": 0.5}, 200.0), ({}, 500.0)])
-def test_a_gain_in_records_without_an_event_owes_it_no_more_than_any_other_cause(where, price) -> None:
-    """An event of m1 gained 1e5: to a cause that is no event it leaves up to 500 in m1, up to 100 elsewhere."""
+@pytest.mark.parametrize(
+    ("gains", "price"),
+    [([(5.0, "m1")], 500.0), ([(5.0, "m1"), (5.0, "m2")], 200.0), ([(15.0, "m1")], 100.0), ([], 500.0)],
+)
+def test_what_is_gained_while_an_event_does_not_act_owes_it_no_more_than_any_other_cause(gains, price) -> None:
+    """A gust of 2 s, at 4 s in m1, gained 1e5: to a cause that is no event it leaves up to 500 there and just behind,
+    and up to 100 in m2 and later."""
+    flight = prepare(do328(), flights(seed=3, count=2))
+    fitted = fit(flight, [], flight.noise(), iterations=1)
+    where = np.zeros(fitted.batch.t.shape if gains else (0, 0))
+    for at, record in gains:
+        where[np.searchsorted(fitted.batch.t[:, 0], at), fitted.batch.names.index(record)] = 1.0 / len(gains)
 
     def trial(effect, onsets, **made) -> SimpleNamespace:
-        attached = Attached(effect=effect, values={"value": 1.0}, onsets=onsets)
+        attached = Attached(effect=effect, values={"value": 1.0, "length": 2.0}, onsets=onsets)
         return SimpleNamespace(candidate=SimpleNamespace(attached=attached), confirmed=False, **made)
 
-    event = trial(effectiveness_change("delta_e"), {"m1": 5.0}, gain=1e5)
-    state = SimpleNamespace(rounds=[SimpleNamespace(named=True, trials=[event])])
+    event = trial(gust("z"), {"m1": 4.0}, gain=1e5)
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=True, trials=[event])], evidence=SimpleNamespace(fit=fitted))
     assert naming.price(trial(thrust_line(), {}, where=where), state, 40.0) == pytest.approx(price)
-    assert naming.price(trial(gust("z"), {"m2": 3.0}, where={"m2": 1.0}), state, 40.0) == pytest.approx(2000.0)
+    assert naming.price(trial(gust("y"), {"m2": 3.0}, where=where), state, 40.0) == pytest.approx(2000.0)
 
 
 def test_a_bend_that_barely_matters_is_no_cause() -> None:

@@ -108,9 +108,9 @@ class Fit:
         return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
 
     @property
-    def deviance_by_record(self) -> np.ndarray:
-        """(R,) `data_deviance` of the samples of each record."""
-        return np.sum(self.white**2, axis=(0, 2)) + np.sum(self.filter.log_determinant, axis=0)
+    def deviance_by_sample(self) -> np.ndarray:
+        """(N, R) what each sample contributes to `data_deviance`."""
+        return np.sum(self.white**2, axis=2) + self.filter.log_determinant
 
     @property
     def moving(self) -> np.ndarray:

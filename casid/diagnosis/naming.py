@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.fit import fit
+from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
@@ -30,6 +32,7 @@ _TENTATIVE = 2  # rounds that may pass until the named causes together explain w
 # to another event; to other causes, by a cause and by an event
 LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
+_BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -178,7 +181,7 @@ def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence)
 def price(trial: Trial, state: Naming, least: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
     for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
-    that is no event gains in records without the event counts as it does beside any other cause."""
+    that is no event gains while the event does not act counts as it does beside any other cause."""
     timed, prices = trial.candidate.attached.effect.timed, [GAIN if trial.confirmed else least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
         one = earlier.candidate.attached
@@ -188,10 +191,21 @@ def price(trial: Trial, state: Naming, least: float) -> float:
         if one.effect.timed and timed:
             part = LEFT_BY_AN_EVENT
         elif one.effect.timed:
-            elsewhere = sum(gained for record, gained in trial.where.items() if not one.concerns(record))
+            elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
             part = min(_LEFT_BY_AN_EVENT_TO_OTHERS, _LEFT_TO_OTHERS / max(elsewhere, 1e-9))
         prices.append(part * earlier.gain)
     return max(prices)
+
+
+def _acts(event: Attached, fit: Fit) -> np.ndarray:
+    """(N, R) whether an event acts, or has just done so."""
+    t, names, stations = fit.batch.t, fit.batch.names, fit.model.disturbances
+    series = disturbance_series([event], names, t, fit.known, stations).any(axis=2)
+    acts = np.zeros(t.shape, dtype=bool)
+    for r in np.flatnonzero(series.any(axis=0)):
+        first, last = t[series[:, r], r][[0, -1]]
+        acts[:, r] = (t[:, r] > first - _BEFORE) & (t[:, r] < last + _AFTER)
+    return acts
 
 
 def _can_be_named(trial: Trial, least: float) -> bool:

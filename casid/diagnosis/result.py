@@ -71,7 +71,7 @@ class Trial:
     fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
     gain         drop of the deviance; `net` is less its price; `excess` what it would gain besides if the coefficients
                  were as little bent without it as they are beside it; `total` both
-    where        record -> part of the gain that is made there; empty when refuted at once
+    where        (N, R) part of the gain that is made at each sample; empty when refuted at once
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
     refuted      contradicted by kinematics; `confirmed` found by them with this size
     """
@@ -83,7 +83,7 @@ class Trial:
     gain: float
     net: float
     excess: float
-    where: Mapping[str, float]
+    where: np.ndarray
     meaningful: bool
     share: float
     refuted: bool

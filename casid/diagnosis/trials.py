@@ -119,10 +119,10 @@ def contradicted(predicted: float, achieved: float) -> bool:
     return clear and achieved < _REFUTED * predicted
 
 
-def _where(base: Fit, fitted: Fit) -> dict[str, float]:
-    """record -> part of the likelihood gained there."""
-    gained = np.maximum(base.deviance_by_record - fitted.deviance_by_record, 0.0)
-    return dict(zip(base.batch.names, (gained / max(gained.sum(), 1e-300)).tolist(), strict=True))
+def _where(base: Fit, fitted: Fit) -> np.ndarray:
+    """(N, R) part of the likelihood gained at each sample."""
+    gained = base.deviance_by_sample - fitted.deviance_by_sample
+    return gained / gained.sum() if gained.sum() > 0.0 else np.zeros((0, 0))
 
 
 def _hopeless(kinematic: Evidence, one: Attached) -> bool:
@@ -137,8 +137,8 @@ def _hopeless(kinematic: Evidence, one: Attached) -> bool:
 def _given_up(base: Fit, candidate: Candidate) -> Trial:
     return Trial(
         candidate=candidate, std=candidate.std, fit=None, fingerprint=np.zeros(0), gain=candidate.statistic,
-        excess=0.0, where={}, net=candidate.net, share=meaningful_share(base, candidate.attached), meaningful=False,
-        refuted=True, confirmed=False,
+        excess=0.0, where=np.zeros((0, 0)), net=candidate.net, share=meaningful_share(base, candidate.attached),
+        meaningful=False, refuted=True, confirmed=False,
     )  # fmt: skip
 
 
