@@ -176,6 +176,20 @@ def test_flight_begins_in_steady_flight_with_the_effect_in_force() -> None:
     assert abs(record["delta_a"][0]) > 1e-3
 
 
+def test_wind_meets_the_aircraft_and_not_what_its_instruments_say() -> None:
+    """A shear that stays over the ground turns with the true heading: what is flown with a biased yaw rate, from
+    which a heading would be wrong by 8 deg, differs in that reading alone."""
+    t = np.arange(0.0, 12.0, 1.0 / blind_do328.FLOWN_HZ)
+    turn = {"delta_a": 0.03 * ((t > 2.0) & (t < 4.0)), "delta_r": 0.0 * t, "delta_e": 0.0 * t, "throttle": 0.0 * t}
+    shear = Hidden(kind="wind_shear", target="x", value=-0.4, onset_s={"m1": 3.0}, records=("m1",))
+    bias = Hidden(kind="sensor_bias", target="r", value=0.012)
+    one, both = (blind_do328.fly("m1", t, turn, hidden) for hidden in ((shear,), (shear, bias)))
+    assert np.abs(one["phi"]).max() > 0.1, "it does not turn"
+    for channel in ("V", "beta", "p", "phi", "ay"):
+        assert both[channel] == pytest.approx(one[channel], abs=1e-9)
+    assert both["r"] - one["r"] == pytest.approx(np.full(len(t), 0.012))
+
+
 def test_turbulence_has_its_rms() -> None:
     """r.m.s. per axis over an hour, within 15 % (some 300 correlation lengths)."""
     gusts = blind_do328.turbulence(np.random.default_rng(1), np.arange(0.0, 3600.0, 0.05), 1.5, 144.0)

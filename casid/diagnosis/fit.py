@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -42,7 +43,9 @@ def fit(
     best: Fit | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
-        now = _flown(work, attached, values, motion, iteration, must=best is None)
+        now = None
+        with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
+            now = _flown(work, attached, values, motion, iteration)
         if now is None or (best is not None and not now.deviance < best.deviance + tolerance):
             shrink *= 0.4
             if shrink < 0.02 or step is None or best is None:
@@ -63,19 +66,14 @@ def fit(
     return best
 
 
-def _flown(
-    work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int, must: bool
-) -> Fit | None:
-    """The hypothesis evaluated; nothing, unless it `must` be, where a step has led so far that the filter diverges."""
+def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int) -> Fit:
     try:
         return evaluate(work, _with_values(attached, work.slots, values), values, motion, iteration)
     except np.linalg.LinAlgError as error:
-        if must:
-            raise InputError(
-                f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
-                "units and signs of its derivatives, of its mass properties and of the records' channels"
-            ) from error
-        return None
+        raise InputError(
+            f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
+            "units and signs of its derivatives, of its mass properties and of the records' channels"
+        ) from error
 
 
 def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray) -> Motion:
@@ -89,7 +87,7 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None,
         X=_guess(work), coloured=np.zeros((*shape, len(acting.coloured))), inputs=np.zeros((*shape, len(acting.inputs)))
     )
     if start is None or start.flight.records is not work.flight.records:
-        measured = evaluate(work, _with_values(attached, work.slots, values), values, still, 0)
+        measured = _flown(work, attached, values, still, 0)
         return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
     before = start.motion
     same = tuple(start.acting.coloured) == tuple(acting.coloured)

@@ -200,7 +200,8 @@ def price(trial: Trial, state: Naming, least: float) -> float:
 def _acts(event: Attached, fit: Fit) -> np.ndarray:
     """(N, R) whether an event acts, or has just done so."""
     t, names, stations = fit.batch.t, fit.batch.names, fit.model.disturbances
-    series = disturbance_series([event], names, t, fit.known, stations).any(axis=2)
+    acting = disturbance_series([event], names, t, fit.known, stations)
+    series = np.any(acting != 0.0, axis=2)
     acts = np.zeros(t.shape, dtype=bool)
     for r in np.flatnonzero(series.any(axis=0)):
         first, last = t[series[:, r], r][[0, -1]]

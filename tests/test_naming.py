@@ -1,0 +1,133 @@
+"""Naming: which sets of records are looked at, how causes compare, and fits that end at a maximum."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_flights import flights, rough_file
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from casid.diagnosis import naming
+from casid.diagnosis.evaluation import Work, evaluate
+from casid.diagnosis.evidence import deviation, is_sure, weigh
+from casid.diagnosis.fit import fit
+from casid.diagnosis.flight import prepare
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.screening import Fingerprint, rank
+from casid.errors import InputError
+from casid.model.causes import actuator_lag, aero_term, dead_zone, effectiveness_change, input_delay, mass
+from problems.do328 import do328
+
+
+class Judge:
+    """`Screen` of one slot with unit information, without small terms."""
+
+    price = 0.0
+
+    def __init__(self, records: int) -> None:
+        self.covariance, self.newton = np.eye(1), np.zeros(1)
+        self.base = SimpleNamespace(batch=SimpleNamespace(names=tuple(f"m{r + 1}" for r in range(records))))
+
+    def score(self, parts, keep) -> tuple[float, float, float, float]:
+        (one,), (k,) = parts, keep
+        left = float(k**2 @ one.square - (k @ one.cross) @ (k @ one.cross))
+        match = float(k @ one.match)
+        return match**2 / left, match / left, left**-0.5, 1.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_the_best_set_of_three_records_is_found_by_growth(seed: int) -> None:
+    """Truth: all sets tried. A cause of some records, three of them, one fitted slot beside it."""
+    rng = np.random.default_rng(seed)
+    cross = rng.normal(0.0, 0.5, (3, 1))
+    one = Fingerprint(
+        effect=mass(""), values={}, onset=None, square=cross[:, 0] ** 2 + rng.uniform(2.0, 5.0, 3), cross=cross,
+        match=rng.normal(0.0, 5.0, 3),
+    )  # fmt: skip
+    judge, sets = Judge(3), [c for size in (1, 2, 3) for c in combinations(range(3), size)]
+    net = {}
+    for chosen in sets:
+        keep = np.isin(np.arange(3), chosen).astype(float)
+        net[chosen] = judge.score([one], keep[None])[0] - 2.0 * np.log(1.0 if len(chosen) == 3 else 7.0)
+    (found,) = rank(judge, [one])  # pyright: ignore[reportArgumentType]
+    best = max(net, key=lambda chosen: net[chosen])
+    assert found.net == pytest.approx(net[best])
+    assert found.attached.records == (() if len(best) == 3 else tuple(f"m{r + 1}" for r in best))
+
+
+def test_a_cause_in_half_of_many_records_is_found_among_all_sets() -> None:
+    """Of the 2^16 sets of 16 records, the eight with the cause, which is 5 sigma in each of them."""
+    rng = np.random.default_rng(4)
+    there = np.arange(16) % 2 == 0
+    one = Fingerprint(
+        effect=mass(""), values={}, onset=None, square=np.ones(16), cross=np.full((16, 1), 0.05),
+        match=5.0 * there + rng.normal(0.0, 0.3, 16),
+    )  # fmt: skip
+    (found,) = rank(Judge(16), [one])  # pyright: ignore[reportArgumentType]
+    assert found.attached.records == tuple(f"m{r + 1}" for r in np.flatnonzero(there))
+
+
+def test_causes_compare_in_the_structure_that_they_leave() -> None:
+    """A lag that gains more beside a bent coefficient stands behind a delay that leaves it straight; a term too. What
+    only straightens, and is no term, is not named for that."""
+
+    def trial(effect, net: float, excess: float) -> SimpleNamespace:
+        candidate = SimpleNamespace(attached=Attached(effect=effect, values={"value": 1.0}))
+        return SimpleNamespace(
+            candidate=candidate, net=net, excess=excess, total=net + excess, meaningful=True, refuted=False
+        )
+
+    lag, delay = trial(actuator_lag("delta_a"), 120.0, 0.0), trial(input_delay("delta_a"), 115.0, 30.0)
+    term, shape = trial(aero_term("Cl", "beta^3"), 20.0, 130.0), trial(dead_zone("delta_a"), 20.0, 130.0)
+    ordered = sorted((lag, shape, delay, term), key=lambda one: naming._order(one, 40.0))  # pyright: ignore
+    assert ordered == [term, delay, lag, shape]
+
+
+def test_the_fit_of_a_delay_ends_at_a_maximum() -> None:
+    """Noise of the recorded surface is not in what the delay makes of it twice: from 0.03 s, which alone would not
+    do, the fit of the 0.113 s that were flown, no whole number of samples, converges."""
+    flown = Attached(effect=input_delay("delta_e"), values={"value": 0.113})
+    flight = prepare(do328(), flights([flown], seed=5, count=2, rate_hz=40.0))
+    base = fit(flight, [], flight.noise())
+    start = flown.with_values({"value": 0.03})
+    rough = fit(flight, [start], base.noise, base, iterations=1)
+    found = fit(flight, [start], base.noise, base, iterations=15, tolerance=0.3)
+    assert rough.deviance > found.deviance + 1000.0
+    assert found.converged
+    evidence = weigh(found)
+    assert abs(found["input_delay(delta_e)"] - 0.113) < 3.0 * deviation(evidence, "input_delay(delta_e)") < 0.01
+
+
+def test_no_cause_gains_by_making_a_control_stronger() -> None:
+    """An aileron of twice the power: its noise is held to what it did to the motion in the fit before."""
+    flight = prepare(rough_file(), flights(seed=3, count=2))
+    base = fit(flight, [], flight.noise())
+    work, strong = Work(flight, [], base.noise, "all"), base.values.copy()
+    work.reference = base.reference
+    strong[[slot.name in ("Cl_delta_a", "Cn_delta_a") for slot in base.slots]] *= 2.0
+    now = evaluate(work, (), strong, base.motion, 1)
+    assert now.acting.inputs["d_delta_a"] == pytest.approx(0.5 * base.acting.inputs["d_delta_a"], rel=0.01)
+    assert now.acting.inputs["d_delta_e"] == pytest.approx(base.acting.inputs["d_delta_e"], rel=0.01)
+
+
+def test_a_value_whose_interval_holds_zero_is_not_sure() -> None:
+    """Two effects of one surface: a loss that was flown is sure, and one that was not is not."""
+    flown = Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0, "m2": 9.5})
+    absent = Attached(effect=effectiveness_change("delta_e"), values={"value": 0.05}, onsets={"m1": 8.0, "m2": 9.5})
+    flight = prepare(do328(), flights([flown], seed=6, count=2))
+    evidence = weigh(fit(flight, [flown, absent], flight.noise()))
+    assert is_sure(evidence, "effectiveness_change(delta_r)")
+    assert not is_sure(evidence, "effectiveness_change(delta_e)")
+
+
+def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
+    """With the stability of another sign and a million times as strong nothing can be filtered."""
+    wild = do328().with_derivatives({"Cm_alpha": 1e9, "Cn_beta": -1e9})
+    flight = prepare(wild, flights(seed=1, count=1))
+    with pytest.raises(InputError, match="diverges along the records"):
+        fit(flight, [], flight.noise())
