@@ -11,7 +11,7 @@ from diagnosis_flights import flights, rough_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casid.diagnosis import naming
+from casid.diagnosis import naming, verdict
 from casid.diagnosis.evaluation import Work, evaluate
 from casid.diagnosis.evidence import deviation, is_sure, weigh
 from casid.diagnosis.fit import fit
@@ -122,7 +122,26 @@ def test_a_value_whose_interval_holds_zero_is_not_sure() -> None:
     flight = prepare(do328(), flights([flown], seed=6, count=2))
     evidence = weigh(fit(flight, [flown, absent], flight.noise()))
     assert is_sure(evidence, "effectiveness_change(delta_r)")
+    assert verdict._still_matters(evidence.fit, "effectiveness_change(delta_r)")
     assert not is_sure(evidence, "effectiveness_change(delta_e)")
+    assert not verdict._still_matters(evidence.fit, "effectiveness_change(delta_e)")
+
+
+@pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (60.0, False)])
+def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
+    """Fingerprints at an angle x, gains of 700 and 6700 besides when the coefficient is no more bent than beside them:
+    the difference of their gains scatters by 2 sqrt(7400) sin x, 25 for a sine of 0.146, and two of that are 50."""
+
+    def trial(term: str, total: float, fingerprint: list[float]) -> SimpleNamespace:
+        candidate = SimpleNamespace(attached=Attached(effect=aero_term("Cm", term), values={"value": 1.0}))
+        return SimpleNamespace(
+            candidate=candidate, total=total, gain=total - 6700.0, refuted=False, meaningful=True,
+            fingerprint=np.array(fingerprint),
+        )  # fmt: skip
+
+    best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
+    other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
+    assert (naming._equivalents(best, [best, other]) == (other,)) == alike  # pyright: ignore
 
 
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:

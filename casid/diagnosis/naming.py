@@ -228,7 +228,7 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
         if trial.candidate.attached.effect.key == key or trial.refuted or not trial.meaningful:
             continue
         sine, behind = _sine(best, trial), best.total - trial.total
-        if behind < reach or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.gain) * sine):
+        if behind < reach or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
             found.append(trial)
     return tuple(found)
 

@@ -47,7 +47,7 @@ def causes_of(
     """(causes, minor), strongest first.
 
     evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
-                minor, and so does a cause of which nothing sure is left, or that is not needed, beside the others
+                minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside others
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   expected terms that were put into the model beforehand, which together gained `structure_gain` on the
                 held-out records: minor, unless they gain more than `least` and matter as any term must that is named
@@ -61,7 +61,7 @@ def causes_of(
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.trials[0].candidate.name
-        if name in there and is_sure(evidence, name):
+        if name in there and is_sure(evidence, name) and _still_matters(final, name):
             causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
         elif name in there:
             superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
@@ -74,6 +74,11 @@ def causes_of(
     for expected in (_expected(one.name, evidence, structure_gain, least) for one in structure):
         (causes if expected.meaningful else minor).append(expected)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
+
+
+def _still_matters(fit: Fit, name: str) -> bool:
+    """Whether a named cause is of a size that matters beside those that were named after it."""
+    return meaningful_share(fit, next(a for a in fit.attached if a.name == name)) >= 1.0
 
 
 def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
