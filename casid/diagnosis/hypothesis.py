@@ -43,10 +43,6 @@ class Attached:
         """Values that are estimated by differences, because they enter a time series and not the symbols."""
         return () if self.effect.symbolic else tuple(self.values)
 
-    def absent(self) -> Attached:
-        """Of size zero, but where and for how long it is tried."""
-        return self.with_values({name: 0.0 for name in ("value", *self.effect.members) if name in self.values})
-
     def with_values(self, values: Mapping[str, float]) -> Attached:
         """With other values; an event that takes longer begins earlier: what the data tell of it is its middle."""
         extent, onsets = self.effect.extent, self.onsets

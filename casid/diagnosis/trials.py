@@ -73,7 +73,9 @@ def try_cause(
     if kinematic is not None and _hopeless(kinematic, attached):
         return _given_up(base, candidate), evidence, {}
     interval: Intervals = {}
-    begin = [*base.attached, attached.absent() if attached.effect.linear else attached]
+    # of size zero, the further values of an effect would be free of any sense
+    alone = attached.effect.linear and set(attached.values) == {"value"}
+    begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
     try:
         fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     except InputError:  # of the predicted size it makes an aircraft that cannot fly the record
