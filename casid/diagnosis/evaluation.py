@@ -218,9 +218,9 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
     into = _into_the_motion(linear, work.noise.inputs)
     reference = work.reference or into
-    inputs_noise = {n: s * _as_strong(into[n], reference[n]) for n, s in work.noise.inputs.items()}
-    held = replace(work.noise, inputs=inputs_noise)
-    acting = acting_noise(held, attached, work.dt)
+    strength = {name: s * _as_strong(into[name], reference[name]) for name, s in work.noise.inputs.items()}
+    held = replace(work.noise, inputs=strength)
+    acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting)
     Y, F = _columns(work, attached, linear, known, late)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors))[..., 0]

@@ -22,9 +22,7 @@ GAIN = 40.0  # net drop of the deviance that a named cause must reach on top of 
 KINEMATIC_GAIN = 50.0
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
 _REFUTED, CONFIRMED = 0.3, 0.7
-_CONTRADICTION = (
-    30.0  # chi-square of the size that kinematics find against that of the full model, before they refute it
-)
+_CONTRADICTION = 30.0  # chi-square of the size by kinematics against that of the full model, before they refute it
 _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
 # A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
 # units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.

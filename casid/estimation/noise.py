@@ -61,13 +61,8 @@ _HALF_WIDTHS = (0, 1, 2, 4, 8, 16, 32)
 _CONFIDENCE = 2.0
 
 
-def denoise(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Adaptive moving mean of a series (N,) with white noise `sigma` that respects edges: over `quiet_windows`."""
-    return mean_over(values, *quiet_windows(values, sigma))
-
-
 def mean_over(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """(N,) mean of a series from sample `first` to sample `last`."""
+    """(N,) mean of a series from sample `first` to sample `last`: over `quiet_windows`, denoised and with its edges."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     return (total[last + 1] - total[first]) / (last - first + 1)
 
