@@ -18,6 +18,7 @@ from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
+_STAYS, _HELPS = 0.02, 1.0  # s, and drop of the deviance: less is no move
 BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
 # chi-square 99.9 %, one degree of freedom, for intervals that promise 95 %: while a surface rests, the profile is flat
 # but for the noise of its record
@@ -62,9 +63,11 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
 
 def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:
     """Evidence of the fit with the onsets of one of its effects, the last by default, moved until they stay or moving
-    does not help, `moves` times at most, and their intervals."""
+    does not help, `moves` times at most, and their intervals: together by what the fit is linearised to, and each to
+    the peak of its own profile, which sees the whole record."""
     interval: Intervals = {}
     for _ in range(moves):
+        evidence = _slid(evidence, moves, free, which)
         fitted = evidence.fit
         before = fitted.attached[which]
         moved, interval = moved_onsets(evidence, before)
@@ -80,6 +83,45 @@ def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int =
             break
         evidence = weigh(other, discrepancy=free == "all")
     return evidence, interval
+
+
+def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
+    """Evidence of the fit with all onsets of an effect moved at once by Gauss-Newton steps, `moves` at most, while they
+    help: onsets and the length of an event lie in a narrow valley, along which none of them can go alone."""
+    for _ in range(moves):
+        fitted = evidence.fit
+        before = fitted.attached[which]
+        onsets = _together(evidence, before)
+        if all(abs(onsets[r] - t) < _STAYS for r, t in before.onsets.items()):
+            break
+        attached = [replace(one, onsets=onsets) if one is before else one for one in fitted.attached]
+        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        if other.deviance > fitted.deviance - _HELPS:
+            break
+        evidence = weigh(other, discrepancy=free == "all")
+    return evidence
+
+
+def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
+    """Record -> onset after one Gauss-Newton step of all of them, everything that is fitted adapting; a step is weighed
+    against `_NEAR`, so that an onset of which the data say nothing stays."""
+    base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
+    records = [base.flight.records[names.index(name)] for name in one.onsets]
+    h, square, cross, match = 0.5 * _FINE, [], [], []
+    for record, onset in zip(records, one.onsets.values(), strict=True):
+        later = np.array([onset + h - record.t[0]])
+        (slope,) = fingerprints(evidence, [_shifted(one, onset - h)], later)
+        r = names.index(record.name)
+        square.append(slope.square[r])
+        cross.append(slope.cross[r])
+        match.append(slope.match[r])
+    C = np.array(cross)
+    gram = (np.diag(square) - C @ judge.covariance @ C.T) / _FINE**2 + np.eye(len(square)) / _NEAR**2
+    step = np.clip(np.linalg.solve(gram, (np.array(match) - C @ judge.newton) / _FINE), -_NEAR, _NEAR)
+    return {
+        record.name: float(np.clip(onset + d, record.t[0] + EDGE, record.t[-1] - EDGE))
+        for record, onset, d in zip(records, one.onsets.values(), step, strict=True)
+    }
 
 
 def _shifted(one: Attached, onset: float) -> Effect:

@@ -70,7 +70,7 @@ def gust(axis: str) -> Effect:
 
     return Effect(
         kind="gust", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True,
-        grid=tuple({"length": v} for v in (0.8, 1.6, 3.2)), series=series, meaningful=0.5, limit=40.0,
+        grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4)), series=series, meaningful=0.5, limit=40.0,
     )  # fmt: skip
 
 

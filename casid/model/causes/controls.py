@@ -11,6 +11,7 @@ from casid.model.effect import Effect, Series, Values, cause
 from casid.signals import SURFACES
 
 _DEG = np.pi / 180.0
+_PLAY = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0]) * _DEG
 
 
 def _surface_operator(
@@ -37,7 +38,7 @@ def actuator_lag(surface: str) -> Effect:
         T = max(abs(values["value"]), dt)
         return sigma * float(np.sqrt(np.tanh(dt / (2.0 * T)))), T
 
-    sizes = (0.03, 0.06, 0.12, 0.25)
+    sizes = (0.03, 0.06, 0.12, 0.25, 0.5)
     return _surface_operator("actuator_lag", surface, sizes, operators.lag, 0.01, 1.0, noise=noise)
 
 
@@ -46,7 +47,7 @@ def actuator_lag(surface: str) -> Effect:
     sentence="The {label} follows its command {size} late.",
 )  # fmt: skip
 def input_delay(surface: str) -> Effect:
-    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2), operators.delay, 0.01, 0.5, ())
+    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay, 0.01, 0.5, ())
 
 
 @cause(
@@ -54,8 +55,8 @@ def input_delay(surface: str) -> Effect:
     sentence="The {label} cannot move faster than {size}.",
 )  # fmt: skip
 def rate_limit(surface: str) -> Effect:
-    sizes = np.array([3.0, 5.0, 8.0, 12.0, 20.0]) * _DEG
-    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, 60.0 * _DEG)
+    sizes = np.array([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0]) * _DEG
+    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, 200.0 * _DEG)
 
 
 @cause(
@@ -66,9 +67,7 @@ def dead_zone(surface: str) -> Effect:
     def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
         return operators.dead_zone(y, width, float(np.median(y)))
 
-    return _surface_operator(
-        "dead_zone", surface, np.array([0.2, 0.4, 0.8, 1.5]) * _DEG, operate, 0.1 * _DEG, 5.0 * _DEG
-    )
+    return _surface_operator("dead_zone", surface, _PLAY, operate, 0.1 * _DEG, 8.0 * _DEG)
 
 
 @cause(
@@ -79,9 +78,7 @@ def backlash(surface: str) -> Effect:
     def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
         return operators.backlash(y, width)
 
-    return _surface_operator(
-        "backlash", surface, np.array([0.2, 0.4, 0.8, 1.5]) * _DEG, operate, 0.1 * _DEG, 5.0 * _DEG
-    )
+    return _surface_operator("backlash", surface, _PLAY, operate, 0.1 * _DEG, 8.0 * _DEG)
 
 
 @cause(

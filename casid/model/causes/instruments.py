@@ -78,7 +78,7 @@ def _slow_reading(
 
     return Effect(
         kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
-        kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)), output=output,
+        kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)), output=output,
         undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0, by_record=True,
         late=True,
     )  # fmt: skip
