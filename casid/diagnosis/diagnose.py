@@ -12,7 +12,7 @@ from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.kinematic_stage import judge_kinematics
+from casid.diagnosis.kinematic_stage import judge_kinematics, without_turbulence
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.naming import name_causes
 from casid.diagnosis.noise_level import with_noise_level
@@ -77,20 +77,22 @@ def diagnose(
     calm = fit(flight, known, flight.noise())
     structure = demanded_structure(calm)
     structured = fit(flight, [*known, *structure], flight.noise(), calm) if structure else calm
-    coloured = turbulence.named
-    start = structured
-    if coloured:
-        start = kinematics.rotation_of_air(flight, turbulence, structured)
-    baseline = weigh(start)
-    stages.begin("naming")
+    coloured, effects = turbulence.named, catalogue(flight.aircraft, flight.outputs)
+    start = kinematics.rotation_of_air(flight, turbulence, structured) if coloured else structured
     least = _OF_TURBULENCE * turbulence.gain if coloured else 0.0
-    naming = name_causes(baseline, catalogue(flight.aircraft, flight.outputs), kinematic, least, report)
+    stages.begin("naming")
+    naming = name_causes(weigh(start), effects, kinematic, least, report)
+    if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached)):
+        coloured, start, least, turbulence = False, structured, 0.0, kinematics.still_air(flight)
+        naming = name_causes(weigh(start), effects, calm_air, least, report)
     stages.begin("held-out records")
-    steps = [structured, *([start] if coloured else []), *(r.winner for r in naming.rounds if r.named)]
+    named = [r for r in naming.rounds if r.named]
+    steps = [structured, *([start] if coloured else []), *(r.winner for r in named)]
+    on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
     on_held = [judge_on(flight, held, step) for step in steps]
     held_calm = judge_on(flight, held, calm) if structure else on_held[0]
     gains = held_gains(on_held)
-    final, held_final = best_on_held(flight, held, steps, on_held, gains)
+    final, held_final = best_on_held(flight, held, steps, on_held, gains, on_fitted)
     stages.begin("missing inputs")
     same = final is naming.evidence.fit
     judged = naming.evidence if same else weigh(final)

@@ -119,6 +119,11 @@ class Fit:
         return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.errors)
 
     @property
+    def filter_held(self) -> bool:
+        """Whether derivatives are fitted that decide how moving air moves the aircraft."""
+        return bool(self.noise.coloured and self.derivatives)
+
+    @property
     def gradient(self) -> np.ndarray:
         """(slots,) what is left of the slope of the log likelihood: zero at a maximum."""
         return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
@@ -153,6 +158,7 @@ class Work:
         )
         self.mean, self.weight = self._prior()
         self.reference: dict[str, np.ndarray] = {}
+        self.filter: Filter | None = None
 
     def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
         """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
@@ -221,7 +227,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     strength = {name: s * _as_strong(into[name], reference[name]) for name, s in work.noise.inputs.items()}
     held = replace(work.noise, inputs=strength)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
-    kalman = kalman_filter(linear, acting)
+    kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     Y, F = _columns(work, attached, linear, known, late)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors))[..., 0]
     columns = kalman.whiten(Y, F)

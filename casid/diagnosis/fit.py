@@ -15,6 +15,8 @@ from casid.errors import InputError
 from casid.estimation.innovations import NoiseModel
 from casid.estimation.kalman import residual_about
 
+_RELAXATIONS = 2  # of the filter in turbulence: its gain hardly changes after them
+
 
 def fit(
     flight: Flight,
@@ -26,9 +28,14 @@ def fit(
     iterations: int = 10,
     tolerance: float = 0.5,
     give_up: float = np.inf,
+    own_filter: bool = False,
 ) -> Fit:
     """Maximum likelihood of derivatives, effects and trajectory under `noise`; `free` may leave out the derivatives, or
     all but the trajectory.
+
+    In turbulence derivatives decide how the air moves the aircraft, and with the filter free a fit, or a cause, gains
+    by making it move less. There the filter is that of `start`, so that prediction errors are compared; with
+    `own_filter`, or under another noise, that of the first point (see `relaxed`).
 
     Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
     a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
@@ -37,6 +44,8 @@ def fit(
     work = Work(flight, attached, noise, free)
     if start is not None and start.flight.records is flight.records:
         work.reference = start.reference
+        if start.filter_held and start.noise == noise and not own_filter:
+            work.filter = start.filter
     attached = tuple(attached)
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
@@ -52,6 +61,8 @@ def fit(
                 break
             values, motion = best.values + shrink * step[0], best.motion.moved(step[1], shrink)
             continue
+        if now.filter_held and work.filter is None:
+            work.filter = now.filter
         gained = np.inf if best is None else best.deviance - now.deviance
         best, shrink = now, 1.0
         if gained < tolerance:
@@ -64,6 +75,16 @@ def fit(
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
+
+
+def relaxed(fitted: Fit) -> Fit:
+    """A fit of all that is free, to the end and, in turbulence, in the filter of its own values."""
+    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    for _ in range(_RELAXATIONS if fitted.filter_held else 0):
+        fitted = fit(
+            fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3, own_filter=True
+        )
+    return fitted
 
 
 def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int) -> Fit:

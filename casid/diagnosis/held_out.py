@@ -120,16 +120,20 @@ def steps_to_keep(gains: Sequence[float | None]) -> int:
 
 
 def best_on_held(
-    flight: Flight, held: Sequence[Record], steps: Sequence[Fit], on_held: Sequence[Fit], gains: Sequence[float | None]
+    flight: Flight,
+    held: Sequence[Record],
+    steps: Sequence[Fit],
+    on_held: Sequence[Fit],
+    gains: Sequence[float | None],
+    on_fitted: Sequence[float],
 ) -> tuple[Fit, Fit]:
     """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
     of them that lost there and are still no help beside the later ones. A loss that is nothing beside what the step
-    gains in the fitted records is none: the held-out ones may hardly move what the cause is about."""
-    gained = [0.5 * (before.deviance - after.deviance) for before, after in pairwise(steps)]
+    gains `on_fitted` records, in 2 ln L, is none: the held-out ones may hardly move what the cause is about."""
     samples = int(on_held[-1].linear.seen.sum())
     gains = [
-        gain if gain is None or -gain * samples > _OF_THE_GAIN * fitted else max(gain, 0.0)
-        for gain, fitted in zip(gains, gained, strict=True)
+        gain if gain is None or -2.0 * gain * samples > _OF_THE_GAIN * fitted else max(gain, 0.0)
+        for gain, fitted in zip(gains, on_fitted, strict=True)
     ]
     kept = steps_to_keep(gains)
     final, held_final = steps[kept], on_held[kept]

@@ -24,7 +24,7 @@ _RIVAL = 0.3  # of what turbulence gains, for a fault; of what faults gain alone
 
 def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
     """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence."""
-    none = Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
+    none = kinematics.still_air(flight)
     if not kinematics.available(flight):
         return None, [], none
     of_the_file = [one for one in known if one.effect.kinematic]
@@ -42,6 +42,16 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidenc
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
     evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
     return evidence, screen(evidence, effects), turbulent
+
+
+def without_turbulence(flight: Flight, known: Sequence[Attached], attached: Sequence[Attached]) -> Evidence | None:
+    """Kinematic evidence in calm air, as of `judge_kinematics`, when there is no turbulence left beside the causes that
+    were named in it, `attached`: moving air imitates faults until they are found. None when there is."""
+    found = [one for one in attached if one.effect.kinematic]
+    before = [one for one in known if one.effect.kinematic]
+    if len(found) == len(before) or kinematics.turbulence(flight, kinematics.reconstruct(flight, found)).named:
+        return None
+    return weigh(kinematics.reconstruct(flight, before), discrepancy=False)
 
 
 def _beside_faults(

@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, weigh
-from casid.diagnosis.fit import fit
+from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.estimation.innovations import NoiseModel
@@ -49,6 +49,11 @@ class Turbulence:
     def named(self) -> bool:
         all_axes = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
         return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE and all_axes
+
+
+def still_air(flight: Flight) -> Turbulence:
+    """None of it."""
+    return Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
 
 
 def available(flight: Flight) -> bool:
@@ -106,7 +111,7 @@ def rotation_of_air(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
         if trial.deviance > best.deviance:
             break
         best = trial
-    return best
+    return relaxed(best)
 
 
 def reconstruct(

@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
-from casid.diagnosis.fit import fit
+from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
@@ -153,6 +153,8 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         return replace(state, rounds=(*state.rounds, this))
     best, evidence, moved = settled(best, best_fit)
     evidence = without_superseded(state.rounds, best, evidence)
+    if evidence.fit.filter_held:
+        evidence = weigh(relaxed(evidence.fit))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic = state.kinematic

@@ -7,7 +7,7 @@ the arrays as in `innovations`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,11 @@ _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scal
 class Filter:
     """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
     (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log determinant per
-    sample (N, R); `inputs` the sensitivities of the model to the noise of recorded inputs."""
+    sample (N, R); `inputs` the sensitivities of the model to the noise of recorded inputs, `coloured` the disturbances
+    that are states besides."""
 
     linear: Linear
+    coloured: tuple[str, ...]
     A: np.ndarray
     C: np.ndarray
     gain: np.ndarray
@@ -33,6 +35,27 @@ class Filter:
     log_determinant: np.ndarray
     inputs: InputNoise
     kernel: FilterKernel | None
+
+    def along(self, linear: Linear, noise: NoiseModel) -> Filter:
+        """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
+        state that it does not know no sample moves.
+
+        Models are then compared by their residuals alone, and none gains by what it makes of the noise. To first order
+        in the change of the model, as long as it is linearised about the most likely motion.
+        """
+        A, C, *_ = augmented(linear, noise)
+        own = [*self.linear.model.states, *self.coloured]
+        names = [*linear.model.states, *noise.coloured]
+        kept = [(names.index(name), i) for i, name in enumerate(own) if name in names]
+        into, of = np.array(kept).T
+        gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
+        gain[:, :, into], C[..., into] = self.gain[:, :, of], self.C[..., of]
+        A[:, :, into[:, None], into] = self.A[:, :, of[:, None], of]
+        P[:, :, into[:, None], into] = self.P[:, :, of[:, None], of]
+        return replace(
+            self, linear=linear, A=A, C=np.where(linear.seen[..., None], C, 0.0), gain=gain, P=P,
+            inputs=_input_noise(linear, noise), coloured=tuple(noise.coloured),
+        )  # fmt: skip
 
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
         """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
@@ -147,7 +170,8 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
     passed = kernel.covariance(A, C, Q, M, S, P0) if kernel is not None else _covariance_pass(A, C, Q, M, S, P0)
     gain, inverse_root, P, log_determinant = passed
     return Filter(
-        linear=linear, A=A, C=C, gain=gain, inverse_root=inverse_root, P=P, log_determinant=log_determinant,
+        linear=linear, coloured=tuple(noise.coloured), A=A, C=C, gain=gain, inverse_root=inverse_root, P=P,
+        log_determinant=log_determinant,
         inputs=_input_noise(linear, noise), kernel=kernel,
     )  # fmt: skip
 
