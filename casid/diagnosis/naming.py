@@ -18,6 +18,7 @@ from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Screen, fingerprints, rank
 from casid.diagnosis.trials import GAIN, settled, try_cause, worth_trying
 from casid.model.effect import Effect
+from casid.signals import SURFACES
 
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
@@ -190,13 +191,19 @@ def price(trial: Trial, state: Naming, least: float) -> float:
         if trial.confirmed and not one.effect.kinematic:
             continue
         part = _LEFT_TO_OTHERS
-        if one.effect.timed and timed:
+        if (one.effect.timed and timed) or _of_one_surface(one.effect, trial.candidate.attached.effect):
             part = LEFT_BY_AN_EVENT
         elif one.effect.timed:
             elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
             part = min(_LEFT_BY_AN_EVENT_TO_OTHERS, _LEFT_TO_OTHERS / max(elsewhere, 1e-9))
         prices.append(part * earlier.gain)
     return max(prices)
+
+
+def _of_one_surface(one: Effect, other: Effect) -> bool:
+    """Whether both act on the same surface: where one has its rough shape, in a play the place at which the surface
+    first rests, an event looks like the other."""
+    return one.target == other.target and one.target in SURFACES
 
 
 def _acts(event: Attached, fit: Fit) -> np.ndarray:
