@@ -16,10 +16,11 @@ from casid.diagnosis.evaluation import Work, evaluate
 from casid.diagnosis.evidence import deviation, is_sure, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
+from casid.diagnosis.held_out import best_on_held, held_gains
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Fingerprint, rank
 from casid.errors import InputError
-from casid.model.causes import actuator_lag, aero_term, dead_zone, effectiveness_change, input_delay, mass
+from casid.model.causes import actuator_lag, aero_term, backlash, dead_zone, effectiveness_change, input_delay, mass
 from problems.do328 import do328
 
 
@@ -125,6 +126,33 @@ def test_a_value_whose_interval_holds_zero_is_not_sure() -> None:
     assert verdict._still_matters(evidence.fit, "effectiveness_change(delta_r)")
     assert not is_sure(evidence, "effectiveness_change(delta_e)")
     assert not verdict._still_matters(evidence.fit, "effectiveness_change(delta_e)")
+
+
+def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_leaves() -> None:
+    """A play that gained 48000 leaves 2 %, 960, to what acts on the same surface, and a thousandth to any other."""
+
+    def trial(effect, gain: float) -> SimpleNamespace:
+        candidate = SimpleNamespace(attached=Attached(effect=effect, values={"value": 0.01}))
+        return SimpleNamespace(candidate=candidate, gain=gain, confirmed=False, where=np.zeros((0, 0)))
+
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=True, trials=[trial(backlash("delta_e"), 48000.0)])])
+    prices = [
+        naming.price(trial(effectiveness_change(surface), 750.0), state, 40.0)  # pyright: ignore
+        for surface in ("delta_e", "delta_a")
+    ]
+    assert prices == pytest.approx([960.0, 48.0])
+
+
+@pytest.mark.parametrize(("loss", "kept"), [(17.0, ["cause"]), (60.0, [])])
+def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float, kept: list[str]) -> None:
+    """A cause that gains 600 in the fitted records and loses less than a twentieth of it, 30, in the others stays."""
+    cause, linear = SimpleNamespace(name="cause"), SimpleNamespace(seen=np.ones(1000))
+    noise = SimpleNamespace(coloured={})
+    bare = SimpleNamespace(attached=[], data_deviance=0.0, linear=linear, noise=noise)
+    more = SimpleNamespace(attached=[cause], data_deviance=loss, linear=linear, noise=noise)
+    gains = held_gains([bare, more])  # pyright: ignore
+    final, _ = best_on_held(None, [], [bare, more], [bare, more], gains, [600.0])  # pyright: ignore
+    assert [one.name for one in final.attached] == kept
 
 
 @pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (60.0, False)])

@@ -229,7 +229,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     Y, F = _columns(work, attached, linear, known, late)
-    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors))[..., 0]
+    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
@@ -353,7 +353,7 @@ def _columns(
 def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
-    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors)
+    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
     late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
     by_slot = _columns(work, now.attached, now.linear, now.known, late)
     nx = len(work.model.states)

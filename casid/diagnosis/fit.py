@@ -15,7 +15,7 @@ from casid.errors import InputError
 from casid.estimation.innovations import NoiseModel
 from casid.estimation.kalman import residual_about
 
-_RELAXATIONS = 2  # of the filter in turbulence: its gain hardly changes after them
+_RELAXATIONS, _STILL = 5, 0.5  # of the filter in turbulence, at most, and 1-sigmas that no value moves by any more
 
 
 def fit(
@@ -81,9 +81,12 @@ def relaxed(fitted: Fit) -> Fit:
     """A fit of all that is free, to the end and, in turbulence, in the filter of its own values."""
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
     for _ in range(_RELAXATIONS if fitted.filter_held else 0):
+        before = fitted
         fitted = fit(
-            fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3, own_filter=True
+            before.flight, before.attached, before.noise, before, iterations=15, tolerance=0.3, own_filter=True
         )
+        if np.all(np.abs(fitted.values - before.values) < _STILL * np.sqrt(np.diag(before.covariance))):
+            break
     return fitted
 
 

@@ -131,7 +131,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     intervals = dict(state.intervals)
     trials = []
     give_up, best_fit = np.inf, None
-    for candidate in worth_trying(state.evidence.fit, candidates, cautious, switches):
+    for candidate in worth_trying(state.evidence.fit, candidates, cautious, switches, least):
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         if not trial.refuted:
             give_up = min(give_up, beside.fit.deviance + _WIDE * abs(trial.gain))

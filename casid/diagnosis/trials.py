@@ -27,20 +27,23 @@ _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is n
 # A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
 # units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
 _CLEAR = 400.0
+_REACHED = 0.3  # part of the gain that must be predicted before a cause is tried
 _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
 _TRIALS, _CAUTIOUS = 4, 2  # candidates of each ranking that are tried
 _MOVES = 2  # of an onset in a trial; the winner is settled
 
 
 def worth_trying(
-    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate]
-) -> list[Candidate]:
+    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate],
+    least: float,
+) -> list[Candidate]:  # fmt: skip
     """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
-    gain and a size that matters at all. A configuration change is scored in one record only, so it cannot be ranked
-    with the others."""
+    gain, `least` unless kinematics may confirm it, and a size that matters at all. A configuration change is scored in
+    one record only, so it cannot be ranked with the others."""
     chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
     names = {c.name for c in chosen}
-    return [*chosen, *(c for c in _best_few(base, cautious, _CAUTIOUS) if c.name not in names)]
+    chosen += [c for c in _best_few(base, cautious, _CAUTIOUS) if c.name not in names]
+    return [c for c in chosen if c.net > _REACHED * least or c.attached.effect.kinematic]
 
 
 def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
@@ -48,7 +51,7 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
     per_coefficient: dict[str, int] = {}
     for candidate in candidates:
         effect = candidate.attached.effect
-        if candidate.net < 0.3 * GAIN or len(chosen) == count:
+        if candidate.net < _REACHED * GAIN or len(chosen) == count:
             break
         share = meaningful_share(base, candidate.attached)
         if share < _PREDICTED or share**2 * candidate.statistic < _PROMISING * _CLEAR:

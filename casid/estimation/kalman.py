@@ -23,9 +23,10 @@ class Filter:
     """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
     (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log determinant per
     sample (N, R); `inputs` the sensitivities of the model to the noise of recorded inputs, `coloured` the disturbances
-    that are states besides."""
+    that are states besides; `through` the model that predicts and that noise goes through: `linear` but for `along`."""
 
     linear: Linear
+    through: Linear
     coloured: tuple[str, ...]
     A: np.ndarray
     C: np.ndarray
@@ -43,18 +44,16 @@ class Filter:
         Models are then compared by their residuals alone, and none gains by what it makes of the noise. To first order
         in the change of the model, as long as it is linearised about the most likely motion.
         """
-        A, C, *_ = augmented(linear, noise)
-        own = [*self.linear.model.states, *self.coloured]
-        names = [*linear.model.states, *noise.coloured]
-        kept = [(names.index(name), i) for i, name in enumerate(own) if name in names]
-        into, of = np.array(kept).T
+        through = _held(linear, self.through)
+        A, C, *_ = augmented(through, noise)
+        own, names = [*self.through.model.states, *self.coloured], [*linear.model.states, *noise.coloured]
+        into, of = _shared(names, own)
         gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
-        gain[:, :, into], C[..., into] = self.gain[:, :, of], self.C[..., of]
-        A[:, :, into[:, None], into] = self.A[:, :, of[:, None], of]
+        gain[:, :, into] = self.gain[:, :, of]
         P[:, :, into[:, None], into] = self.P[:, :, of[:, None], of]
         return replace(
-            self, linear=linear, A=A, C=np.where(linear.seen[..., None], C, 0.0), gain=gain, P=P,
-            inputs=_input_noise(linear, noise), coloured=tuple(noise.coloured),
+            self, linear=linear, through=through, coloured=tuple(noise.coloured), A=A, C=C, gain=gain, P=P,
+            inputs=_input_noise(through, noise),
         )  # fmt: skip
 
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
@@ -170,8 +169,8 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
     passed = kernel.covariance(A, C, Q, M, S, P0) if kernel is not None else _covariance_pass(A, C, Q, M, S, P0)
     gain, inverse_root, P, log_determinant = passed
     return Filter(
-        linear=linear, coloured=tuple(noise.coloured), A=A, C=C, gain=gain, inverse_root=inverse_root, P=P,
-        log_determinant=log_determinant,
+        linear=linear, through=linear, coloured=tuple(noise.coloured), A=A, C=C, gain=gain, inverse_root=inverse_root,
+        P=P, log_determinant=log_determinant,
         inputs=_input_noise(linear, noise), kernel=kernel,
     )  # fmt: skip
 
@@ -183,6 +182,23 @@ def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:
     out[1:] += linear.C[1:] @ after
     variance = np.array([sigma**2 for sigma in noise.inputs.values()])
     return InputNoise(variance=variance, now=now, after=after, out=out)
+
+
+def _held(linear: Linear, before: Linear) -> Linear:
+    """The linearisation with the sensitivities to states and disturbances of the one before, where that has them."""
+    into, of = _shared(linear.model.states, before.model.states)
+    A, C, Bw0, Bw1 = (part.copy() for part in (linear.A, linear.C, linear.Bw0, linear.Bw1))
+    A[:, :, into[:, None], into] = before.A[:, :, of[:, None], of]
+    C[..., into] = before.C[..., of]
+    Bw0[:, :, into], Bw1[:, :, into] = before.Bw0[:, :, of], before.Bw1[:, :, of]
+    seen = linear.seen[..., None]
+    return replace(linear, A=A, Bw0=Bw0, Bw1=Bw1, C=np.where(seen, C, 0.0), Dw=np.where(seen, before.Dw, 0.0))
+
+
+def _shared(names: Sequence[str], before: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Indices in both of the names that both have."""
+    both = [name for name in before if name in names]
+    return np.array([names.index(name) for name in both]), np.array([before.index(name) for name in both])
 
 
 def _covariance_pass(A, C, Q, M, S, P) -> tuple[np.ndarray, ...]:
@@ -212,12 +228,18 @@ def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
 
 
 def residual_about(
-    linear: Linear, noise: NoiseModel, coloured: np.ndarray, inputs: np.ndarray | None = None
+    linear: Linear,
+    noise: NoiseModel,
+    coloured: np.ndarray,
+    inputs: np.ndarray | None = None,
+    through: Linear | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(Y, F, first) of the residual of a model linearised about histories `coloured` (N, R, nc) of the noise's coloured
     disturbances, which their processes expect to begin near zero and to decay from sample to sample, and about the
-    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero."""
+    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero; both go `through` the model that the
+    filter has (`Filter.through`), by default this one."""
     Y, F = residual_column(linear)
+    linear = through or linear
     decay = np.exp(-linear.dt[..., None] / np.array([tau for _, tau in noise.coloured.values()]))
     news = (coloured[1:] - decay * coloured[:-1])[..., None]
     index = [linear.model.disturbances.index(name) for name in noise.coloured]

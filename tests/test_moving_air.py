@@ -1,0 +1,80 @@
+"""Moving air in the diagnosis: events that move as a whole, fits in turbulence, turbulence that is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from diagnosis_flights import flights, rough_file
+
+from casid.diagnosis.events import at_peak
+from casid.diagnosis.evidence import weigh
+from casid.diagnosis.fit import fit, relaxed
+from casid.diagnosis.flight import Flight, prepare
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematic_stage import without_turbulence
+from casid.diagnosis.kinematics import gusts, reconstruct, turbulence
+from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero
+from problems import blind_do328
+from problems.do328 import V_TRIM, do328
+
+_T = np.arange(0.0, 20.0, 1.0 / 25.0)
+
+
+def test_onsets_and_length_of_a_gust_are_found_together() -> None:
+    """Begun 0.4 s early and 0.8 s too long, about the right middle, so that no onset can be moved alone."""
+    flown = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.5}, onsets={"m1": 12.6, "m2": 6.3})
+    flight = prepare(do328(), flights([flown], seed=8, count=2))
+    begun = replace(
+        flown, values={"value": 3.5, "length": 2.3}, onsets={r: onset - 0.4 for r, onset in flown.onsets.items()}
+    )
+    start = fit(flight, [begun], flight.noise(), iterations=1)
+    found, intervals = at_peak(weigh(fit(flight, [begun], flight.noise())))
+    event = found.fit.attached[0]
+    assert start.deviance > found.fit.deviance + 300.0
+    assert abs(event.values["length"] - 1.5) < 0.1
+    for record, onset in flown.onsets.items():
+        assert abs(event.onsets[record] - onset) < 0.05
+        assert intervals[record][0] < onset < intervals[record][1]
+
+
+@cache
+def _in_turbulence() -> Flight:
+    air = blind_do328.turbulence(np.random.default_rng(7), _T, 1.0, V_TRIM)
+    return prepare(rough_file(), flights(seed=7, count=3, disturbance=air))
+
+
+def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
+    """Dryden turbulence taken for a process of first order, moments 30 % off at the start: a fit converges, the filter
+    of its own values changes little, and a cause that is not there gains no more than a rough model of the air leaves
+    to it, and never loses. With the filter of every step its own, fits stopped where they began, and a cause gained
+    hundreds with a value of zero."""
+    flight = _in_turbulence()
+    noise = flight.noise(gusts(flight, 1.0, rotation=1.0))
+    rough = fit(flight, [], noise)
+    base = relaxed(rough)
+    assert rough.converged and base.converged
+    moved = (fit(flight, [], noise, base, own_filter=True).values - base.values) / np.sqrt(np.diag(base.covariance))
+    assert np.abs(moved).max() < 1.0
+    absent = Attached(effect=unsteady_aero("CY"), values={"value": 0.0})
+    beside = fit(flight, [absent], noise, base, iterations=15, tolerance=0.3)
+    assert beside.converged
+    still = fit(flight, [], flight.noise())
+    assert -0.5 < base.deviance - beside.deviance < 0.002 * (still.deviance - base.deviance)
+
+
+def test_moving_air_is_taken_back_beside_the_faults_that_imitate_it() -> None:
+    """A slow gyroscope and a gust look like turbulence until they are found."""
+    slow = Attached(effect=sensor_lag("q"), values={"value": 0.17}, records=("m1", "m3"))
+    sudden = Attached(effect=gust("x"), values={"value": -4.0, "length": 1.0}, onsets={"m1": 5.8, "m2": 14.0})
+    flight = prepare(do328(), flights([slow, sudden], seed=2, count=3))
+    assert turbulence(flight, reconstruct(flight)).gain > 150.0
+    calm = without_turbulence(flight, [], [slow, sudden])
+    assert calm is not None and calm.fit.attached == ()
+
+
+def test_true_turbulence_stays_beside_a_fault() -> None:
+    biased = Attached(effect=sensor_bias("q"), values={"value": 0.001})
+    assert without_turbulence(_in_turbulence(), [], [biased]) is None
+    assert without_turbulence(_in_turbulence(), [], []) is None
