@@ -298,3 +298,42 @@ def test_histories_linearised_about_change_nothing_of_a_linear_model() -> None:
     assert squares_about == pytest.approx(squares, rel=1e-3)
     np.testing.assert_allclose(X_about[batch.live], X[batch.live], rtol=0, atol=2e-5)
     np.testing.assert_allclose(gust_about[batch.live], gust[batch.live], rtol=0, atol=2e-4)
+
+
+def test_in_a_held_filter_innovations_are_linear_in_the_parameters() -> None:
+    """The system is linear in its parameters: along one motion, what a change of them makes of the innovations is their
+    sensitivities times the change, when only residuals change; the determinant, which a filter of its own changes,
+    stays."""
+    model, record = gusty_short_period(), replace(gusty_flight(1, samples=300), hold="linear")
+    batch, functions, P = (
+        make_batch(model, [record]),
+        PointFunctions(model, model.parameters),
+        model.nominal_vector()[None],
+    )
+    linear, kalman, _ = filtered(model, [record], GUSTY)
+    smooth = kalman.smooth(*residual_column(linear))[0]
+    X, gust = linear.X + smooth[..., :2], smooth[..., 2:]
+    W = np.concatenate([gust, np.zeros((300, 1, 1))], axis=2)
+    here, there = (linearise(functions, batch, factor * P, X, W) for factor in (1.0, 1.1))
+    kalman = kalman_filter(here, GUSTY)
+    held = kalman.along(there, GUSTY)
+    before = kalman.whiten(*residual_about(here, GUSTY, gust))[..., 0]
+    after = held.whiten(*residual_about(there, GUSTY, gust, through=held.through))[..., 0]
+    expected = before - kalman.whiten(here.Dp, here.Bp) @ (0.1 * P[0])
+    # the sensitivities are of second order in the step, the simulation of fourth
+    np.testing.assert_allclose(after, expected, rtol=0, atol=0.02 * np.abs(after - before).max())
+    np.testing.assert_array_equal(held.log_determinant, kalman.log_determinant)
+    assert abs(float((kalman_filter(there, GUSTY).log_determinant - kalman.log_determinant).sum())) > 1.0
+
+
+def test_a_held_filter_takes_up_further_states_and_leaves_out_others() -> None:
+    """The model that it is of: nothing changes. Without the gust as a state, and with it again: a state that the filter
+    does not know is not moved by any sample, so that whitening an output differs only by what the gust told."""
+    linear, kalman, white = filtered(gusty_short_period(), [gusty_flight(2, samples=200)], GUSTY)
+    same = kalman.along(linear, GUSTY)
+    np.testing.assert_allclose(same.whiten(*residual_column(linear))[..., 0], white, rtol=0, atol=1e-12)
+    still = kalman.along(linear, replace(GUSTY, coloured={}))
+    again = still.along(linear, GUSTY)
+    assert (still.gain.shape[2], again.gain.shape[2]) == (2, 3)
+    assert not again.gain[:, :, 2].any() and not again.P[:, :, 2].any()
+    np.testing.assert_array_equal(again.gain[:, :, :2], kalman.gain[:, :, :2])
