@@ -11,7 +11,7 @@ from casid.diagnosis.evaluation import Fit, Free
 from casid.diagnosis.evidence import Evidence, cross_of, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints
+from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints, onset_grid
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect, Series, Values
@@ -43,7 +43,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
         r = names.index(record)
         first, last = base.flight.records[r].t[0], base.flight.records[r].t[-1]
         near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
-        times = np.union1d(np.round(near, 6), np.round(np.arange(first, last, _COARSE), 6))
+        times = np.union1d(np.round(near, 6), np.round(first + onset_grid(evidence, _COARSE), 6))
         times = times[(times >= first + EDGE) & (times <= last - EDGE)]
         keep = np.zeros((1, len(names)))
         keep[0, r] = 1.0
@@ -144,8 +144,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     """
     base, price = evidence.fit, Screen(evidence).price
     coefficients = coefficient_names(base.flight.aircraft.force_axes)
-    longest = max(record.duration for record in base.flight.records)
-    onsets = np.arange(EDGE, longest - EDGE, ONSET_STEP)
+    onsets = onset_grid(evidence, ONSET_STEP)
     durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
     best: tuple[float, int, float, float, np.ndarray, np.ndarray] | None = None
     for duration in durations:
@@ -210,8 +209,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     base, judge = evidence.fit, Screen(evidence)
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
-    longest = max(record.duration for record in base.flight.records)
-    prints = fingerprints(evidence, [effect], np.arange(EDGE, longest - EDGE, BETWEEN))
+    prints = fingerprints(evidence, [effect], onset_grid(evidence, BETWEEN, further.get("length", np.inf)))
     onsets = dict(one.onsets)
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:

@@ -14,7 +14,7 @@ from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import EDGE, Screen, fingerprints
+from casid.diagnosis.screening import Screen, fingerprints, onset_grid
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
@@ -99,8 +99,7 @@ def _onsets(base: Fit, one: Attached) -> dict[str, float]:
     size = one.values["value"]
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": size},))
-    longest = max(record.duration for record in base.flight.records)
-    prints = fingerprints(judge.evidence, [effect], np.arange(EDGE, longest - EDGE, BETWEEN))
+    prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, BETWEEN, further.get("length", np.inf)))
     for r, record in enumerate(base.flight.records):
         keep = np.zeros((1, len(base.flight.records)))
         keep[0, r] = 1.0

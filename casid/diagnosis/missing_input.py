@@ -23,7 +23,7 @@ from casid.model.path import coefficient_names
 READING = "reading_"  # and the channel: station of what is added to a reading
 ONE_READING = 1.5  # times what moving air gains, by an unknown input at one reading: then it drifts, and no air moves
 _SPACING, _TIMES = 0.4, (0.4, 1.5, 6.0)  # s, between nodes, and correlation times
-_MOST_NODES = 400  # of a record: a longer one is looked at less finely
+_MOST_NODES = 500  # of all records: longer ones are looked at less finely
 _DRIFT_SPACING, _DRIFT_TIMES = 2.0, (6.0, 20.0)  # s, of readings
 _BY_CHANCE = 1e-6
 _RATIOS = np.logspace(-3.0, 6.0, 46)
@@ -137,7 +137,7 @@ def _one_station(evidence: Evidence, station: str) -> MissingInput:
     fit, slow = evidence.fit, station.startswith(READING)
     spacing, times = (_DRIFT_SPACING, _DRIFT_TIMES) if slow else (_SPACING, _TIMES)
     longest = max(record.duration for record in fit.flight.records)
-    spacing = max(spacing, longest / _MOST_NODES)
+    spacing = max(spacing, len(fit.flight.records) * longest / _MOST_NODES)
     nodes = np.arange(0.0, longest + spacing, spacing)
     since = fit.batch.t - fit.batch.t[0]
     hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - nodes) / spacing)

@@ -21,8 +21,8 @@ from casid.estimation.innovations import linearise
 from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
-_CHUNK = 96
-ONSET_STEP = 1.0  # s
+_AT_ONCE, _CHUNK = 1.2e7, 96  # numbers of whitened responses, and responses, that are in memory together
+ONSET_STEP, _FINE_UP_TO = 1.0, 60.0  # s, between onsets, and length of a record up to which they are as near as asked
 EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
 _STARTS = 4  # records from which sets of records grow
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
@@ -118,26 +118,34 @@ class Screen:
 def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarray | None = None) -> list[Fingerprint]:
     """The fingerprints of effects on the whole grid of their further values and onsets.
 
-    onsets  [s] after each record's first sample; default a grid of `ONSET_STEP` over the longest record
+    onsets  [s] after each record's first sample; default `onset_grid` over the longest record
     """
     effects, base = list(effects), evidence.fit
-    if onsets is None:
-        onsets = np.arange(EDGE, max(record.duration for record in base.flight.records) - EDGE, ONSET_STEP)
     rows: list[_Row] = []
     for effect in effects:
         for values in effect.grid:
             if not effect.timed:
                 rows.append((effect, values, None))
                 continue
-            rows += [(effect, values, float(onset)) for onset in onsets]
+            at = onset_grid(evidence, ONSET_STEP, values.get("length", np.inf)) if onsets is None else onsets
+            rows += [(effect, values, float(onset)) for onset in at]
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     direct = [row for row in rows if not _a_history(row[0])]
     known = [row for row in rows if _a_history(row[0])]
     found: list[Fingerprint] = []
+    together = int(np.clip(_AT_ONCE / base.white.size, 8, _CHUNK))
     for some, whiten in ((known, _white_histories), (direct, lambda base, rows: _white_direct(base, rows, symbolic))):
-        for at in range(0, len(some), _CHUNK):
-            found += _fingerprints(evidence, some[at : at + _CHUNK], whiten(base, some[at : at + _CHUNK]))
+        for at in range(0, len(some), together):
+            found += _fingerprints(evidence, some[at : at + together], whiten(base, some[at : at + together]))
     return found
+
+
+def onset_grid(evidence: Evidence, step: float, length: float = np.inf) -> np.ndarray:
+    """Onsets [s] after a record's first sample to look at, `step` apart, and further in long records, so that the work
+    grows as the records do; but no further than an event of that `length` takes."""
+    longest = max(record.duration for record in evidence.fit.flight.records)
+    wider = max(step, min(step * longest / _FINE_UP_TO, length))
+    return np.arange(EDGE, longest - EDGE, wider)
 
 
 def _a_history(effect: Effect) -> bool:
@@ -193,7 +201,10 @@ def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
         stations += [int(s) for s in acting]
         histories += [W[..., s] for s in acting]
     white = base.filter.whiten_histories(stations, np.stack(histories, axis=2))
-    return white if len(stations) == len(rows) else np.add.reduceat(white, first, axis=3)
+    parts = np.diff([*first, len(stations)])
+    if (parts == parts[0]).all():  # the same, in a quarter of the time
+        return sum((white[..., i :: parts[0]] for i in range(1, parts[0])), white[..., :: parts[0]])
+    return np.add.reduceat(white, first, axis=3)
 
 
 def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
