@@ -113,13 +113,13 @@ def test_workers_follow_a_killed_parent(tmp_path: Path, program: Path) -> None:
 
 def test_ctrl_c_keeps_what_was_finished(tmp_path: Path, program: Path) -> None:
     folder = tmp_path / "c"
-    with start(program, folder) as process:
+    with start(program, folder, seconds=0.2) as process:
         until_some_are_finished(process, 5)
         process.send_signal(signal.SIGINT)
         assert "KeyboardInterrupt" in process.communicate(timeout=20)[1]
     kept = squares(folder)
     assert 5 <= len(kept) < COUNT and kept.items() <= TRUTH.items()
-    with start(program, folder) as process:
+    with start(program, folder, seconds=0.2) as process:
         process.communicate()
     assert squares(folder) == TRUTH
 

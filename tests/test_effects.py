@@ -17,6 +17,7 @@ from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
 from casid.model.path import OUTPUTS, STATES, disturbance_names
 from casid.model.vocabulary import KINDS, check_effect
+from casid.signals import SURFACES
 from problems.do328 import do328
 
 AIRCRAFT = replace(do328(), accelerometer=(1.0, 0.2, -0.3), alpha_vane=(6.0, 0.5, 0.2), beta_vane=(6.0, 0.0, -0.5))
@@ -44,9 +45,10 @@ def response(effects) -> tuple[ca.Function, np.ndarray, dict[str, int]]:
 
 
 def readings(t: np.ndarray) -> dict[str, np.ndarray]:
-    """Something on every channel, recorded inputs included."""
+    """Something on every channel, recorded inputs included; surfaces of some fighter move at 140 deg/s."""
     names = (*OUTPUTS, "delta_e", "delta_a", "delta_r", "thrust", "alphadot", "betadot")
-    return {name: 0.2 * np.sin((2.0 + 0.1 * i) * t + i) for i, name in enumerate(names)}
+    size = {name: 1.0 if name in SURFACES else 0.2 for name in names}
+    return {name: size[name] * np.sin((2.0 + 0.1 * i) * t + i) for i, name in enumerate(names)}
 
 
 def null_values(effect: Effect) -> dict[str, float]:
