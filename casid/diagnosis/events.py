@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit, Free
 from casid.diagnosis.evidence import Evidence, cross_of, weigh
 from casid.diagnosis.fit import fit
-from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints, onset_grid
 from casid.model import operators
 from casid.model.causes import configuration_change
@@ -24,6 +24,9 @@ BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
 # but for the noise of its record
 _DROP = 10.83
 _TOGETHER = 32  # onsets whose responses are in memory at a time
+_SLOW = 4  # polynomials of time that make a slow change
+# part of a jump's gain that a slow change must not reach: at most 86 % of a step in the middle is a cubic of time
+_SUDDEN, _ALWAYS = 0.93, 0.5  # and part of the square of what jumps that must be its mean, for it to act at any time
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
 Intervals = dict[str, tuple[float, float]]
@@ -178,6 +181,55 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     ]  # fmt: skip
 
 
+def is_sudden(evidence: Evidence, one: Attached) -> bool:
+    """Whether a jump gains clearly more on a fit than a slow change of the same would: a cubic of time in each of its
+    records. What depends on speed in a long record, or on anything that drifts, resembles a jump somewhere. What acts
+    only now and then cannot tell the two apart, and counts as sudden."""
+    base, names = evidence.fit, evidence.fit.batch.names
+    rows = [names.index(record) for record in one.onsets]
+    live = base.batch.live[:, rows]
+
+    def histories(event: Attached) -> np.ndarray:
+        return disturbance_series([event], names, base.batch.t, base.known, base.model.disturbances)
+
+    whole = histories(replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
+    acting = [s for s in range(whole.shape[2]) if _acts_always(whole[:, rows, s][live])]
+    if not acting:
+        return True
+    jump = base.filter.whiten_histories(acting, histories(one)[..., acting])
+    slow = np.zeros((*whole.shape[:2], len(rows), len(acting), _SLOW))
+    for i, r in enumerate(rows):
+        own = base.batch.live[:, r]
+        powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, int(own.sum())), _SLOW - 1)
+        slow[own, r, i] = whole[own, r][:, acting, None] * powers[:, None]
+    stations = [station for _ in rows for station in acting for _ in range(_SLOW)]
+    slow = base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1))
+    return _SUDDEN * _gain_of(evidence, jump) > _gain_of(evidence, slow)
+
+
+def _acts_always(series: np.ndarray) -> bool:
+    return float(np.mean(series)) ** 2 > _ALWAYS * float(np.mean(series**2))
+
+
+def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
+    """Predicted drop of the deviance by columns of white (N, R, ny, k), free of one another."""
+    square, match = np.zeros((white.shape[3],) * 2), np.zeros(white.shape[3])
+    cross = np.zeros((len(evidence.newton), white.shape[3]))
+    for r, flat in enumerate(evidence.by_record):
+        own = white[:, r].reshape(-1, white.shape[3])
+        square += own.T @ own
+        cross += flat.T @ own
+        match += own.T @ evidence.fit.white[:, r].reshape(-1)
+    match -= cross.T @ evidence.newton
+    return float(match @ _inverse(square - cross.T @ evidence.covariance @ cross) @ match)
+
+
+def _inverse(square: np.ndarray) -> np.ndarray:
+    """Of a symmetric matrix that may be singular, scaled to a diagonal of ones."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(square), 1e-300))
+    return np.linalg.pinv(square * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
+
+
 def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> np.ndarray:
     """(N, R, ny, onsets x coefficients) whitened responses to unit steps."""
     base = evidence.fit
@@ -198,8 +250,7 @@ def _joint(
     for first in range(0, columns.shape[1], together):
         own = slice(first, first + together)
         left = columns[:, own].T @ columns[:, own] - cross[:, own].T @ evidence.covariance @ cross[:, own]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
-        inverse = np.linalg.pinv(left * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
+        inverse = _inverse(left)
         sizes = inverse @ match[own]
         yield float(match[own] @ sizes), sizes, np.sqrt(np.maximum(np.diag(inverse), 1e-300))
 

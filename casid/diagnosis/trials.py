@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.events import Intervals, at_peak, further_records, weak_members
+from casid.diagnosis.events import Intervals, at_peak, further_records, is_sudden, weak_members
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
@@ -105,7 +105,8 @@ def try_cause(
         net=gain - (candidate.statistic - candidate.net), excess=excess, where=_where(base, fitted),
         meaningful=matters(share, clear, confirmed)
         and plausible(one, share)
-        and not _from_the_start(fitted, one),
+        and not _from_the_start(fitted, one)
+        and (not one.effect.recurring or is_sudden(evidence, one)),
         share=share,
         refuted=contradicted(predicted, achieved),
         confirmed=confirmed,
