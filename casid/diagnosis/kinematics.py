@@ -21,7 +21,9 @@ from casid.estimation.innovations import NoiseModel
 from casid.model.path import MOMENTS, coefficient_names
 
 _FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a free specific force
-_MOMENT_TIME, _MOMENT_SIZE = 0.2, 1.0  # and of a free angular acceleration [rad/s2]
+_MOMENT_TIME, _LEAST_MOMENT = 0.2, 0.01  # and of a free angular acceleration [rad/s2]
+_PEAK = 2.0  # times its root mean square: manoeuvres take a part of the time
+_RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
 _TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES = 150.0, 0.15, 0.1
@@ -63,7 +65,8 @@ def available(flight: Flight) -> bool:
 
 
 def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
-    """Gauss-Markov disturbances of all coefficients, large against the motion."""
+    """Gauss-Markov disturbances of all coefficients, as large as the motion: if an angular acceleration were freer than
+    it is, its estimate would be the noise of the rate, and the size of a lever arm by it too small."""
     aircraft = flight.aircraft
     record = flight.records[0]
     speed = float(np.nanmedian(record["V"])) if "V" in record else aircraft.trim.get("V", 100.0)
@@ -73,11 +76,29 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     free = {}
     for name in coefficient_names(aircraft.force_axes):
         if name in MOMENTS:
-            size = _MOMENT_SIZE * inertia[name] / (qS * lengths.get(name, aircraft.moment_length_lateral))
+            size = _angular_acceleration(flight, _RATES[name]) * inertia[name]
+            size /= qS * lengths.get(name, aircraft.moment_length_lateral)
             free[f"d{name}"] = (size, _MOMENT_TIME)
         else:
             free[f"d{name}"] = (_FORCE_SIZE * aircraft.mass / qS, _FORCE_TIME)
     return free
+
+
+def _angular_acceleration(flight: Flight, rate: str) -> float:
+    """1-sigma [rad/s2] of a free angular acceleration, from the increments of a measured rate over the correlation time
+    (those of an integrated first-order Gauss-Markov process), less what the noise of the rate makes of them."""
+    if rate not in flight.outputs:
+        return 1.0
+    squares, lasts = [], []
+    for record in flight.records:
+        dt = float(np.median(np.diff(record.t)))
+        lag = max(1, round(_MOMENT_TIME / dt))
+        squares.append((record[rate][lag:] - record[rate][:-lag]) ** 2)
+        lasts.append(lag * dt)
+    x = float(np.mean(lasts)) / _MOMENT_TIME
+    increments = float(np.nanmean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
+    variance = increments / (2.0 * _MOMENT_TIME**2 * (x - 1.0 + np.exp(-x)))
+    return max(_PEAK * float(np.sqrt(max(variance, 0.0))), _LEAST_MOMENT)
 
 
 def gusts(
