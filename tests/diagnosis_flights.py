@@ -53,8 +53,10 @@ def flights(
     disturbance: Mapping[str, np.ndarray] | None = None,
     noise: Mapping[str, float] = NOISE,
     surface_noise: float = SURFACE_NOISE,
+    size: float = 1.0,
 ) -> list[Record]:
-    """`count` records m1, m2, ... with the hidden effects and any further `disturbance` flown, white noise added.
+    """`count` records m1, m2, ... with the hidden effects and any further `disturbance` flown, white noise added;
+    `size` scales the manoeuvres.
 
     The recorded surfaces are what was commanded: an actuator effect acts between them and the aircraft.
     """
@@ -66,7 +68,7 @@ def flights(
     rng, t = np.random.default_rng(seed), np.arange(0.0, duration_s, 1.0 / rate_hz)
     records = []
     for i in range(count):
-        name, sign = f"m{i + 1}", _SIGNS[i % 4]
+        name, sign = f"m{i + 1}", size * _SIGNS[i % 4]
         pitch = 0.035 * multistep(t, 1.0 + i, _3211, 0.5) + 0.04 * multistep(t, 15.0, _DOUBLET, 0.8)
         channels = {
             "delta_e": level.delta_e + sign * pitch,

@@ -374,3 +374,27 @@ def test_without_process_noise_the_fit_is_output_error() -> None:
     for name, value in innovations.derivatives.items():
         # both carry weak priors of their own on derivatives and initial states, far below a tenth of a sigma
         assert abs(shooting[name].value - value) < 0.1 * shooting[name].std, name
+
+
+def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more(monkeypatch) -> None:
+    """A slight bend of Cm, and a held-out record with manoeuvres of twice the size: nothing is in it alone."""
+    bend = [Attached(effect=aero_term("Cm", "alpha^2*delta_e"), values={"value": -55.0})]
+    records = [*flights(bend, seed=21, count=3), flights(bend, seed=22, count=4, size=2.0)[3]]
+    found = diagnose(rough_file(), records)
+    assert (found.verdict, found.causes) == ("adequate", ()), str(found)
+    assert ("Cm", "alpha^2*delta_e") in {(c.target, c.term) for c in found.minor}
+    monkeypatch.setattr("casid.diagnosis.diagnose.minor_trials", lambda *_: [])
+    assert diagnose(rough_file(), records).verdict == "unexplained"
+
+
+@pytest.mark.parametrize("unknown", [0.0, 0.002])
+def test_an_expected_term_is_no_cause_beside_something_larger_at_its_coefficient(unknown: float) -> None:
+    """Cl of alpha*r, alone and beside a slow rolling moment of the same size that no cause of the catalogue makes: what
+    imitates a part of something unknown looks the same."""
+    term = Attached(effect=aero_term("Cl", "alpha*r"), values={"value": 14.0})
+    t = np.arange(0.0, 20.0, 1.0 / 25.0)
+    wave = unknown * np.sin(2.0 * np.pi * 0.45 * t) * np.sin(2.0 * np.pi * 0.11 * t + 1.0)
+    found = diagnose(rough_file(), flights([term], seed=23, count=4, disturbance={"dCl": wave}))
+    named = [(c.target, c.term) for c in found.causes]
+    assert found.verdict == ("unexplained" if unknown else "explained"), str(found)
+    assert named == ([] if unknown else [("Cl", "alpha*r")])

@@ -22,6 +22,7 @@ from casid.diagnosis.structure import demanded_structure
 from casid.diagnosis.verdict import (
     causes_of,
     extended_aircraft,
+    minor_trials,
     smallest_detectable,
     still_missing,
     too_small,
@@ -101,7 +102,7 @@ def diagnose(
     stages.begin("verdict")
     structure_gain = held_gains([held_calm, on_held[0]])[0]
     of_rounds = gains if coloured else [None, *gains]
-    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain, least)
+    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain, least, left)
     keys = {one.effect.key for one in structure}
     of_structure = any((c.kind, c.target, c.term) in keys for c in causes)
     bare = calm if of_structure and not coloured else start  # without any cause
@@ -110,7 +111,9 @@ def diagnose(
     small = too_small(naming, (*causes, *minor), unexplained)
     if small and (same or not unexplained):
         minor, unexplained = (*minor, *small), []
-    unexplained = unexplained or _missing_on_held(with_events(held_final, final), causes, least)
+    if not unexplained:
+        slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
+        unexplained = _missing_on_held(final, held_final, slight, causes, least)
     verdict, sentence = verdict_of(causes, minor, unexplained, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]
@@ -125,10 +128,23 @@ def diagnose(
     )  # fmt: skip
 
 
-def _missing_on_held(held: Fit, causes: Sequence[Cause], least: float) -> list[MissingInput]:
-    """What the held-out records show that neither the model nor other derivatives explain: an effect in them alone."""
-    evidence = weigh(fit(held.flight, held.attached, held.noise, held))
-    return still_missing(evidence, missing_inputs(evidence), causes, least)
+def _missing_on_held(
+    final: Fit, held_final: Fit, slight: Sequence[Attached], causes: Sequence[Cause], least: float
+) -> list[MissingInput]:
+    """What the held-out records show that neither the model nor other derivatives explain, nor a `slight` cause, too
+    small to matter in the fitted ones: an effect in them alone."""
+
+    def missing(model: Fit, held: Fit) -> list[MissingInput]:
+        held = with_events(held, model)
+        evidence = weigh(fit(held.flight, held.attached, held.noise, held))
+        return still_missing(evidence, missing_inputs(evidence), causes, least)
+
+    found = missing(final, held_final)
+    if found and slight:
+        beside = fit(final.flight, [*final.attached, *slight], final.noise, final)
+        if not missing(beside, judge_on(final.flight, held_final.flight.records, beside)):
+            return []
+    return found
 
 
 def attached_effects(flight: Flight) -> list[Attached]:

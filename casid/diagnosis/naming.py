@@ -106,7 +106,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     if (effect.enters or "").startswith(_AIR) and drift > ONE_READING * last.gain:
         return False  # one drifting instrument tells more than moving air
     if effect.improbable:
-        return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in was)
+        return all(mostly_gone(was[s], left[s]) for s in was)
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
     if last.gain > max(was[s] for s in own or was):
         return True
@@ -116,7 +116,12 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     judged = {max(own, key=lambda s: was[s])} if own else set()
     if was[helped] - left[helped] > _EXPLAINED * last.gain:  # otherwise no anonymous input could do what the cause does
         judged.add(helped)
-    return all(left[s] < max(_EXPLAINED * was[s], _NOTICEABLE) for s in judged)
+    return all(mostly_gone(was[s], left[s]) for s in judged)
+
+
+def mostly_gone(before: float, left: float) -> bool:
+    """Whether of what an unknown input gained `before`, what is `left` is little."""
+    return left < max(_EXPLAINED * before, _NOTICEABLE)
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:

@@ -16,7 +16,7 @@ from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import READING, MissingInput, missing_oscillation
-from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming
+from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming, mostly_gone
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, meaningful_share, missing_share
@@ -43,6 +43,7 @@ def causes_of(
     structure: Sequence[Attached] = (),
     structure_gain: float | None = None,
     least: float = 0.0,
+    left: Sequence[MissingInput] = (),
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
@@ -50,7 +51,8 @@ def causes_of(
                 minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside others
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   expected terms that were put into the model beforehand, which together gained `structure_gain` on the
-                held-out records: minor, unless they gain more than `least` and matter as any term must that is named
+                held-out records: minor, unless they gain more than `least` and matter as any term must that is named,
+                and little is `left` missing at their coefficient
     """
     named, final = [r for r in naming.rounds if r.named], evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
@@ -71,7 +73,9 @@ def causes_of(
     minor += [
         replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.") for c in superseded
     ]
-    for expected in (_expected(one.name, evidence, structure_gain, least) for one in structure):
+    missing = {m.station: m.gain for m in left}
+    for one in structure:
+        expected = _expected(one.name, evidence, structure_gain, least, missing.get(f"d{one.effect.target}", 0.0))
         (causes if expected.meaningful else minor).append(expected)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
@@ -85,16 +89,22 @@ def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingIn
     """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
     small terms. What is missing distorts small things: while something is, only a cause that gains more than any of the
     inputs `missing`, of whatever shape, could; then it is what is missing."""
+    found = [_cause(trial, naming, (), None) for trial in minor_trials(naming, seen)]
+    if missing:
+        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > missing[0].gain)
+    return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
+
+
+def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
+    """Trials of the round that named nothing that gain enough, and are only too small; most gain first."""
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
     for round_ in [r for r in naming.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.net):
             effect = trial.candidate.attached.effect
             if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in known:
-                found.append(_cause(trial, naming, (), None))
+                found.append(trial)
                 known.add(effect.key)
-    if missing:
-        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > missing[0].gain)
-    return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
+    return found
 
 
 def _as_in(evidence: Evidence, trial: Trial) -> Trial:
@@ -128,13 +138,13 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
-def _expected(name: str, evidence: Evidence, held: float | None, least: float) -> Cause:
+def _expected(name: str, evidence: Evidence, held: float | None, least: float, left: float) -> Cause:
     fit = evidence.fit
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     meaningful = statistic > least and matters(share, statistic) and is_sure(evidence, name)
-    meaningful = meaningful and (held is None or held >= 0.0)
+    meaningful = meaningful and (held is None or held >= 0.0) and mostly_gone(statistic, left)
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=deviation(evidence, name),
         unit=effect.unit, records=fit.batch.names, onset_s=None, statistic=statistic, dof=1,
