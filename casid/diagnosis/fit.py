@@ -79,8 +79,7 @@ def fit(
 
 def relaxed(fitted: Fit) -> Fit:
     """A fit of all that is free, to the end and, in turbulence, in the filter of its own values."""
-    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
-    for _ in range(_RELAXATIONS if fitted.filter_held else 0):
+    for _ in range(_RELAXATIONS if fitted.filter_held else 1):
         before = fitted
         fitted = fit(
             before.flight, before.attached, before.noise, before, iterations=15, tolerance=0.3, own_filter=True
