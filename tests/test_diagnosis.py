@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,17 +21,13 @@ from casid.diagnosis.naming import without_superseded
 from casid.diagnosis.screening import Screen, fingerprints, screen
 from casid.diagnosis.trials import contradicted
 from casid.diagnosis.verdict import onset_intervals
-from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
     actuator_lag,
     aero_term,
-    backlash,
     configuration_change,
-    dead_zone,
     effectiveness_change,
     gust,
     input_delay,
-    rate_limit,
     sensor_bias,
     sensor_delay,
     sensor_scale,
@@ -42,7 +37,6 @@ from casid.model.causes import (
     vane_position,
     wind_shear,
 )  # fmt: skip
-from casid.model.dynamics import aircraft_model
 from casid.model.effects import catalogue
 from problems.blind_do328 import turbulence
 from problems.do328 import V_TRIM, do328
@@ -334,46 +328,6 @@ def test_noise_of_recorded_surfaces_is_evidence_for_nothing(seed: int) -> None:
     effects = [e for e in catalogue(flight.aircraft, flight.outputs) if not e.timed]
     found = screen(evidence, effects, exact=True)
     assert min(c.p_value * len(effects) for c in found) > 1e-2, found[0]
-
-
-@pytest.mark.parametrize(("operator", "size"), [(rate_limit, 0.12), (dead_zone, 0.01), (backlash, 0.01)])
-def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linear(operator, size: float) -> None:
-    """Noise pushes a play open and rounds the edges that a limit follows: sizes were 2.5 to 4 % off."""
-    hidden = Attached(effect=operator("delta_r"), values={"value": size})
-    flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
-    start = replace(hidden, values={"value": 0.7 * size})
-    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), iterations=20)
-    evidence = weigh(fitted)
-    assert fitted[hidden.name] == pytest.approx(size, rel=0.02)
-    assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
-
-
-@pytest.mark.parametrize("guess", [0.05, 0.3])
-def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
-    """The truth is the delay that was flown; a reading compared with the wrong state ends 30 % short of it."""
-    flight = prepare(do328(), flights([HIDDEN[4]], seed=1))
-    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), iterations=20)
-    assert found.converged
-    assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
-
-
-def test_without_process_noise_the_fit_is_output_error() -> None:
-    """Limit of no input noise: the innovations fit and multiple shooting meet at the same optimum."""
-    records = flights(seed=5, count=1)
-    flight = prepare(do328(), records)
-    noise = flight.noise()
-    calm = type(noise)(measurement=noise.measurement)
-    innovations = fit(flight, (), calm, iterations=30, tolerance=1e-9)
-    model = aircraft_model(flight.aircraft, outputs=flight.outputs, effects=())
-    free = list(innovations.derivatives)
-    problem = Problem(
-        model, list(flight.records), free=free, cost=OutputError(), noise=dict(noise.measurement), prior=False
-    )
-    shooting = solve(problem, MultipleShooting(interval=10), GaussNewton())
-    assert shooting.converged
-    for name, value in innovations.derivatives.items():
-        # both carry weak priors of their own on derivatives and initial states, far below a tenth of a sigma
-        assert abs(shooting[name].value - value) < 0.1 * shooting[name].std, name
 
 
 def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more(monkeypatch) -> None:

@@ -160,6 +160,11 @@ class Work:
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
 
+    def with_recorded(self, known: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What effects are made of while they are fitted: the inputs as recorded. Made of the most likely inputs they
+        depend on a motion that does not know of them, and a fit stops short of its maximum."""
+        return known | self.regressors.recorded
+
     def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
         """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
         an effect is accounted for."""
@@ -212,12 +217,13 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     at = [model.inputs.index(name.removeprefix("d_")) for name in acting.inputs]
     errors = inputs[..., at] - batch.U[..., at]
     known = work.regressors.along(motion.X, moving, inputs)
-    W = work.series(attached, known | work.regressors.recorded)
+    made_of = work.with_recorded(known)
+    W = work.series(attached, made_of)
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)
     linear = linearise(work.functions, batch, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
-    read = readings(attached, batch.names, batch.t, linear.output, model.outputs, known)
+    read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
     late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
     if late.any():
@@ -228,7 +234,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     held = replace(work.noise, inputs=strength)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
-    Y, F = _columns(work, attached, linear, known, late)
+    Y, F = _columns(work, attached, linear, made_of, late)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
@@ -355,7 +361,7 @@ def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
     late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
-    by_slot = _columns(work, now.attached, now.linear, now.known, late)
+    by_slot = _columns(work, now.attached, now.linear, work.with_recorded(now.known), late)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]
     return change, smoothed(now, Y - by_slot[0] @ change[:, None], F, first)

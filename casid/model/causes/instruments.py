@@ -125,7 +125,8 @@ def structural_mode(channel: str) -> Effect:
         ringing = operators.mode(t, readings[drive], values["frequency_hz"])
         return {channel: readings[channel] + values["value"] * ringing}
 
-    grid = tuple({"frequency_hz": f} for f in (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0))
+    # so near to one another that a fit climbs from one of them to the highest of neighbouring maxima
+    grid = tuple({"frequency_hz": round(float(f), 2)} for f in np.geomspace(1.5, 8.0, 19))
     return Effect(
         kind="structural_mode", target=channel, reads=(channel,), covered_by=_RATE_OF.get(channel), grid=grid,
         output=output, amplitude=0.05,

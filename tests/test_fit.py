@@ -1,0 +1,81 @@
+"""A hypothesis fitted to a flight: from far away to the maximum, and to the size that was flown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_flights import DEG, flights
+
+from casid.diagnosis.evaluation import Work, gauss_newton_step
+from casid.diagnosis.evidence import deviation, weigh
+from casid.diagnosis.fit import fit
+from casid.diagnosis.flight import prepare
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.screening import Screen, fingerprints, rank
+from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
+from casid.model.causes import backlash, dead_zone, rate_limit, sensor_delay, structural_mode
+from casid.model.dynamics import aircraft_model
+from problems.do328 import do328
+
+LATE = Attached(effect=sensor_delay("az"), values={"value": 0.18})
+
+
+@pytest.mark.parametrize(("operator", "size"), [(rate_limit, 0.12), (dead_zone, 0.01), (backlash, 0.01)])
+def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linear(operator, size: float) -> None:
+    """Noise pushes a play open and rounds the edges that a limit follows: sizes were 2.5 to 4 % off."""
+    hidden = Attached(effect=operator("delta_r"), values={"value": size})
+    flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
+    start = replace(hidden, values={"value": 0.7 * size})
+    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), iterations=20)
+    evidence = weigh(fitted)
+    assert fitted[hidden.name] == pytest.approx(size, rel=0.02)
+    assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
+
+
+@pytest.mark.parametrize("guess", [0.05, 0.3])
+def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
+    """The truth is the delay that was flown; a reading compared with the wrong state ends 30 % short of it."""
+    flight = prepare(do328(), flights([LATE], seed=1))
+    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), iterations=20)
+    assert found.converged
+    assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
+
+
+def test_without_process_noise_the_fit_is_output_error() -> None:
+    """Limit of no input noise: the innovations fit and multiple shooting meet at the same optimum."""
+    records = flights(seed=5, count=1)
+    flight = prepare(do328(), records)
+    noise = flight.noise()
+    calm = type(noise)(measurement=noise.measurement)
+    innovations = fit(flight, (), calm, iterations=30, tolerance=1e-9)
+    model = aircraft_model(flight.aircraft, outputs=flight.outputs, effects=())
+    free = list(innovations.derivatives)
+    problem = Problem(
+        model, list(flight.records), free=free, cost=OutputError(), noise=dict(noise.measurement), prior=False
+    )
+    shooting = solve(problem, MultipleShooting(interval=10), GaussNewton())
+    assert shooting.converged
+    for name, value in innovations.derivatives.items():
+        # both carry weak priors of their own on derivatives and initial states, far below a tenth of a sigma
+        assert abs(shooting[name].value - value) < 0.1 * shooting[name].std, name
+
+
+@pytest.mark.parametrize("frequency_hz", [2.32, 3.69, 4.48, 5.87])
+def test_a_structural_mode_is_fitted_to_the_end_from_what_the_screening_tries(frequency_hz: float) -> None:
+    """The truth is the mode that was flown, between the frequencies that are tried, with noisy surfaces.
+
+    A reading made of the most likely surfaces, of which the filter does not know that it depends on them, lets a fit
+    end where a full step raises the deviance, with the mode up to 18 sigma from where it belongs."""
+    hidden = Attached(effect=structural_mode("r"), values={"value": 0.15, "frequency_hz": frequency_hz})
+    flight = prepare(do328(), flights([hidden], seed=3, rate_hz=50.0, surface_noise=0.06 * DEG))
+    base = fit(flight, (), flight.noise())
+    screen = Screen(weigh(base), exact=True)
+    start = rank(screen, fingerprints(weigh(base), [hidden.effect]))[0].attached
+    fitted = fit(flight, [start], flight.noise(), base, iterations=20, tolerance=0.1)
+    assert fitted.converged
+    step, _ = gauss_newton_step(Work(flight, fitted.attached, fitted.noise, "all"), fitted)
+    assert np.all(np.abs(step) < 0.3 * np.sqrt(np.diag(fitted.covariance)))
+    assert fitted[f"{hidden.name}.frequency_hz"] == pytest.approx(frequency_hz, rel=0.01)
+    assert abs(fitted[hidden.name] - 0.15) < 3.0 * deviation(weigh(fitted), hidden.name)
