@@ -10,7 +10,7 @@ import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 
 from casid.estimation.innovations import Linear, NoiseModel, PointFunctions, _interval, inject, linearise, make_batch
-from casid.estimation.kalman import Filter, kalman_filter, residual_about, residual_column
+from casid.estimation.kalman import Filter, augmented, kalman_filter, residual_about, residual_column
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
@@ -323,6 +323,11 @@ def test_in_a_held_filter_innovations_are_linear_in_the_parameters() -> None:
     # the sensitivities are of second order in the step, the simulation of fourth
     np.testing.assert_allclose(after, expected, rtol=0, atol=0.02 * np.abs(after - before).max())
     np.testing.assert_array_equal(held.log_determinant, kalman.log_determinant)
+    rebuilt, *_ = augmented(held.through, GUSTY)  # nothing of a model with the same states is new to the filter
+    np.testing.assert_array_equal(held.A, rebuilt)
+    assert held.A is kalman.A and held.linear is there
+    later = replace(there, seen=there.seen & (np.arange(300) > 3)[:, None, None])
+    assert not kalman.along(later, GUSTY).C[:4].any() and kalman.C[:4].any()
     assert abs(float((kalman_filter(there, GUSTY).log_determinant - kalman.log_determinant).sum())) > 1.0
 
 

@@ -22,12 +22,12 @@ _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scal
 class Filter:
     """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
     (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log determinant per
-    sample (N, R); `inputs` the sensitivities of the model to the noise of recorded inputs, `coloured` the disturbances
-    that are states besides; `through` the model that predicts and that noise goes through: `linear` but for `along`."""
+    sample (N, R); `noise` what is random, `inputs` the sensitivities of the model to the noise of recorded inputs;
+    `through` the model that predicts and that noise goes through: `linear` but for `along`."""
 
     linear: Linear
     through: Linear
-    coloured: tuple[str, ...]
+    noise: NoiseModel
     A: np.ndarray
     C: np.ndarray
     gain: np.ndarray
@@ -44,17 +44,26 @@ class Filter:
         Models are then compared by their residuals alone, and none gains by what it makes of the noise. To first order
         in the change of the model, as long as it is linearised about the most likely motion.
         """
+        if self._knows(linear, noise):
+            return replace(self, linear=linear, noise=noise, inputs=replace(self.inputs, variance=_variance(noise)))
         through = _held(linear, self.through)
         A, C, *_ = augmented(through, noise)
-        own, names = [*self.through.model.states, *self.coloured], [*linear.model.states, *noise.coloured]
+        own, names = [*self.through.model.states, *self.noise.coloured], [*linear.model.states, *noise.coloured]
         into, of = _shared(names, own)
         gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
         gain[:, :, into] = self.gain[:, :, of]
         P[:, :, into[:, None], into] = self.P[:, :, of[:, None], of]
         return replace(
-            self, linear=linear, through=through, coloured=tuple(noise.coloured), A=A, C=C, gain=gain, P=P,
+            self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P,
             inputs=_input_noise(through, noise),
         )  # fmt: skip
+
+    def _knows(self, linear: Linear, noise: NoiseModel) -> bool:
+        """Whether all that another model could change of it is already in it."""
+        model, before = linear.model, self.through.model
+        same_model = model.states == before.states and model.disturbances == before.disturbances
+        same_noise = noise.coloured == self.noise.coloured and list(noise.inputs) == list(self.noise.inputs)
+        return same_model and same_noise and np.array_equal(linear.seen, self.through.seen)
 
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
         """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
@@ -169,7 +178,7 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
     passed = kernel.covariance(A, C, Q, M, S, P0) if kernel is not None else _covariance_pass(A, C, Q, M, S, P0)
     gain, inverse_root, P, log_determinant = passed
     return Filter(
-        linear=linear, through=linear, coloured=tuple(noise.coloured), A=A, C=C, gain=gain, inverse_root=inverse_root,
+        linear=linear, through=linear, noise=noise, A=A, C=C, gain=gain, inverse_root=inverse_root,
         P=P, log_determinant=log_determinant,
         inputs=_input_noise(linear, noise), kernel=kernel,
     )  # fmt: skip
@@ -180,8 +189,11 @@ def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:
     now, after, out = linear.Bw0[..., index].copy(), linear.Bw1[..., index], linear.Dw[..., index].copy()
     now[1:] += linear.A[1:] @ after[:-1]
     out[1:] += linear.C[1:] @ after
-    variance = np.array([sigma**2 for sigma in noise.inputs.values()])
-    return InputNoise(variance=variance, now=now, after=after, out=out)
+    return InputNoise(variance=_variance(noise), now=now, after=after, out=out)
+
+
+def _variance(noise: NoiseModel) -> np.ndarray:
+    return np.array([sigma**2 for sigma in noise.inputs.values()])
 
 
 def _held(linear: Linear, before: Linear) -> Linear:
