@@ -152,6 +152,15 @@ def test_steps_that_lose_on_held_out_records_are_taken_back_unless_later_ones_ma
     assert steps_to_keep(gains) == kept
 
 
+@pytest.mark.parametrize(("size", "told"), [(0.018, True), (0.0, False)])
+def test_what_is_nearly_clear_is_worth_a_look_and_no_cause(size: float, told: bool) -> None:
+    """A scale error of six sigma: less than a name asks for, more than chance makes of 700 causes in clean data."""
+    hidden = Attached(effect=sensor_scale("beta"), values={"value": size})
+    found = diagnose(rough_file(), flights([hidden], seed=4))
+    assert (found.verdict, found.causes) == ("adequate", ())
+    assert ("worth a look: the measured sideslip angle has a scale error" in found.sentence) == told
+
+
 def test_an_effect_outside_the_catalogue_stays_unexplained() -> None:
     """A propeller hum, a sine on the rolling moment: no cause has it, it enters as Cl, and no name may be given."""
     t = np.arange(0.0, 20.0, 1.0 / 25.0)

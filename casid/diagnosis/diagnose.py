@@ -114,7 +114,7 @@ def diagnose(
     if not unexplained:
         slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
         unexplained = _missing_on_held(final, held_final, slight, causes, least)
-    verdict, sentence = verdict_of(causes, minor, unexplained, final)
+    verdict, sentence = verdict_of(causes, minor, unexplained, naming, final)
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (calm, final, held_calm, held_final)]
     extended = extended_aircraft(flight.aircraft, final, causes, structure)

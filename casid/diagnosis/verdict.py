@@ -30,6 +30,7 @@ from casid.model.vocabulary import effect_sentence
 MISSING_GAIN = 150.0
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
 _LASTING = ("length", "duration")  # values that say how long an event takes
+_HINT = 0.5  # part of the gain of a name from which a cause that is none is worth a look
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
@@ -228,7 +229,7 @@ def still_missing(
 
 
 def verdict_of(
-    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], fit: Fit
+    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, fit: Fit
 ) -> tuple[str, str]:
     """(verdict, the sentence that opens the report)."""
     if causes:
@@ -246,7 +247,28 @@ def verdict_of(
             f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
         )
     remark = " What is real but too small to matter is listed as minor." if minor else ""
-    return "adequate", f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+    adequate = f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+    return "adequate", f"{adequate}{_hint(naming)}"
+
+
+def _hint(naming: Naming) -> str:
+    """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
+    trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
+    near = [t for t in trials if t.net > _HINT * GAIN and not t.refuted and (t.meaningful or _matters_if_true(t))]
+    if not near:
+        return ""
+    most = max(near, key=lambda t: t.net)
+    one = most.candidate.attached
+    sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(naming.evidence.fit.batch.names))
+    return (
+        f" Not clear enough to be named, but worth a look: {sentence[0].lower()}{sentence[1:-1]} ({_gain(most.gain)})."
+    )
+
+
+def _matters_if_true(trial: Trial) -> bool:
+    """Whether an instrument cause, which no bent coefficient imitates, is only not clear enough."""
+    effect = trial.candidate.attached.effect
+    return trial.share >= 1.0 and effect.kinematic and not effect.timed
 
 
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
