@@ -38,6 +38,7 @@ from casid.model.causes import (
     wind_shear,
 )  # fmt: skip
 from casid.model.effects import catalogue
+from casid.report.lead import pictures
 from problems.blind_do328 import turbulence
 from problems.do328 import V_TRIM, do328
 
@@ -223,6 +224,8 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
     found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
     assert "m4, which no fit has seen" in found.sentence
+    first = next(iter(pictures(found).values()))
+    assert (first.name, [ax.get_title(loc="left") for ax in first.figure.axes]) == ("missing_history", ["m4"])
 
 
 def test_straight_lines_between_samples_are_part_of_a_size() -> None:
