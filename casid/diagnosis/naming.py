@@ -25,6 +25,7 @@ _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _ROUNDS = 4
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
+_BENDS = 0.1  # the same of a term, which may bend to imitate anything
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
@@ -108,6 +109,8 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     if effect.improbable:
         return all(mostly_gone(was[s], left[s]) for s in was)
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
+    if effect.quasi_steady and not all(mostly_gone(was[s], left[s], _BENDS) for s in own):
+        return False
     if last.gain > max(was[s] for s in own or was):
         return True
     if last.confirmed and not (reading in was and left[reading] > max(_HALF * was[reading], _NOTICEABLE)):
@@ -119,9 +122,9 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     return all(mostly_gone(was[s], left[s]) for s in judged)
 
 
-def mostly_gone(before: float, left: float) -> bool:
-    """Whether of what an unknown input gained `before`, what is `left` is little."""
-    return left < max(_EXPLAINED * before, _NOTICEABLE)
+def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
+    """Whether of what an unknown input gained `before`, what is `left` is little: noise, or less than `part` of it."""
+    return left < max(part * before, _NOTICEABLE)
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
