@@ -20,7 +20,16 @@ from casid.diagnosis.held_out import best_on_held, held_gains
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Fingerprint, rank
 from casid.errors import InputError
-from casid.model.causes import actuator_lag, aero_term, backlash, dead_zone, effectiveness_change, input_delay, mass
+from casid.model.causes import (
+    actuator_lag,
+    aero_term,
+    backlash,
+    dead_zone,
+    effectiveness_change,
+    input_delay,
+    mass,
+    unsteady_aero,
+)  # fmt: skip
 from problems.do328 import do328
 
 
@@ -170,6 +179,21 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
     best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
     other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
     assert (naming._equivalents(best, [best, other]) == (other,)) == alike  # pyright: ignore
+
+
+@pytest.mark.parametrize(("effect", "left", "explains"), [
+    (aero_term("Cn", "alpha*beta"), 0.05, True), (aero_term("Cn", "alpha*beta"), 0.12, False),
+    (unsteady_aero("Cn"), 0.12, True), (unsteady_aero("Cn"), 0.4, False),
+])  # fmt: skip
+def test_a_term_must_leave_less_than_other_causes(effect, left: float, explains: bool) -> None:
+    """A rotor outside the catalogue was imitated by a term that left 12 % of it at the coefficient where it entered."""
+    one = Attached(effect=effect, values={"value": -189.0})
+    trial = SimpleNamespace(candidate=SimpleNamespace(attached=one), gain=9e4, confirmed=False)
+    before = [SimpleNamespace(station="dCn", gain=1e5), SimpleNamespace(station="reading_r", gain=0.0)]
+    after = [SimpleNamespace(station="dCn", gain=left * 1e5), SimpleNamespace(station="reading_r", gain=0.0)]
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    state = SimpleNamespace(missing=after, rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)
+    assert naming._explains(before, state) == explains  # pyright: ignore
 
 
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
