@@ -22,8 +22,10 @@ from casid.diagnosis.screening import Screen, fingerprints, screen
 from casid.diagnosis.trials import contradicted
 from casid.diagnosis.verdict import onset_intervals
 from casid.model.causes import (
+    accelerometer_position,
     actuator_lag,
     aero_term,
+    cg_offset,
     configuration_change,
     effectiveness_change,
     gust,
@@ -160,6 +162,16 @@ def test_what_is_nearly_clear_is_worth_a_look_and_no_cause(size: float, told: bo
     found = diagnose(rough_file(), flights([hidden], seed=4))
     assert (found.verdict, found.causes) == ("adequate", ())
     assert ("worth a look: the measured sideslip angle has a scale error" in found.sentence) == told
+
+
+@pytest.mark.parametrize("hidden", [cg_offset("x"), accelerometer_position("x")], ids=lambda e: e.name)
+def test_a_shifted_centre_of_gravity_is_no_displaced_accelerometer(hidden) -> None:
+    """Derivatives take up the moments of a shift in all records, which leaves the lever arms: those of the vanes move
+    with the accelerometer's, so that kinematics see nothing of it."""
+    found = diagnose(do328(), flights([Attached(effect=hidden, values={"value": 0.6})], seed=4, count=4))
+    assert [(c.kind, c.target) for c in found.causes] == [(hidden.kind, "x")]
+    assert abs(found.causes[0].value - 0.6) < min(2.0 * found.causes[0].std, 0.15)
+    assert not found.causes[0].indistinguishable_from
 
 
 def test_an_effect_outside_the_catalogue_stays_unexplained() -> None:

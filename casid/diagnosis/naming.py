@@ -15,7 +15,7 @@ from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import Screen, fingerprints, rank
+from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
 from casid.diagnosis.trials import GAIN, settled, try_cause, worth_trying
 from casid.model.effect import Effect
 from casid.signals import SURFACES
@@ -130,7 +130,8 @@ def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
 def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
     attached = state.evidence.fit.attached
     taken = {a.effect.key for a in attached}
-    prints = fingerprints(state.evidence, [e for e in catalogue if e.key not in taken])
+    effects = [e for e in catalogue if e.key not in taken]
+    prints = fingerprints(state.evidence, effects)
     # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it
     candidates = rank(Screen(state.evidence, exact=True), prints)
     cautious = rank(Screen(state.evidence), prints)
@@ -139,7 +140,8 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     intervals = dict(state.intervals)
     trials = []
     give_up, best_fit = np.inf, None
-    for candidate in worth_trying(state.evidence.fit, candidates, cautious, switches, least):
+    chosen = worth_trying(state.evidence.fit, candidates, cautious, switches, least)
+    for candidate in _with_look_alikes(chosen, effects):
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         if not trial.refuted:
             give_up = min(give_up, beside.fit.deviance + _WIDE * abs(trial.gain))
@@ -170,6 +172,20 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     if kinematic is not None and best.candidate.attached.effect.kinematic:
         kinematic = kinematics_beside(kinematic, evidence.fit.attached)
     return _standing(evidence, kinematic, (*state.rounds, this), intervals | moved)
+
+
+def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
+    """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
+    screening finds them: a shift of the centre of gravity moves the accelerometers the other way."""
+    found = []
+    for candidate in candidates:
+        one = candidate.attached
+        found.append(candidate)
+        for effect in effects:
+            if effect.shows_as == one.effect.kind and effect.target == one.effect.target:
+                alike = Attached(effect=effect, values={"value": -one.values["value"]}, records=one.records)
+                found.append(replace(candidate, attached=alike))
+    return found
 
 
 def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence) -> Evidence:

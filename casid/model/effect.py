@@ -60,6 +60,8 @@ class Effect:
     kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
     by_record    it may be in some records and not in others: instruments and loading change between flights
     relative     free derivatives imitate it when it is in all records: only differences between records show
+    shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because
+                 free derivatives take up the rest
     improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     constant     an offset, which a drift imitates: believed only when its reading is steady beside it
     late         the value is by how much [s] the reading is late
@@ -97,6 +99,7 @@ class Effect:
     kinematic: bool = False
     by_record: bool = False
     relative: bool = False
+    shows_as: str | None = None
     improbable: bool = False
     constant: bool = False
     late: bool = False

@@ -23,8 +23,8 @@ def cg_offset(axis: str) -> Effect:
         path.cg["xyz".index(axis)] += values["value"]
 
     return Effect(
-        kind="cg_offset", target=axis, by_record=True, relative=True, station="wind", change=change, meaningful=0.02,
-        limit=3.0,
+        kind="cg_offset", target=axis, by_record=True, relative=True, shows_as="accelerometer_position",
+        station="wind", change=change, meaningful=0.02, limit=3.0,
     )  # fmt: skip
 
 
