@@ -177,11 +177,11 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
     """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
     screening finds them: a shift of the centre of gravity moves the accelerometers the other way."""
-    found = []
+    found, names = [], {c.name for c in candidates}
     for candidate in candidates:
         one = candidate.attached
         found.append(candidate)
-        for effect in effects:
+        for effect in (e for e in effects if e.name not in names):
             if effect.shows_as == one.effect.kind and effect.target == one.effect.target:
                 alike = Attached(effect=effect, values={"value": -one.values["value"]}, records=one.records)
                 found.append(replace(candidate, attached=alike))
