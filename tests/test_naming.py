@@ -196,6 +196,17 @@ def test_a_term_must_leave_less_than_other_causes(effect, left: float, explains:
     assert naming._explains(before, state) == explains  # pyright: ignore
 
 
+@pytest.mark.parametrize(("gain", "explains"), [(4000.0, False), (40000.0, True)])
+def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(gain: float, explains: bool) -> None:
+    """A hum of the rolling moment was called a change of the aileron, which left the moment that was missing."""
+    one = Attached(effect=effectiveness_change("delta_a"), values={"value": 0.7}, onsets={"m1": 7.2})
+    trial = SimpleNamespace(candidate=SimpleNamespace(attached=one), gain=gain, confirmed=False)
+    missing = [SimpleNamespace(station="dCl", gain=18210.0), SimpleNamespace(station="reading_p", gain=0.0)]
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    state = SimpleNamespace(missing=missing, rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)
+    assert naming._explains(missing, state) == explains  # pyright: ignore
+
+
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
     """With the stability of another sign and a million times as strong nothing can be filtered."""
     wild = do328().with_derivatives({"Cm_alpha": 1e9, "Cn_beta": -1e9})
