@@ -29,7 +29,7 @@ from casid.model.causes import (
     input_delay,
     mass,
     unsteady_aero,
-)  # fmt: skip
+)
 from problems.do328 import do328
 
 
