@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.kinematic_check import KinematicCheck
+from casid.diagnosis.result import Trial
+from casid.diagnosis.screening import Candidate
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.operators import TURNING, turned
@@ -93,3 +96,17 @@ def flights(
         surfaces = {s: channels[s] + rng.normal(0.0, surface_noise, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
         records.append(Record(name=name, t=t, channels={**channels, **surfaces, **measured}))
     return records
+
+
+def trial_of(
+    one: Attached, gain: float = 0.0, excess: float = 0.0, fingerprint: Sequence[float] = (),
+    where: np.ndarray | None = None, check: KinematicCheck | None = None,
+) -> Trial:  # fmt: skip
+    """A cause that was fitted and matters, with the gain that a test needs."""
+    value = one.values["value"]
+    candidate = Candidate(attached=one, statistic=gain, net=gain, dof=1, value=value, std=1.0, surviving=1.0, tries=1.0)
+    return Trial(
+        candidate=candidate, std=1.0, fit=None, fingerprint=np.array(fingerprint), gain=gain, net=gain, excess=excess,
+        where=np.zeros((0, 0)) if where is None else where, meaningful=True, share=1.0,
+        check=check or KinematicCheck(),
+    )  # fmt: skip

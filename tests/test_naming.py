@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_flights import flights, rough_file
+from diagnosis_flights import flights, rough_file, trial_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +18,7 @@ from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import best_on_held, held_gains
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import Fingerprint, rank
 from casid.errors import InputError
 from casid.model.causes import (
@@ -86,15 +87,13 @@ def test_causes_compare_in_the_structure_that_they_leave() -> None:
     """A lag that gains more beside a bent coefficient stands behind a delay that leaves it straight; a term too. What
     only straightens, and is no term, is not named for that."""
 
-    def trial(effect, net: float, excess: float) -> SimpleNamespace:
-        candidate = SimpleNamespace(attached=Attached(effect=effect, values={"value": 1.0}))
-        return SimpleNamespace(
-            candidate=candidate, net=net, excess=excess, total=net + excess, meaningful=True, refuted=False
-        )
+    def trial(effect, net: float, excess: float) -> Trial:
+        return trial_of(Attached(effect=effect, values={"value": 1.0}), net, excess)
 
     lag, delay = trial(actuator_lag("delta_a"), 120.0, 0.0), trial(input_delay("delta_a"), 115.0, 30.0)
     term, shape = trial(aero_term("Cl", "beta^3"), 20.0, 130.0), trial(dead_zone("delta_a"), 20.0, 130.0)
-    ordered = sorted((lag, shape, delay, term), key=lambda one: naming._order(one, 40.0))  # pyright: ignore
+    trials = (lag, shape, delay, term)
+    ordered = naming.in_order(trials, [one for one in trials if naming._can_be_named(one, 40.0)])
     assert ordered == [term, delay, lag, shape]
 
 
@@ -140,9 +139,8 @@ def test_a_value_whose_interval_holds_zero_is_not_sure() -> None:
 def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_leaves() -> None:
     """A play that gained 48000 leaves 2 %, 960, to what acts on the same surface, and a thousandth to any other."""
 
-    def trial(effect, gain: float) -> SimpleNamespace:
-        candidate = SimpleNamespace(attached=Attached(effect=effect, values={"value": 0.01}))
-        return SimpleNamespace(candidate=candidate, gain=gain, confirmed=False, where=np.zeros((0, 0)))
+    def trial(effect, gain: float) -> Trial:
+        return trial_of(Attached(effect=effect, values={"value": 0.01}), gain)
 
     state = SimpleNamespace(rounds=[SimpleNamespace(named=True, trials=[trial(backlash("delta_e"), 48000.0)])])
     prices = [
@@ -169,16 +167,13 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
     """Fingerprints at an angle x, gains of 700 and 6700 besides when the coefficient is no more bent than beside them:
     the difference of their gains scatters by 2 sqrt(7400) sin x, 25 for a sine of 0.146, and two of that are 50."""
 
-    def trial(term: str, total: float, fingerprint: list[float]) -> SimpleNamespace:
-        candidate = SimpleNamespace(attached=Attached(effect=aero_term("Cm", term), values={"value": 1.0}))
-        return SimpleNamespace(
-            candidate=candidate, total=total, gain=total - 6700.0, refuted=False, meaningful=True,
-            fingerprint=np.array(fingerprint),
-        )  # fmt: skip
+    def trial(term: str, total: float, fingerprint: list[float]) -> Trial:
+        one = Attached(effect=aero_term("Cm", term), values={"value": 1.0})
+        return trial_of(one, total - 6700.0, excess=6700.0, fingerprint=fingerprint)
 
     best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
     other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
-    assert (naming._equivalents(best, [best, other]) == (other,)) == alike  # pyright: ignore
+    assert (naming._equivalents(best, [best, other]) == (other,)) == alike
 
 
 @pytest.mark.parametrize(("effect", "left", "explains"), [
@@ -187,8 +182,7 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
 ])  # fmt: skip
 def test_a_term_must_leave_less_than_other_causes(effect, left: float, explains: bool) -> None:
     """A rotor outside the catalogue was imitated by a term that left 12 % of it at the coefficient where it entered."""
-    one = Attached(effect=effect, values={"value": -189.0})
-    trial = SimpleNamespace(candidate=SimpleNamespace(attached=one), gain=9e4, confirmed=False)
+    trial = trial_of(Attached(effect=effect, values={"value": -189.0}), 9e4)
     before = [SimpleNamespace(station="dCn", gain=1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     after = [SimpleNamespace(station="dCn", gain=left * 1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
@@ -200,7 +194,7 @@ def test_a_term_must_leave_less_than_other_causes(effect, left: float, explains:
 def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(gain: float, explains: bool) -> None:
     """A hum of the rolling moment was called a change of the aileron, which left the moment that was missing."""
     one = Attached(effect=effectiveness_change("delta_a"), values={"value": 0.7}, onsets={"m1": 7.2})
-    trial = SimpleNamespace(candidate=SimpleNamespace(attached=one), gain=gain, confirmed=False)
+    trial = trial_of(one, gain)
     missing = [SimpleNamespace(station="dCl", gain=18210.0), SimpleNamespace(station="reading_p", gain=0.0)]
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
     state = SimpleNamespace(missing=missing, rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)

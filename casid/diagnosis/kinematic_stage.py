@@ -10,11 +10,11 @@ from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematic_check import CONFIRMED
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import ONE_READING, drifts
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.size import plausible
-from casid.diagnosis.trials import CONFIRMED
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +16,13 @@ from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
-from casid.diagnosis.trials import GAIN, settled, try_cause, worth_trying
+from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
 from casid.model.effect import Effect
 from casid.signals import SURFACES
 
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
-_ROUNDS = 4
+_ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
 _BENDS = 0.1  # the same of a term, which may bend to imitate anything
@@ -54,13 +54,13 @@ def name_causes(
     baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float,
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
-    """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains `GAIN` (or
-    `least`, if that is more) and matters, or when nothing is missing that it could be: what small terms of a bent
+    """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains what is asked
+    (`least`, if that is more) and matters, or when nothing is missing that it could be: what small terms of a bent
     coefficient explain as well is looked for once more, but that is no event."""
     firm = state = _standing(baseline, kinematic, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
-        state = _one_round(state, catalogue, max(GAIN, least))
+        state = _one_round(state, catalogue, least)
         if not state.rounds[-1].named:
             break
         if _explains(firm.missing, state):
@@ -140,8 +140,9 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
     intervals = dict(state.intervals)
-    trials = []
-    give_up, best_fit = np.inf, None
+    trials: list[Trial] = []
+    fits: dict[Trial, Fit] = {}
+    give_up = np.inf
     chosen = worth_trying(state.evidence.fit, candidates, cautious, switches, least)
     for candidate in _with_look_alikes(chosen, effects):
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
@@ -150,28 +151,27 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         if interval:
             intervals[trial.candidate.name] = interval
         trials.append(trial)
-        trials.sort(key=lambda t: _order(t, price(t, state, least)))
-        if trials[0] is trial:
-            best_fit = beside.fit
-    best = trials[0] if trials else None
-    named = best is not None and _can_be_named(best, price(best, state, least))
-    equivalents = _equivalents(best, trials) if named and best is not None else ()
+        if _can_be_named(trial, price(trial, state, least)):
+            fits[trial] = beside.fit
+    trials = in_order(trials, fits)
+    best = trials[0] if fits else None
+    equivalents = _equivalents(best, trials) if best is not None else ()
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
         trials=tuple(trials),
         equivalents=equivalents,
-        named=named,
+        named=best is not None,
     )
-    if not named or best is None or best_fit is None:
+    if best is None:
         return replace(state, rounds=(*state.rounds, this))
-    best, evidence, moved = settled(best, best_fit)
+    best, evidence, moved = settled(best, fits[best])
     evidence = without_superseded(state.rounds, best, evidence)
     if evidence.fit.filter_held:
         evidence = weigh(relaxed(evidence.fit))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic = state.kinematic
-    if kinematic is not None and best.candidate.attached.effect.kinematic:
+    if kinematic is not None and best.effect.kinematic:
         kinematic = kinematics_beside(kinematic, evidence.fit.attached)
     return _standing(evidence, kinematic, (*state.rounds, this), intervals | moved)
 
@@ -193,10 +193,10 @@ def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]
 def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence) -> Evidence:
     """Evidence of the fit without those earlier causes that had `best` as a rival when they were named and gain nothing
     beside it: what was missing then and is named by now may have decided for the wrong one."""
-    key = best.candidate.attached.effect.key
+    key = best.effect.key
     for earlier in (r for r in rounds if r.named):
         name = earlier.trials[0].candidate.name
-        rivals = {trial.candidate.attached.effect.key for trial in earlier.trials}
+        rivals = {trial.effect.key for trial in earlier.trials}
         fitted = evidence.fit
         if key not in rivals or name not in {a.name for a in fitted.attached}:
             continue
@@ -211,13 +211,14 @@ def price(trial: Trial, state: Naming, least: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
     for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
     that is no event gains while the event does not act counts as it does beside any other cause."""
-    timed, prices = trial.candidate.attached.effect.timed, [GAIN if trial.confirmed else least]
+    effect = trial.effect
+    prices = [gain_asked(effect), 0.0 if trial.confirmed else least]
     for earlier in (r.trials[0] for r in state.rounds if r.named):
         one = earlier.candidate.attached
         if trial.confirmed and not one.effect.kinematic:
             continue
         part = _LEFT_TO_OTHERS
-        if (one.effect.timed and timed) or _of_one_surface(one.effect, trial.candidate.attached.effect):
+        if (one.effect.timed and effect.timed) or _of_one_surface(one.effect, effect):
             part = LEFT_BY_AN_EVENT
         elif one.effect.timed:
             elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
@@ -245,24 +246,35 @@ def _acts(event: Attached, fit: Fit) -> np.ndarray:
 
 
 def _can_be_named(trial: Trial, least: float) -> bool:
-    gained = trial.total if trial.candidate.attached.effect.regressor else trial.net
+    gained = trial.total if trial.effect.regressor else trial.net
     return gained > least and trial.meaningful and not trial.refuted
 
 
-def _order(trial: Trial, least: float) -> tuple[bool, float]:
-    return not _can_be_named(trial, least), -trial.total
+def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
+    """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
+    kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
+    stays behind what they confirm. It owes its gain to the aerodynamics' structure, of which they know nothing."""
+    ranked = sorted(trials, key=lambda t: (t not in nameable, -t.total))
+    confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
+    if confirmed and ranked[0].check.judges:
+        first = max(confirmed, key=lambda t: t.total + t.check.gain)
+        ranked.remove(first)
+        ranked.insert(0, first)
+    return ranked
 
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Trials whose gain is too near to the best one's to tell them apart. The gains of two causes whose fingerprints
-    are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x."""
+    """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
+    whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x."""
     reach = max(_EQUIVALENT[0], _EQUIVALENT[1] * best.gain)
-    key = best.candidate.attached.effect.key  # a variant of the best is no other cause
+    key = best.effect.key  # a variant of the best is no other cause
     found = []
     for trial in trials:
-        if trial.candidate.attached.effect.key == key or trial.refuted or not trial.meaningful:
+        if trial.effect.key == key or trial.refuted or not trial.meaningful:
             continue
         sine, behind = _sine(best, trial), best.total - trial.total
+        if best.check.confirmed and trial.check.judges:
+            behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
         if behind < reach or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
             found.append(trial)
     return tuple(found)

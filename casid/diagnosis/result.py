@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from casid.diagnosis.evaluation import Fit
+from casid.diagnosis.kinematic_check import KinematicCheck
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.statistics import ChannelFit, Simulated
 from casid.model.aircraft import Aircraft
+from casid.model.effect import Effect
 
 SCHEMA = "casid.diagnosis/1"
 
@@ -73,7 +75,7 @@ class Trial:
                  were as little bent without it as they are beside it; `total` both
     where        (N, R) part of the gain that is made at each sample; empty when refuted at once
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
-    refuted      contradicted by kinematics; `confirmed` found by them with this size
+    check        what kinematics say of it; `given_up` when they refuted it, or it could not fly, before it was fitted
     """
 
     candidate: Candidate
@@ -86,8 +88,22 @@ class Trial:
     where: np.ndarray
     meaningful: bool
     share: float
-    refuted: bool
-    confirmed: bool
+    check: KinematicCheck = KinematicCheck()
+    given_up: bool = False
+
+    @property
+    def effect(self) -> Effect:
+        return self.candidate.attached.effect
+
+    @property
+    def refuted(self) -> bool:
+        """Whether kinematics contradict it."""
+        return self.given_up or self.check.refuted
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether kinematics find it with this size."""
+        return self.check.confirmed
 
     @property
     def total(self) -> float:

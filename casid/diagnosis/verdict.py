@@ -20,7 +20,7 @@ from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming, mo
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, meaningful_share, missing_share
-from casid.diagnosis.trials import GAIN, matters
+from casid.diagnosis.trials import gain_asked, matters
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
@@ -101,8 +101,13 @@ def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
     for round_ in [r for r in naming.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.net):
-            effect = trial.candidate.attached.effect
-            if trial.net > GAIN and not trial.refuted and not trial.meaningful and effect.key not in known:
+            effect = trial.effect
+            if (
+                trial.net > gain_asked(effect)
+                and not trial.refuted
+                and not trial.meaningful
+                and effect.key not in known
+            ):
                 found.append(trial)
                 known.add(effect.key)
     return found
@@ -156,7 +161,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
 
 
 def _named(trial: Trial) -> Mapping[str, object]:
-    effect = trial.candidate.attached.effect
+    effect = trial.effect
     return {
         "kind": effect.kind, "target": effect.target, "term": effect.term,
         "value": float(trial.candidate.attached.values["value"]), "unit": effect.unit, "gain": trial.gain,
@@ -254,7 +259,7 @@ def verdict_of(
 def _hint(naming: Naming) -> str:
     """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
     trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
-    near = [t for t in trials if t.net > _HINT * GAIN and not t.refuted and (t.meaningful or _matters_if_true(t))]
+    near = [t for t in trials if t.net > _HINT * gain_asked(t.effect) and not t.refuted and t.meaningful]
     if not near:
         return ""
     most = max(near, key=lambda t: t.net)
@@ -263,12 +268,6 @@ def _hint(naming: Naming) -> str:
     return (
         f" Not clear enough to be named, but worth a look: {sentence[0].lower()}{sentence[1:-1]} ({_gain(most.gain)})."
     )
-
-
-def _matters_if_true(trial: Trial) -> bool:
-    """Whether an instrument cause, which no bent coefficient imitates, is only not clear enough."""
-    effect = trial.candidate.attached.effect
-    return trial.share >= 1.0 and effect.kinematic and not effect.timed
 
 
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:

@@ -159,6 +159,11 @@ class Effect:
         """Whether it is a term of the present regressors, and of no rate of them."""
         return self.regressor is not None and "dot" not in self.regressor
 
+    @property
+    def of_an_instrument(self) -> bool:
+        """Whether an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
+        return self.kinematic and not self.timed and not self.stochastic
+
     def in_words(self, values: Values) -> dict[str, float]:
         """Fitted values as they are told and written into a file."""
         return {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}

@@ -12,8 +12,9 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from casid.diagnosis.kinematic_check import KINEMATIC_GAIN
 from casid.diagnosis.result import Cause, Diagnosis, Trial
-from casid.diagnosis.trials import GAIN, KINEMATIC_GAIN
+from casid.diagnosis.trials import GAIN, GAIN_OF_AN_INSTRUMENT
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import effect_name, place, quantity
@@ -60,15 +61,15 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
         words.append("named, on held-out records")
     handles.append(Line2D([], [], color=MEASURED, ls=":"))
     figure.legend(handles, [*words, "least gain to be named"], loc="outside upper center", ncols=2)
-    best, name = rows[0], effect_name(rows[0][1].candidate.attached.effect)
+    best, name = rows[0], effect_name(rows[0][1].effect)
     return Picture(
         name="ladder",
         figure=figure,
         title="Which cause: what each one gains when it is fitted",
         caption=(
             "Each bar is a full fit of the extended model. 2 Δ ln L is the drop of the deviance; to be named a "
-            f"cause must gain {GAIN:.0f} beyond its price. On fitted records only that counts which small further "
-            "terms cannot explain. "
+            f"cause must gain {GAIN:.0f} beyond its price, a fault of an instrument {GAIN_OF_AN_INSTRUMENT:.0f}. On "
+            "fitted records only that counts which small further terms cannot explain. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
         alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain:.0f}.",
@@ -91,7 +92,7 @@ def _row_name(number: int, trial: Trial, several: bool) -> str:
 
 def _held_out(diagnosis: Diagnosis, trial: Trial) -> float | None:
     """2 Δ ln L on the held-out records of the cause that this trial became."""
-    effect = trial.candidate.attached.effect
+    effect = trial.effect
     cause = next((c for c in named_or_minor(diagnosis) if (c.kind, c.target, c.term) == effect.key), None)
     view = diagnosis.held_out_extended
     if cause is None or cause.held_out_gain is None or view is None:

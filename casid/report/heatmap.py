@@ -59,7 +59,7 @@ def ambiguity(diagnosis: Diagnosis) -> Picture | None:
     prints = np.stack([trial.fingerprint for trial in trials], axis=1).astype(float)
     prints /= np.maximum(np.linalg.norm(prints, axis=0), 1e-300)
     cosine = np.abs(prints.T @ prints)
-    names = [effect_name(t.candidate.attached.effect) for t in trials]
+    names = [effect_name(t.effect) for t in trials]
     figure = blank(0.42 * len(names) + 1.7)
     ax = figure.subplots()
     image = ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")

@@ -9,7 +9,7 @@ from typing import Any
 
 from casid.diagnosis.result import Cause, Diagnosis, Trial, View
 from casid.diagnosis.size import plausible
-from casid.diagnosis.trials import GAIN
+from casid.diagnosis.trials import gain_asked
 from casid.model.vocabulary import KINDS
 from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
@@ -158,13 +158,17 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
         return "cannot be told apart from the one that was named"
     if trial.gain <= 0.0:
         return "explains nothing when it is fitted"
+    if winner is not None and trial.gain > winner.gain:
+        return f"kinematics find it of another size, or less of it than of {_name(winner)}"
     if winner is not None:
         return f"gains {100.0 * (1.0 - trial.gain / winner.gain):.0f} % less than {_name(winner)}"
-    return "leaves unexplained what is missing" if trial.net > GAIN else "gains too little to be named"
+    return (
+        "leaves unexplained what is missing" if trial.net > gain_asked(trial.effect) else "gains too little to be named"
+    )
 
 
 def _name(trial: Trial) -> str:
-    return effect_name(trial.candidate.attached.effect)
+    return effect_name(trial.effect)
 
 
 def minor(diagnosis: Diagnosis) -> str:

@@ -1,0 +1,95 @@
+"""What kinematics, which know no aerodynamics, say of a cause of the size that the full model finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.evidence import Evidence
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.screening import Screen, fingerprints
+
+KINEMATIC_GAIN = 50.0  # that a cause must promise before kinematics can judge it
+# parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
+_REFUTED, CONFIRMED = 0.3, 0.7
+_LARGER = 1.5  # part above which kinematics find another, larger size
+_CONTRADICTION = 30.0  # chi-square of the size by kinematics against that of the full model, before they contradict it
+
+
+@dataclass(frozen=True, kw_only=True)
+class KinematicCheck:
+    """Drop of the kinematic deviance that a cause of the size found in the full model should make, and the drop that it
+    makes; both zero of a cause that kinematics know nothing of.
+
+    The size that kinematics find is (1 + achieved / predicted) / 2 of the cause's, with a 1-sigma of 1 /
+    sqrt(predicted).
+    """
+
+    predicted: float = 0.0
+    achieved: float = 0.0
+
+    @property
+    def judges(self) -> bool:
+        """Whether kinematics could see it."""
+        return self.predicted > KINEMATIC_GAIN
+
+    @property
+    def refuted(self) -> bool:
+        """Whether they clearly do not find it."""
+        return self._elsewhere and self.achieved < _REFUTED * self.predicted
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether they find it, of about the same size."""
+        larger = self._elsewhere and self.achieved > _LARGER * self.predicted
+        return self.judges and self.achieved > CONFIRMED * self.predicted and not larger
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether they could see it, and do not find it of its size."""
+        return self.judges and not self.confirmed
+
+    @property
+    def gain(self) -> float:
+        """Drop of their deviance at the size that they find; none of what they cannot judge."""
+        return (self.predicted + self.achieved) ** 2 / (4.0 * self.predicted) if self.judges else 0.0
+
+    @property
+    def _elsewhere(self) -> bool:
+        """Whether the size by kinematics is clearly another one."""
+        return self.judges and (self.predicted - self.achieved) ** 2 > 4.0 * self.predicted * _CONTRADICTION
+
+
+def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck:
+    """The check of a fitted cause; without kinematic evidence, or of moving air that is a process, none."""
+    effect = one.effect
+    if kinematic is None or not effect.kinematic or effect.stochastic:
+        return KinematicCheck()
+    further = dict(one.values) if not effect.linear else {k: v for k, v in one.values.items() if k != "value"}
+    size = one.values["value"] if effect.linear else 1.0
+    judge, names = Screen(kinematic), list(kinematic.fit.batch.names)
+    whole = replace(effect, grid=(further,))
+    if effect.timed:
+        parts, keep = [], []
+        for record, onset in one.onsets.items():
+            r = names.index(record)
+            parts += fingerprints(kinematic, [whole], np.array([onset - kinematic.fit.flight.records[r].t[0]]))
+            keep.append(np.eye(len(names))[r])
+        weights = np.array(keep)
+    else:
+        parts = fingerprints(kinematic, [whole])
+        weights = np.array([[float(one.concerns(name)) for name in names]])
+    left, match, _ = judge.projected(parts, weights)
+    return KinematicCheck(predicted=size**2 * left, achieved=2.0 * size * match - size**2 * left)
+
+
+def hopeless(kinematic: Evidence | None, one: Attached) -> bool:
+    """Whether kinematics refute a cause at half its predicted size and at any larger one. With x times that size they
+    expect x^2 `predicted` and get x (achieved + predicted) - x^2 predicted: refuted for all x above one half when it is
+    at one half."""
+    if one.effect.timed or not one.effect.linear:
+        return False
+    whole = kinematic_check(kinematic, one)
+    predicted, achieved = 0.25 * whole.predicted, 0.25 * whole.achieved
+    return predicted > KINEMATIC_GAIN and 2.0 * achieved + predicted < _REFUTED * predicted

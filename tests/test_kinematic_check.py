@@ -1,0 +1,74 @@
+"""What kinematics say of a cause: refuted, confirmed, or of another size; and which cause then goes first."""
+
+from __future__ import annotations
+
+import pytest
+from diagnosis_flights import trial_of
+
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematic_check import KinematicCheck
+from casid.diagnosis.naming import in_order
+from casid.diagnosis.result import Trial
+from casid.model.causes import (
+    accelerometer_position,
+    aero_term,
+    sensor_delay,
+    sensor_lag,
+    thrust_line,
+    vane_position,
+)
+from casid.model.effect import Effect
+
+
+@pytest.mark.parametrize(
+    ("predicted", "achieved", "refuted", "confirmed"),
+    [
+        (1000.0, 1000.0, False, True),
+        (1000.0, 600.0, False, False),
+        (1000.0, 100.0, True, False),
+        (83.0, 7.0, False, False),  # 0.54 +- 0.11 of the size: neither all of it nor nothing
+        (60.0, -60.0, True, False),
+        (40.0, -40.0, False, False),  # too small to be judged by kinematics
+        (40.0, 40.0, False, False),
+        (2589.0, 4744.0, False, False),  # 1.42 +- 0.02 of the size
+        (80.0, 160.0, False, True),  # 1.5 +- 0.11: larger, but not for sure
+    ],
+)
+def test_kinematics_refute_and_confirm(predicted: float, achieved: float, refuted: bool, confirmed: bool) -> None:
+    """The size by kinematics is (1 + achieved / predicted) / 2 of the full model's, 1-sigma 1 / sqrt(predicted)."""
+    check = KinematicCheck(predicted=predicted, achieved=achieved)
+    assert (check.refuted, check.confirmed) == (refuted, confirmed)
+
+
+def test_what_kinematics_confirm_goes_before_what_they_find_otherwise() -> None:
+    """Figures of the ATTAS records: an accelerometer 10 m behind its place gains most in a model whose coefficients
+    are all bent, but kinematics put it at 14 m; the vane ahead is the same to both."""
+
+    def trial(effect: Effect, total: float, predicted: float = 0.0, achieved: float = 0.0) -> Trial:
+        check = KinematicCheck(predicted=predicted, achieved=achieved)
+        return trial_of(Attached(effect=effect, values={"value": 1.0}), total, check=check)
+
+    accelerometer, vane, late, term, line = (
+        trial(accelerometer_position("x"), 3920.0, 2589.0, 4744.0),
+        trial(vane_position("alpha"), 3352.0, 3067.0, 3385.0),
+        trial(sensor_delay("alpha"), 2870.0, 1983.0, 1627.0),
+        trial(aero_term("CL", "alpha^2"), 4600.0),
+        trial(thrust_line(), 9000.0),
+    )
+    assert in_order([accelerometer, late, vane], {accelerometer, vane, late}) == [vane, accelerometer, late]
+    assert in_order([line, term, vane, accelerometer], {term, accelerometer, vane}) == [term, accelerometer, vane, line]
+    assert in_order([vane, accelerometer], {accelerometer}) == [accelerometer, vane]
+
+
+def test_of_two_that_kinematics_confirm_the_one_that_explains_more_to_both_goes_first() -> None:
+    """Figures of the ATTAS records: the vane of the sideslip, 12 m ahead, beside a lag of it in two flights."""
+    lag = trial_of(
+        Attached(effect=sensor_lag("beta"), values={"value": 0.087}), 1557.0,
+        check=KinematicCheck(predicted=1389.0, achieved=1377.0),
+    )  # fmt: skip
+    vane = trial_of(
+        Attached(effect=vane_position("beta"), values={"value": 11.3}), 1502.0,
+        check=KinematicCheck(predicted=1342.0, achieved=1741.0),
+    )  # fmt: skip
+    assert lag.check.confirmed and vane.check.confirmed
+    assert in_order([lag, vane], {lag, vane}) == [vane, lag]
