@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -14,6 +14,7 @@ from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematics import free_forces
 from casid.diagnosis.screening import Screen, fingerprints, onset_grid
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -145,6 +146,20 @@ def best_on_held(
         if held_without.data_deviance <= held_final.data_deviance:
             final, held_final = without, held_without
     return final, held_final
+
+
+def kinematic_gain(
+    flight: Flight, held: Sequence[Record], before: Fit, after: Fit, moving: Mapping[str, tuple[float, float]]
+) -> float:
+    """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
+    is wrong with the aerodynamics of the held-out records cannot refuse it."""
+    there = flight.with_records(flight.aircraft, held)
+    noise = there.noise(free_forces(there) | dict(moving))
+    found = []
+    for step in (before, after):
+        faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
+        found.append(fit(there, faults, noise, free="states", iterations=6, tolerance=1.0))
+    return 0.5 * (found[0].data_deviance - found[1].data_deviance) / int(found[1].linear.seen.sum())
 
 
 def held_gains(on_held: Sequence[Fit]) -> list[float | None]:

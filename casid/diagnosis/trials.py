@@ -54,7 +54,8 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
         if candidate.net < _REACHED * GAIN or len(chosen) == count:
             break
         share = meaningful_share(base, candidate.attached)
-        if share < _PREDICTED or share**2 * candidate.statistic < _PROMISING * _CLEAR:
+        clear = effect.of_an_instrument or share**2 * candidate.statistic > _PROMISING * _CLEAR
+        if share < _PREDICTED or not clear:
             continue
         if effect.quasi_steady:
             per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
