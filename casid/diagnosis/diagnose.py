@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import fit
+from casid.diagnosis.evidence import is_sure, weigh
+from casid.diagnosis.fit import fit, without
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, kinematic_gain, split, with_events
 from casid.diagnosis.hypothesis import Attached
@@ -99,8 +99,13 @@ def diagnose(
             gains[i] = kinematic_gain(flight, held, steps[i], steps[i + 1], moving)
     final, held_final = best_on_held(flight, held, steps, on_held, gains, on_fitted)
     stages.begin("missing inputs")
-    same = final is naming.evidence.fit
-    judged = naming.evidence if same else weigh(final)
+    judged = naming.evidence if final is naming.evidence.fit else weigh(final)
+    unsure = {one.name for one in structure if not is_sure(judged, one.name)}
+    if unsure:  # records that do not tell a term from the others give it any size
+        structure = [one for one in structure if one.name not in unsure]
+        final = without(final, unsure)
+        held_final, judged = judge_on(flight, held, final), weigh(final)
+    same = judged is naming.evidence
     left = naming.missing if same else missing_inputs(judged)
     exact = missing_inputs(weigh(final, discrepancy=False))
     stages.begin("verdict")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 
@@ -75,6 +75,12 @@ def fit(
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
+
+
+def without(fitted: Fit, names: Collection[str]) -> Fit:
+    """The fit without some of its effects, to the end."""
+    others = [a for a in fitted.attached if a.name not in names]
+    return fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
 
 
 def relaxed(fitted: Fit) -> Fit:

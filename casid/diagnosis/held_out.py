@@ -11,7 +11,7 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import BETWEEN, at_peak
 from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fit import fit
+from casid.diagnosis.fit import fit, without
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import free_forces
@@ -141,10 +141,10 @@ def best_on_held(
         new = {a.name for a in after.attached} - {a.name for a in before.attached}
         if gain is None or gain >= 0.0 or not new:
             continue
-        without = fit(flight, [a for a in final.attached if a.name not in new], final.noise, final)
-        held_without = judge_on(flight, held, without)
-        if held_without.data_deviance <= held_final.data_deviance:
-            final, held_final = without, held_without
+        others = without(final, new)
+        held_others = judge_on(flight, held, others)
+        if held_others.data_deviance <= held_final.data_deviance:
+            final, held_final = others, held_others
     return final, held_final
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
-from casid.diagnosis.fit import fit, relaxed
+from casid.diagnosis.fit import relaxed, without
 from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
@@ -200,10 +200,9 @@ def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence)
         fitted = evidence.fit
         if key not in rivals or name not in {a.name for a in fitted.attached}:
             continue
-        others = [a for a in fitted.attached if a.name != name]
-        without = weigh(fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3))
-        if without.deviance < evidence.deviance + GAIN:
-            evidence = without
+        others = weigh(without(fitted, {name}))
+        if others.deviance < evidence.deviance + GAIN:
+            evidence = others
     return evidence
 
 

@@ -149,16 +149,14 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    sure = is_sure(evidence, name)
-    meaningful = statistic > least and matters(share, statistic) and sure
+    meaningful = statistic > least and matters(share, statistic) and is_sure(evidence, name)
     meaningful = meaningful and (held is None or held >= 0.0) and mostly_gone(statistic, left)
-    doubt = "" if sure else ", though these records do not tell its size for sure"
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=deviation(evidence, name),
         unit=effect.unit, records=fit.batch.names, onset_s=None, statistic=statistic, dof=1,
         p_value=float(stats.chi2.sf(statistic, 1)), held_out_gain=held, indistinguishable_from=(), parameters={},
         meaningful=meaningful, share=share,
-        sentence=sentence if meaningful else f"Expected of any aircraft, and added{doubt}: {sentence}",
+        sentence=sentence if meaningful else f"Expected of any aircraft, and added: {sentence}",
     )  # fmt: skip
 
 
