@@ -119,7 +119,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     judged = {max(own, key=lambda s: was[s])} if own else set()
     if was[helped] - left[helped] > _EXPLAINED * last.gain:  # otherwise no anonymous input could do what the cause does
         judged.add(helped)
-    if not judged and max(left.values()) > last.gain:
+    if not judged and max(left.values()) > last.total:
         return False  # it leaves what is missing as it was, and that is more than it gains
     return all(mostly_gone(was[s], left[s]) for s in judged)
 
