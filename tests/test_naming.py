@@ -158,7 +158,7 @@ def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float,
     bare = SimpleNamespace(attached=[], data_deviance=0.0, linear=linear, noise=noise)
     more = SimpleNamespace(attached=[cause], data_deviance=loss, linear=linear, noise=noise)
     gains = held_gains([bare, more])  # pyright: ignore
-    final, _ = best_on_held(None, [], [bare, more], [bare, more], gains, [600.0])  # pyright: ignore
+    final, _ = best_on_held([], [bare, more], [bare, more], gains, [600.0])  # pyright: ignore
     assert [one.name for one in final.attached] == kept
 
 

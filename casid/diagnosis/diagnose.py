@@ -90,21 +90,21 @@ def diagnose(
     named = [r for r in naming.rounds if r.named]
     steps = [structured, *([start] if coloured else []), *(r.winner for r in named)]
     on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
-    on_held = [judge_on(flight, held, step) for step in steps]
-    held_calm = judge_on(flight, held, calm) if structure else on_held[0]
+    on_held = [judge_on(held, step) for step in steps]
+    held_calm = judge_on(held, calm) if structure else on_held[0]
     gains = held_gains(on_held)
     moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
     for i, trial in enumerate((r.trials[0] for r in named), start=len(steps) - 1 - len(named)):
         if trial.confirmed and trial.effect.of_an_instrument and (gains[i] or 0.0) < 0.0:
             gains[i] = kinematic_gain(flight, held, steps[i], steps[i + 1], moving)
-    final, held_final = best_on_held(flight, held, steps, on_held, gains, on_fitted)
+    final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
     stages.begin("missing inputs")
     judged = naming.evidence if final is naming.evidence.fit else weigh(final)
     unsure = {one.name for one in structure if not is_sure(judged, one.name)}
     if unsure:  # records that do not tell a term from the others give it any size
         structure = [one for one in structure if one.name not in unsure]
         final = without(final, unsure)
-        held_final, judged = judge_on(flight, held, final), weigh(final)
+        held_final, judged = judge_on(held, final), weigh(final)
     same = judged is naming.evidence
     left = naming.missing if same else missing_inputs(judged)
     exact = missing_inputs(weigh(final, discrepancy=False))
@@ -151,7 +151,7 @@ def _missing_on_held(
     found = missing(final, held_final)
     if found and slight:
         beside = fit(final.flight, [*final.attached, *slight], final.noise, final)
-        if not missing(beside, judge_on(final.flight, held_final.flight.records, beside)):
+        if not missing(beside, judge_on(held_final.flight.records, beside)):
             return []
     return found
 

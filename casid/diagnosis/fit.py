@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 
@@ -120,12 +120,20 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None,
         return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
     before = start.motion
     same = tuple(start.acting.coloured) == tuple(acting.coloured)
-    at = [list(start.acting.inputs).index(name) if name in start.acting.inputs else -1 for name in acting.inputs]
-    known = [before.inputs[..., i] if i >= 0 else still.inputs[..., 0] for i in at]
     return Motion(
-        X=before.X, coloured=before.coloured if same else still.coloured,
-        inputs=np.stack(known, axis=2) if known else still.inputs,
-    )  # fmt: skip
+        X=_carried(work.model.states, start.model.states, before.X, still.X),
+        coloured=before.coloured if same else still.coloured,
+        inputs=_carried(acting.inputs, start.acting.inputs, before.inputs, still.inputs),
+    )
+
+
+def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """(N, R, names) columns of `before`, which has those of `known`, and of `otherwise` what is not among them."""
+    found, at = otherwise.copy(), list(known)
+    for i, name in enumerate(names):
+        if name in at:
+            found[..., i] = before[..., at.index(name)]
+    return found
 
 
 def _start_values(work: Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:

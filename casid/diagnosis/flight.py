@@ -24,6 +24,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.path import (
+    AIR_STATES,
     OUTPUTS,
     STATES,
     SignalPath,
@@ -48,6 +49,7 @@ class Flight:
     sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
     doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
                    to be raised by `with_noise_above`
+    turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
     """
 
     aircraft: Aircraft
@@ -57,6 +59,7 @@ class Flight:
     sigma: dict[str, float]
     input_sigma: dict[str, float]
     doubted: tuple[str, ...] = ()
+    turning: Mapping[str, float] = field(default_factory=dict)
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
@@ -74,7 +77,9 @@ class Flight:
         symbolic = [effect for effect in effects if effect.symbolic]
         key = tuple(effect.name for effect in symbolic)
         if key not in self._models:
-            self._models[key] = aircraft_model(self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic)
+            self._models[key] = aircraft_model(
+                self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic, turning=self.turning
+            )
         return self._models[key]
 
     def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
@@ -108,6 +113,10 @@ class Flight:
             if density > _CLEARLY * self.sigma[name]:
                 raised[name] = density
         return replace(self, sigma=self.sigma | raised)
+
+    def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
+        """The same records in a model that moving air turns, too."""
+        return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight."""
@@ -162,8 +171,10 @@ class Regressors:
     def __init__(self, flight: Flight, model: Model) -> None:
         named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
         moving = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
+        air = [AIR_STATES[axis][0] for axis in flight.turning]
         path = SignalPath(
-            aircraft=flight.aircraft, state={s: named[s] for s in STATES}, inputs=named, parameter={},
+            aircraft=flight.aircraft, state={s: named[s] for s in (*STATES, *air) if s in named}, inputs=named,
+            parameter={}, turning={axis: sign for axis, sign in flight.turning.items() if AIR_STATES[axis][0] in named},
             disturbance={d: moving.get(d, ca.SX(0)) for d in disturbance_names(flight.aircraft.force_axes)},
         )  # fmt: skip
         for station in (surface_station, wind_station, air_data_station):

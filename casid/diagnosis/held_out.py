@@ -52,9 +52,9 @@ def with_fitted(aircraft: Aircraft, fitted: Fit) -> Aircraft:
     return aircraft.with_derivatives(derivatives).with_terms(terms)
 
 
-def judge_on(flight: Flight, records: Sequence[Record], fitted: Fit) -> Fit:
+def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
     """The fitted model on other records, derivatives and effects fixed."""
-    held = flight.with_records(with_fitted(flight.aircraft, fitted), records)
+    held = fitted.flight.with_records(with_fitted(fitted.flight.aircraft, fitted), records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
     base = fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0)
     for one in fitted.attached:
@@ -120,7 +120,6 @@ def steps_to_keep(gains: Sequence[float | None]) -> int:
 
 
 def best_on_held(
-    flight: Flight,
     held: Sequence[Record],
     steps: Sequence[Fit],
     on_held: Sequence[Fit],
@@ -142,7 +141,7 @@ def best_on_held(
         if gain is None or gain >= 0.0 or not new:
             continue
         others = without(final, new)
-        held_others = judge_on(flight, held, others)
+        held_others = judge_on(held, others)
         if held_others.data_deviance <= held_final.data_deviance:
             final, held_final = others, held_others
     return final, held_final

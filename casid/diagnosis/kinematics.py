@@ -17,7 +17,6 @@ from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
-from casid.estimation.innovations import NoiseModel
 from casid.model.path import MOMENTS, coefficient_names
 
 _FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a free specific force
@@ -27,7 +26,10 @@ _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
 _TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES = 150.0, 0.15, 0.1
-_ROTATIONS = (0.3, 1.0, 3.0)
+ROTATION = ("gust_p", "gust_q", "gust_r")
+_ROTATIONS = (0.3, 1.0, 3.0)  # scales of it that are tried
+_TURNING: Mapping[str, float] = MappingProxyType({"q": -1.0, "r": 1.0})
+_STILL: Mapping[str, float] = MappingProxyType({})
 _LENGTHS = 2.5  # ratio of the scale lengths that are tried
 _SPECTRUM = 0.1  # relative error of the velocity, because a first-order process is not quite a Dryden spectrum
 _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -102,37 +104,55 @@ def _angular_acceleration(flight: Flight, rate: str) -> float:
 
 
 def gusts(
-    flight: Flight, sigma: float, rotation: float = 0.0, length: float = _SCALE_LENGTH, axes: Sequence[str] = WIND
-) -> dict[str, tuple[float, float]]:
+    flight: Flight, sigma: float, rotation: Mapping[str, float] = _STILL, length: float = _SCALE_LENGTH,
+    axes: Sequence[str] = WIND,
+) -> dict[str, tuple[float, float]]:  # fmt: skip
     """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m] along `axes`, as first-order Gauss-Markov
     processes.
 
-    `rotation` scales the rolling, pitching and yawing of the air over the span (MIL-F-8785C, 3.7.5: sigma_p =
-    1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)), 1 for an aircraft small against the eddies.
+    `rotation` has for some of `ROTATION` the scale of an own rotation of the air, 1 for the rolling over the span of an
+    aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p = 1.9 sigma_w / sqrt(L b), break frequency
+    2.6 V / sqrt(L b)).
     """
     record = flight.records[0]
     speed = float(np.nanmedian(record["V"])) if "V" in record else flight.aircraft.trim.get("V", 100.0)
     processes = {name: (sigma, length / speed) for name in axes}
-    if rotation > 0.0:
-        mean = float(np.sqrt(length * 2.0 * flight.aircraft.rate_length_lateral))
-        rolling = (rotation * 1.9 * sigma / mean, mean / (2.6 * speed))
-        processes |= {"gust_p": rolling, "gust_q": rolling, "gust_r": rolling}
-    return processes
+    mean = float(np.sqrt(length * 2.0 * flight.aircraft.rate_length_lateral))
+    rolling, time = 1.9 * sigma / mean, mean / (2.6 * speed)
+    return processes | {axis: (scale * rolling, time) for axis, scale in rotation.items()}
 
 
 def rotation_of_air(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
-    """The fit of the full model in turbulence, the scale of the air's rotation by maximum likelihood on a grid."""
+    """The fit of the full model in turbulence, the scale of the air's rolling and the sense of its pitching and yawing,
+    about which simulators do not agree, by maximum likelihood on a grid.
 
-    def noise(rotation: float) -> NoiseModel:
-        return flight.noise(gusts(flight, turbulent.sigma, rotation, turbulent.length))
+    Pitching and yawing of the air are made by the gradient of its velocity. An own rotation about these axes too would
+    take the blame for derivatives that are wrong, and the right ones would not be found; only where it explains more
+    than moving air does to the kinematics, it stands for other errors of the model, and has to.
+    """
 
-    best = fit(flight, start.attached, noise(0.0), start)
-    for rotation in _ROTATIONS:
-        trial = fit(flight, start.attached, noise(rotation), best, iterations=6, tolerance=2.0)
-        if trial.deviance > best.deviance:
-            break
-        best = trial
-    return relaxed(best)
+    def at(rotation: Sequence[str], scale: float, start: Fit, turning: Mapping[str, float] | None = None) -> Fit:
+        noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(rotation, scale), turbulent.length))
+        air = start.flight if turning is None else flight.turned_by_air(turning)
+        return fit(air, start.attached, noise, start, tolerance=2.0)
+
+    def larger(rotation: Sequence[str], best: Fit) -> Fit:
+        for scale in _ROTATIONS[1:]:
+            trial = at(rotation, scale, best)
+            if trial.deviance > best.deviance:
+                break
+            best = trial
+        return best
+
+    rolling = at(ROTATION[:1], _ROTATIONS[0], start, _TURNING)
+    for axis in _TURNING:
+        before = rolling.flight.turning
+        rolling = min(
+            rolling, at(ROTATION[:1], _ROTATIONS[0], rolling, {**before, axis: -before[axis]}), key=lambda f: f.deviance
+        )
+    rolling = larger(ROTATION[:1], rolling)
+    turning = larger(ROTATION, at(ROTATION, _ROTATIONS[0], rolling))
+    return relaxed(turning if rolling.deviance - turning.deviance > turbulent.gain else rolling)
 
 
 def reconstruct(

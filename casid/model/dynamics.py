@@ -14,6 +14,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.path import (
+    AIR_STATES,
     INPUTS,
     INTEGRALS,
     OUTPUTS,
@@ -38,7 +39,10 @@ _FRAME_OUTPUTS = MappingProxyType(
     }
 )
 _FRAME_COEFFICIENTS = MappingProxyType({"full": None, "longitudinal": "LDXZm", "lateral": "Yln"})
-_SCALE = MappingProxyType({"u": 100.0, "v": 5.0, "w": 5.0, "p": 0.2, "q": 0.1, "r": 0.1, "phi": 0.3, "theta": 0.1})
+_SCALE = MappingProxyType(
+    {"u": 100.0, "v": 5.0, "w": 5.0, "p": 0.2, "q": 0.1, "r": 0.1, "phi": 0.3, "theta": 0.1}
+    | {state: 1.0 for state, *_ in AIR_STATES.values()}
+)
 
 
 def velocity_from_air_data(V: np.ndarray, alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -86,6 +90,7 @@ def aircraft_model(
     outputs: Iterable[str] | None = None,
     effects: Iterable[Effect] | None = None,
     known: Iterable[str] = (),
+    turning: Mapping[str, float] = MappingProxyType({}),
 ) -> Model:
     """The aircraft of an aircraft file as a symbolic model.
 
@@ -94,6 +99,8 @@ def aircraft_model(
     outputs   channels that are modelled; default all that the axes move. "psi" and "altitude" become states too
     effects   symbolic effects to be parameters of the model; default those of the aircraft file
     known     disturbances that become inputs, because their time history is given
+    turning   axis, q or r -> sign of the air's rotation about it by the gradient of its velocity (`air_rotation`): -1
+              and 1 by the sense of the axes, and some simulators have them otherwise; further states, behind all others
 
     Parameters: the derivatives and terms of the file, `bias_<output>` (nominal 0), and one per effect, under
     `Effect.name` (nominal: the file's value, or 0), with its further ones under `name.parameter`. States of effects
@@ -113,6 +120,8 @@ def aircraft_model(
     derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
     asked = {*chosen, *(channel for e in symbolic for channel in e.reads)}
     further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in symbolic for s, c in e.states.items()}
+    turning = {axis: sign for axis, sign in turning.items() if axis in moving}
+    further |= {AIR_STATES[axis][0]: AIR_STATES[axis][0] for axis in turning}
     nominal = derivatives | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
     nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
     given = tuple(known)
@@ -131,6 +140,7 @@ def aircraft_model(
             inputs=named_inputs,
             parameter=dict(zip(nominal, ca.vertsplit(p), strict=True)),
             disturbance=dict(zip(disturbances, ca.vertsplit(w), strict=True)) | {d: named_inputs[d] for d in given},
+            turning=turning,
         ),
         _by_station(symbolic),
     )

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
+import numpy as np
 
 from casid.model.terms import derivative_term, parse_term
 
@@ -43,13 +45,15 @@ def disturbance_names(force_axes: str) -> tuple[str, ...]:
 @dataclass
 class SignalPath:
     """What is known at a station: symbols of state, inputs, parameters and disturbances, and the quantities that the
-    stations up to here have computed. Effects change these quantities; nothing else does."""
+    stations up to here have computed. Effects change these quantities; nothing else does. `turning` has the sign of the
+    air's rotation by the gradient of its velocity, for axes about which it turns."""
 
     aircraft: Aircraft
     state: Mapping[str, Any]
     inputs: Mapping[str, Any]
     parameter: Mapping[str, Any]
     disturbance: Mapping[str, Any]
+    turning: Mapping[str, float] = field(default_factory=dict)
     surface: dict[str, Any] = field(default_factory=dict)
     mass: Any = 0.0
     inertia: dict[str, Any] = field(default_factory=dict)
@@ -83,6 +87,24 @@ def wind_station(path: SignalPath) -> None:
     path.wind = [path.disturbance[f"wind_{axis}"] for axis in "xyz"]
 
 
+# by the axis of the air's rotation that the gradient of its velocity makes: the state, that velocity as it was a part
+# of the span behind; the axis of the velocity; and that part in units of span / pi
+AIR_STATES: Mapping[str, tuple[str, int, float]] = MappingProxyType({"q": ("air_w", 2, 4.0), "r": ("air_v", 1, 3.0)})
+
+
+def air_rotation(path: SignalPath) -> dict[str, Any]:
+    """Rotation of the air [rad/s] about p, q, r: of its own, and what the gradient of its velocity along the path makes
+    about the axes of `turning` (MIL-F-8785C, 3.7.5: q = -s / (V + 4 b s / pi) w, r = s / (V + 3 b s / pi) v)."""
+    rotation = {axis: path.disturbance[f"gust_{axis}"] for axis in "pqr"}
+    speed, span = path.state["u"], 2.0 * path.aircraft.rate_length_lateral
+    for axis, sign in path.turning.items():
+        state, along, part = AIR_STATES[axis]
+        rate = (path.wind[along] - path.state[state]) * np.pi * speed / (part * span)
+        path.derivative[state] = rate
+        rotation[axis] += sign * rate / speed
+    return rotation
+
+
 def air_data_station(path: SignalPath) -> None:
     """Airspeed, flow angles, dynamic pressure and the dimensionless regressors of the aerodynamic model."""
     state, aircraft = path.state, path.aircraft
@@ -99,13 +121,14 @@ def air_data_station(path: SignalPath) -> None:
         "qbar": 0.5 * path.inputs["rho"] * V**2,
     }
     lateral, pitch = aircraft.rate_length_lateral / V, aircraft.rate_length_pitch / V
+    rotation = air_rotation(path)
     V_trim = aircraft.trim.get("V")
     path.regressor = {
         "alpha": alpha,
         "beta": beta,
-        "p": (state["p"] - path.disturbance["gust_p"]) * lateral,
-        "q": (state["q"] - path.disturbance["gust_q"]) * pitch,
-        "r": (state["r"] - path.disturbance["gust_r"]) * lateral,
+        "p": (state["p"] - rotation["p"]) * lateral,
+        "q": (state["q"] - rotation["q"]) * pitch,
+        "r": (state["r"] - rotation["r"]) * lateral,
         **{name: path.surface[name] for name in ("delta_e", "delta_a", "delta_r")},
         "mach": V / speed_of_sound(path.inputs["rho"]),
     }
