@@ -51,7 +51,7 @@ def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
     to it, and never loses. With the filter of every step its own, fits stopped where they began, and a cause gained
     hundreds with a value of zero."""
     flight = _in_turbulence()
-    noise = flight.noise(gusts(flight, 1.0, {"gust_p": 1.0}))
+    noise = flight.noise(gusts(flight, 1.0, {"dCl": 1.0}))
     rough = fit(flight, [], noise)
     base = relaxed(rough)
     assert rough.converged and base.converged

@@ -32,9 +32,6 @@ from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
 
-# a gust model is rough: a cause in turbulence must gain more than this part of what the turbulence does
-_OF_TURBULENCE = 0.02
-
 
 class Stages:
     """Wall time per stage, and a word to the user at the beginning of each."""
@@ -79,8 +76,8 @@ def diagnose(
     structure = demanded_structure(calm)
     structured = fit(flight, [*known, *structure], flight.noise(), calm) if structure else calm
     coloured, effects = turbulence.named, catalogue(flight.aircraft, flight.outputs)
-    start = kinematics.rotation_of_air(flight, turbulence, structured) if coloured else structured
-    least = _OF_TURBULENCE * turbulence.gain if coloured else 0.0
+    start = kinematics.in_turbulence(flight, turbulence, structured) if coloured else structured
+    least = kinematics.OF_TURBULENCE * turbulence.gain if coloured else 0.0
     stages.begin("naming")
     naming = name_causes(weigh(start), effects, kinematic, least, report)
     if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached)):

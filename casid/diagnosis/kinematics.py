@@ -26,10 +26,12 @@ _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
 _TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES = 150.0, 0.15, 0.1
-ROTATION = ("gust_p", "gust_q", "gust_r")
-_ROTATIONS = (0.3, 1.0, 3.0)  # scales of it that are tried
+# moment that the air's own rotation makes: the derivative by which it does, and what that is of an aircraft without one
+_DAMPING = MappingProxyType({"dCl": ("Cl_p", 0.4), "dCm": ("Cm_q", 10.0), "dCn": ("Cn_r", 0.15)})
+_ROLLING, _SCALES = ("dCl",), (0.3, 1.0, 3.0)  # and scales of it that are tried
 _TURNING: Mapping[str, float] = MappingProxyType({"q": -1.0, "r": 1.0})
-_STILL: Mapping[str, float] = MappingProxyType({})
+_NO_MOMENTS: Mapping[str, float] = MappingProxyType({})
+OF_TURBULENCE = 0.02  # part of what turbulence gains, that its rough model leaves to others
 _LENGTHS = 2.5  # ratio of the scale lengths that are tried
 _SPECTRUM = 0.1  # relative error of the velocity, because a first-order process is not quite a Dryden spectrum
 _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -104,55 +106,54 @@ def _angular_acceleration(flight: Flight, rate: str) -> float:
 
 
 def gusts(
-    flight: Flight, sigma: float, rotation: Mapping[str, float] = _STILL, length: float = _SCALE_LENGTH,
+    flight: Flight, sigma: float, moments: Mapping[str, float] = _NO_MOMENTS, length: float = _SCALE_LENGTH,
     axes: Sequence[str] = WIND,
 ) -> dict[str, tuple[float, float]]:  # fmt: skip
     """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m] along `axes`, as first-order Gauss-Markov
     processes.
 
-    `rotation` has for some of `ROTATION` the scale of an own rotation of the air, 1 for the rolling over the span of an
-    aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p = 1.9 sigma_w / sqrt(L b), break frequency
-    2.6 V / sqrt(L b)).
+    `moments` has for some of dCl, dCm and dCn the scale of what the air's own rotation about that axis makes of the
+    moment, 1 for the rolling over the span of an aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p
+    = 1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of
+    it: with the one that is fitted, a fit gains by more damping, for which there is then more that it explains.
     """
-    record = flight.records[0]
-    speed = float(np.nanmedian(record["V"])) if "V" in record else flight.aircraft.trim.get("V", 100.0)
+    record, aircraft = flight.records[0], flight.aircraft
+    speed = float(np.nanmedian(record["V"])) if "V" in record else aircraft.trim.get("V", 100.0)
     processes = {name: (sigma, length / speed) for name in axes}
-    mean = float(np.sqrt(length * 2.0 * flight.aircraft.rate_length_lateral))
-    rolling, time = 1.9 * sigma / mean, mean / (2.6 * speed)
-    return processes | {axis: (scale * rolling, time) for axis, scale in rotation.items()}
+    mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
+    for moment, scale in moments.items():
+        derivative, typical = _DAMPING[moment]
+        arm = aircraft.rate_length_pitch if moment == "dCm" else aircraft.rate_length_lateral
+        damping = abs(aircraft.derivatives.get(derivative, 0.0)) or typical
+        processes[moment] = (scale * 1.9 * sigma / mean * damping * arm / speed, mean / (2.6 * speed))
+    return processes
 
 
-def rotation_of_air(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
-    """The fit of the full model in turbulence, the scale of the air's rolling and the sense of its pitching and yawing,
-    about which simulators do not agree, by maximum likelihood on a grid.
+def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
+    """The fit of the full model in turbulence. The sense of the air's pitching and yawing by the gradient of its
+    velocity, about which simulators do not agree, and the size of its own rolling are by maximum likelihood on a grid;
+    so is what turns the aircraft besides, where that explains more than a rough model of moving air leaves."""
 
-    Pitching and yawing of the air are made by the gradient of its velocity. An own rotation about these axes too would
-    take the blame for derivatives that are wrong, and the right ones would not be found; only where it explains more
-    than moving air does to the kinematics, it stands for other errors of the model, and has to.
-    """
-
-    def at(rotation: Sequence[str], scale: float, start: Fit, turning: Mapping[str, float] | None = None) -> Fit:
-        noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(rotation, scale), turbulent.length))
-        air = start.flight if turning is None else flight.turned_by_air(turning)
+    def at(moments: Sequence[str], scale: float, start: Fit, turning: Mapping[str, float]) -> Fit:
+        noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(moments, scale), turbulent.length))
+        air = start.flight if start.flight.turning == turning else flight.turned_by_air(turning)
         return fit(air, start.attached, noise, start, tolerance=2.0)
 
-    def larger(rotation: Sequence[str], best: Fit) -> Fit:
-        for scale in _ROTATIONS[1:]:
-            trial = at(rotation, scale, best)
+    def larger(moments: Sequence[str], best: Fit) -> Fit:
+        for scale in _SCALES[1:]:
+            trial = at(moments, scale, best, best.flight.turning)
             if trial.deviance > best.deviance:
                 break
             best = trial
         return best
 
-    rolling = at(ROTATION[:1], _ROTATIONS[0], start, _TURNING)
+    best = at(_ROLLING, _SCALES[0], start, _TURNING)
     for axis in _TURNING:
-        before = rolling.flight.turning
-        rolling = min(
-            rolling, at(ROTATION[:1], _ROTATIONS[0], rolling, {**before, axis: -before[axis]}), key=lambda f: f.deviance
-        )
-    rolling = larger(ROTATION[:1], rolling)
-    turning = larger(ROTATION, at(ROTATION, _ROTATIONS[0], rolling))
-    return relaxed(turning if rolling.deviance - turning.deviance > turbulent.gain else rolling)
+        other = {**best.flight.turning, axis: -best.flight.turning[axis]}
+        best = min(best, at(_ROLLING, _SCALES[0], best, other), key=lambda one: one.deviance)
+    best = larger(_ROLLING, best)
+    besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), _SCALES[0], best, best.flight.turning))
+    return relaxed(besides if best.deviance - besides.deviance > OF_TURBULENCE * turbulent.gain else best)
 
 
 def reconstruct(
