@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import casadi as ca
 import numpy as np
+import pytest
 from diagnosis_flights import flights, rough_file
 
 from casid.diagnosis.events import at_peak
@@ -14,10 +16,11 @@ from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_stage import without_turbulence
-from casid.diagnosis.kinematics import gusts, reconstruct, turbulence
+from casid.diagnosis.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
 from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero
+from casid.model.dynamics import aircraft_model
 from problems import blind_do328
-from problems.do328 import V_TRIM, do328
+from problems.do328 import STABLE, V_TRIM, do328
 
 _T = np.arange(0.0, 20.0, 1.0 / 25.0)
 
@@ -62,6 +65,45 @@ def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
     assert beside.converged
     still = fit(flight, [], flight.noise())
     assert -0.5 < base.deviance - beside.deviance < 0.002 * (still.deviance - base.deviance)
+
+
+def test_derivatives_in_turbulence_come_out_as_flown() -> None:
+    """Dryden turbulence of 1 m/s, whose pitching and yawing are the gradient of its velocity. Without that in a model
+    derivatives take it up; calm air leaves them where gusts pull them."""
+    flight = _in_turbulence()
+    air = replace(still_air(flight), sigma=1.0, length=533.0)
+    names = ("Cm_alpha", "Cm_q", "Cm_delta_e", "Cl_p", "Cl_delta_a", "Cn_beta", "Cn_r", "Cn_delta_r")
+    calm = fit(flight, [], flight.noise())
+    found = in_turbulence(flight, air, calm)
+
+    def furthest(fitted) -> float:
+        return max(abs(fitted.derivatives[name] / STABLE[name] - 1.0) for name in names)
+
+    assert found.flight.turning == {"q": -1.0, "r": 1.0}
+    assert furthest(found) < 0.08 < furthest(calm), (furthest(found), furthest(calm))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_gradient_of_moving_air_turns_the_aircraft(sign: float) -> None:
+    """In air whose w grows by 2 m/s in a second, and that was w - 2 T a span's part T = 4 b / (pi V) ago, the motion is
+    that in air that pitches by 2 / V (MIL-F-8785C, 3.7.5)."""
+    turned, plain = aircraft_model(do328(), turning={"q": sign}), aircraft_model(do328())
+    assert turned.states == (*plain.states, "air_w")
+    x = plain.guess(flights(seed=1, count=1)[0])[40]
+    u = np.zeros(len(plain.inputs))
+    u[list(plain.inputs).index("rho")] = 1.0
+    at = 8.0 * do328().rate_length_lateral / (np.pi * x[plain.states.index("u")])
+    w = {"wind_z": 3.0}
+    pitching = {"wind_z": 3.0, "gust_q": sign * 2.0 / x[plain.states.index("u")]}
+
+    def rate(model, x, air) -> np.ndarray:
+        disturbance = [air.get(name, 0.0) for name in model.disturbances]
+        f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        return f(x, u, model.nominal_vector(), disturbance).full().ravel()
+
+    moved = rate(turned, [*x, 3.0 - 2.0 * at], w)
+    assert moved[-1] == pytest.approx(2.0)
+    assert moved[:-1] == pytest.approx(rate(plain, x, pitching), rel=1e-12, abs=1e-14)
 
 
 def test_moving_air_is_taken_back_beside_the_faults_that_imitate_it() -> None:

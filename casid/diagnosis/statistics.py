@@ -86,7 +86,8 @@ def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
 
 
 def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
+    with np.errstate(over="ignore"):  # of a simulation that diverges: infinite
+        return float(np.sqrt(np.nanmean(values**2)))
 
 
 def whiteness(white: np.ndarray, seen: np.ndarray) -> float:
