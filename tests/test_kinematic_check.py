@@ -7,7 +7,7 @@ from diagnosis_flights import flights, rough_file, trial_of
 
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
-from casid.diagnosis.held_out import kinematic_gain
+from casid.diagnosis.held_out import gains_by_kinematics, kinematic_gain
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_check import KinematicCheck
 from casid.diagnosis.naming import in_order
@@ -88,4 +88,8 @@ def test_held_out_kinematics_judge_a_vane_whatever_is_wrong_with_the_aerodynamic
         fit(flight, attached, flight.noise(), free="states", iterations=1)
         for attached in ([], [vane.with_values({"value": sign * 4.0})])
     )
-    assert sign * kinematic_gain(flight, [held], before, after, {}) > 0.005
+    gain = kinematic_gain(flight, [held], before, after, {})
+    assert sign * gain > 0.005
+    found, other = (trial_of(vane, check=KinematicCheck(predicted=900.0, achieved=a)) for a in (900.0, 400.0))
+    for trial, expected in ((found, gain), (other, -0.1)):  # of what kinematics did not find the aerodynamics judge
+        assert gains_by_kinematics(flight, [held], [before, after], [-0.1], [trial], {}) == pytest.approx([expected])

@@ -10,7 +10,7 @@ from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import is_sure, weigh
 from casid.diagnosis.fit import fit, without
 from casid.diagnosis.flight import Flight, prepare
-from casid.diagnosis.held_out import best_on_held, held_gains, judge_on, kinematic_gain, split, with_events
+from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_stage import judge_kinematics, without_turbulence
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
@@ -89,11 +89,8 @@ def diagnose(
     on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
     on_held = [judge_on(held, step) for step in steps]
     held_calm = judge_on(held, calm) if structure else on_held[0]
-    gains = held_gains(on_held)
     moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
-    for i, trial in enumerate((r.trials[0] for r in named), start=len(steps) - 1 - len(named)):
-        if trial.confirmed and trial.effect.of_an_instrument and (gains[i] or 0.0) < 0.0:
-            gains[i] = kinematic_gain(flight, held, steps[i], steps[i + 1], moving)
+    gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.trials[0] for r in named], moving)
     final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
     stages.begin("missing inputs")
     judged = naming.evidence if final is naming.evidence.fit else weigh(final)

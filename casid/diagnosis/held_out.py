@@ -15,6 +15,7 @@ from casid.diagnosis.fit import fit, without
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import free_forces
+from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import Screen, fingerprints, onset_grid
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -159,6 +160,19 @@ def kinematic_gain(
         faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
         found.append(fit(there, faults, noise, free="states", iterations=6, tolerance=1.0))
     return 0.5 * (found[0].data_deviance - found[1].data_deviance) / int(found[1].linear.seen.sum())
+
+
+def gains_by_kinematics(
+    flight: Flight, held: Sequence[Record], steps: Sequence[Fit], gains: Sequence[float | None],
+    trials: Sequence[Trial], moving: Mapping[str, tuple[float, float]],
+) -> list[float | None]:  # fmt: skip
+    """`gains` of the steps, the last of which named `trials`; instruments that kinematics found and that lose there are
+    judged by the held-out kinematics."""
+    found = list(gains)
+    for i, trial in enumerate(trials, start=len(found) - len(trials)):
+        if trial.confirmed and trial.effect.of_an_instrument and (found[i] or 0.0) < 0.0:
+            found[i] = kinematic_gain(flight, held, steps[i], steps[i + 1], moving)
+    return found
 
 
 def held_gains(on_held: Sequence[Fit]) -> list[float | None]:
