@@ -89,15 +89,22 @@ def _events(rng: Rng, scene: Scene, moved: str | None = None, length: float = 0.
             if moved is None or _moves_around(record, moved, onset):
                 onsets[name] = onset
                 break
-    if onsets.keys().isdisjoint(_FITTED):  # the input that is to move may rest in all of them
-        onsets[chosen[0]] = round(0.4 * scene.record(chosen[0]).duration, 2)
+    if moved is not None and onsets.keys().isdisjoint(_FITTED):  # there it moves early, late or not at all
+        most = max(map(scene.record, _FITTED), key=lambda record: _activity(record, moved)[-1])
+        activity = _activity(most, moved)
+        onsets[most.name] = round(float(most.t[np.searchsorted(activity, 0.4 * activity[-1])]), 2)
     return onsets
 
 
 def _moves_around(record: Record, name: str, onset: float) -> bool:
-    activity = np.cumsum((record[name] - np.median(record[name])) ** 2)
+    activity = _activity(record, name)
     before = activity[np.searchsorted(record.t, onset)] / max(activity[-1], 1e-30)
     return 0.2 <= before <= 0.7
+
+
+def _activity(record: Record, name: str) -> np.ndarray:
+    """(N,) how much of its motion an input has behind it."""
+    return np.cumsum((record[name] - np.median(record[name])) ** 2)
 
 
 # -- controls ----------------------------------------------------------------------------------------------------------

@@ -58,7 +58,7 @@ def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
     rough = fit(flight, [], noise)
     base = relaxed(rough)
     assert rough.converged and base.converged
-    moved = (fit(flight, [], noise, base, own_filter=True).values - base.values) / np.sqrt(np.diag(base.covariance))
+    moved = (fit(flight, [], noise, base, anew=True).values - base.values) / np.sqrt(np.diag(base.covariance))
     assert np.abs(moved).max() < 1.0
     absent = Attached(effect=unsteady_aero("CY"), values={"value": 0.0})
     beside = fit(flight, [absent], noise, base, iterations=15, tolerance=0.3)

@@ -18,7 +18,7 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.noise_level import with_noise_level
-from casid.estimation.noise import density_sigma, high_band_holds, motion_edge
+from casid.estimation.noise import density_sigma, high_band_holds, mean_over, motion_edge, quiet_windows
 from casid.model.causes.controls import actuator_lag
 from casid.records.record import Record
 from problems.do328 import do328
@@ -116,3 +116,24 @@ def test_edge_of_the_motion() -> None:
         q = np.sin(2.0 * np.pi * 0.5 * t) + high * np.sin(2.0 * np.pi * 2.0 * t)
         assert motion_edge([Record(name="m", t=t, channels={"q": q})]) == pytest.approx(edge, abs=0.06)
     assert motion_edge([Record(name="m", t=t, channels={"alpha": t})]) == 0.0
+
+
+def test_denoising_keeps_the_time_at_which_a_surface_begins_to_move() -> None:
+    """Truth: steps of 30 sigmas, made within four samples, beginning anywhere between two. Denoised, a rest is known
+    better than its noise, a movement no worse, and neither late nor early. (Means over windows that reach into the
+    movement were 1.4 sigmas off around it, and what follows with a limited rate was 4 % too fast.)"""
+    rng, t, width = np.random.default_rng(3), np.arange(120.0), 4.0
+    moving, resting, late = [], [], []
+    for _ in range(300):
+        begin = 60.0 + rng.uniform(-0.5, 0.5)
+        surface = 30.0 * np.clip((t - begin) / width, 0.0, 1.0)
+        noisy = surface + rng.standard_normal(len(t))
+        error = mean_over(noisy, *quiet_windows(noisy, 1.0)) - surface
+        near = np.abs(t - begin - width / 2.0) < width / 2.0 + 3.0
+        moving.append(error[near])
+        resting.append(error[~near])
+        late.append(error[near].mean())
+    assert np.sqrt(np.mean(np.square(resting_all := np.concatenate(resting)))) < 0.4
+    assert abs(resting_all.mean()) < 0.01
+    assert np.sqrt(np.mean(np.concatenate(moving) ** 2)) < 1.0
+    assert abs(np.mean(late)) < 0.05

@@ -17,6 +17,7 @@ from casid.model.path import STATES
 from casid.model.system import Model
 
 _MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
+_HELD = 0.1  # relative change of its strength from which noise counts as held
 _LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
 _SMALLEST = {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
 
@@ -122,6 +123,11 @@ class Fit:
     def filter_held(self) -> bool:
         """Whether derivatives are fitted that decide how moving air moves the aircraft."""
         return bool(self.noise.coloured and self.derivatives)
+
+    @property
+    def noise_held(self) -> bool:
+        """Whether noise of an input is clearly not as strong as its effectiveness in this fit makes it."""
+        return any(abs(held / self.noise.inputs[name] - 1.0) > _HELD for name, held in self.held.inputs.items())
 
     @property
     def gradient(self) -> np.ndarray:

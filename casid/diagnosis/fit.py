@@ -28,23 +28,24 @@ def fit(
     iterations: int = 10,
     tolerance: float = 0.5,
     give_up: float = np.inf,
-    own_filter: bool = False,
+    anew: bool = False,
 ) -> Fit:
     """Maximum likelihood of derivatives, effects and trajectory under `noise`; `free` may leave out the derivatives, or
     all but the trajectory.
 
     In turbulence derivatives decide how the air moves the aircraft, and with the filter free a fit, or a cause, gains
-    by making it move less. There the filter is that of `start`, so that prediction errors are compared; with
-    `own_filter`, or under another noise, that of the first point (see `relaxed`).
+    by making it move less. There the filter is that of `start`, so that prediction errors are compared; and noise of a
+    recorded input does as much to the motion as in `start`, whatever the control's effectiveness. Both are those of the
+    first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
 
     Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
     a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
     below the deviance `give_up` is left as it stands. Raises InputError where even the first point cannot be flown.
     """
     work = Work(flight, attached, noise, free)
-    if start is not None and start.flight.records is flight.records:
+    if start is not None and start.flight.records is flight.records and not anew:
         work.reference = start.reference
-        if start.filter_held and start.noise == noise and not own_filter:
+        if start.filter_held and start.noise == noise:
             work.filter = start.filter
     attached = tuple(attached)
     values = _start_values(work, attached, start)
@@ -84,12 +85,10 @@ def without(fitted: Fit, names: Collection[str]) -> Fit:
 
 
 def relaxed(fitted: Fit) -> Fit:
-    """A fit of all that is free, to the end and, in turbulence, in the filter of its own values."""
+    """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
     for _ in range(_RELAXATIONS if fitted.filter_held else 1):
         before = fitted
-        fitted = fit(
-            before.flight, before.attached, before.noise, before, iterations=15, tolerance=0.3, own_filter=True
-        )
+        fitted = fit(before.flight, before.attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
         if np.all(np.abs(fitted.values - before.values) < _STILL * np.sqrt(np.diag(before.covariance))):
             break
     return fitted

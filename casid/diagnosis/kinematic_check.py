@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence
+from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints
 
@@ -66,8 +68,9 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
     effect = one.effect
     if kinematic is None or not effect.kinematic or effect.stochastic:
         return KinematicCheck()
-    further = dict(one.values) if not effect.linear else {k: v for k, v in one.values.items() if k != "value"}
-    size = one.values["value"] if effect.linear else 1.0
+    if not effect.linear:
+        return _fitted_check(kinematic.fit, one)
+    size, further = one.values["value"], {key: v for key, v in one.values.items() if key != "value"}
     judge, names = Screen(kinematic), list(kinematic.fit.batch.names)
     whole = replace(effect, grid=(further,))
     if effect.timed:
@@ -82,6 +85,21 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
         weights = np.array([[float(one.concerns(name)) for name in names]])
     left, match, _ = judge.projected(parts, weights)
     return KinematicCheck(predicted=size**2 * left, achieved=2.0 * size * match - size**2 * left)
+
+
+def _fitted_check(without: Fit, one: Attached) -> KinematicCheck:
+    """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
+    on: a long delay does to a reading what no tangent at zero tells."""
+    found = fit(
+        without.flight, [*without.attached, one], without.noise, without, free="effects", iterations=5, tolerance=2.0
+    )
+    size, gain = one.values["value"], without.deviance - found.deviance
+    if gain <= 0.0:
+        predicted = (size / found.std(one.name)) ** 2
+        return KinematicCheck(predicted=predicted, achieved=-predicted)
+    part = found[one.name] / size
+    predicted = gain / part**2
+    return KinematicCheck(predicted=predicted, achieved=predicted * (2.0 * part - 1.0))
 
 
 def hopeless(kinematic: Evidence | None, one: Attached) -> bool:

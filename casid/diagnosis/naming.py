@@ -15,7 +15,7 @@ from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank
+from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
 from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
 from casid.model.effect import Effect
 from casid.signals import SURFACES
@@ -55,8 +55,9 @@ def name_causes(
     report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
     """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains what is asked
-    (`least`, if that is more) and matters, or when nothing is missing that it could be: what small terms of a bent
-    coefficient explain as well is looked for once more, but that is no event."""
+    (`least`, if that is more) and matters. When nothing is missing by any measure, instruments are still looked at,
+    whose faults have a shape that no anonymous input has, and what small terms of a bent coefficient explain as well,
+    but no events."""
     firm = state = _standing(baseline, kinematic, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
@@ -68,9 +69,8 @@ def name_causes(
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
             break
         if state.missing[0].gain < _NOTHING_LEFT:
-            if not state.evidence.bent:
-                break
-            catalogue = [effect for effect in catalogue if not effect.timed]
+            bent = state.evidence.bent
+            catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
     return replace(firm, rounds=(*firm.rounds, *refused))
 
@@ -134,16 +134,18 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     taken = {a.effect.key for a in attached}
     effects = [e for e in catalogue if e.key not in taken]
     prints = fingerprints(state.evidence, effects)
-    # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it
+    # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it; and what
+    # kinematics alone say of it does not drown in wrong aerodynamics
     candidates = rank(Screen(state.evidence, exact=True), prints)
     cautious = rank(Screen(state.evidence), prints)
+    observed = screen(state.kinematic, [e for e in effects if e.kinematic]) if state.kinematic is not None else []
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
     intervals = dict(state.intervals)
     trials: list[Trial] = []
     fits: dict[Trial, Fit] = {}
     give_up = np.inf
-    chosen = worth_trying(state.evidence.fit, candidates, cautious, switches, least)
+    chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
     for candidate in _with_look_alikes(chosen, effects):
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         if not trial.refuted:
@@ -166,7 +168,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         return replace(state, rounds=(*state.rounds, this))
     best, evidence, moved = settled(best, fits[best])
     evidence = without_superseded(state.rounds, best, evidence)
-    if evidence.fit.filter_held:
+    if evidence.fit.filter_held or evidence.fit.noise_held:
         evidence = weigh(relaxed(evidence.fit))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))

@@ -29,20 +29,21 @@ _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is n
 _CLEAR = 400.0
 _REACHED = 0.3  # part of the gain that must be predicted before a cause is tried
 _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
-_TRIALS, _CAUTIOUS = 4, 2  # candidates of each ranking that are tried
+_TRIALS, _FEW = 4, 2  # candidates of the first ranking that are tried, and of each other
 _MOVES = 2  # of an onset in a trial; the winner is settled
 
 
 def worth_trying(
-    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], switches: Sequence[Candidate],
-    least: float,
+    base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], observed: Sequence[Candidate],
+    switches: Sequence[Candidate], least: float,
 ) -> list[Candidate]:  # fmt: skip
-    """The best few of both rankings, no more than two terms of one coefficient of each, and only what could reach the
-    gain that is asked, `least` unless kinematics may confirm it, and a size that matters at all. A configuration change
-    is scored in one record only, so it cannot be ranked with the others."""
+    """The best few of the three rankings, no more than two terms of one coefficient of each, and only what could reach
+    the gain that is asked, `least` unless kinematics may confirm it, and a size that matters at all. A configuration
+    change is scored in one record only, so it cannot be ranked with the others."""
     chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
-    names = {c.name for c in chosen}
-    chosen += [c for c in _best_few(base, cautious, _CAUTIOUS) if c.name not in names]
+    for ranking in (cautious, observed):
+        names = {c.name for c in chosen}
+        chosen += [c for c in _best_few(base, ranking, _FEW) if c.name not in names]
     return [c for c in chosen if c.net > _REACHED * least or c.attached.effect.kinematic]
 
 

@@ -59,6 +59,9 @@ def pooled_sigma(series: list[np.ndarray]) -> float:
 
 _HALF_WIDTHS = (0, 1, 2, 4, 8, 16, 32)
 _CONFIDENCE = 2.0
+_MOVED, _NEAR = 1.5, 2  # change of the mean from one sample to the next that is a movement, in sigmas; samples near it
+# sigmas by which a sample is ahead of the rest and so on its way, short of it and not there yet, or cannot be noise
+_ON_THE_WAY, _NOT_THERE, _NOISE = 1.0, 2.0, 3.0
 
 
 def mean_over(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -93,7 +96,28 @@ def quiet_windows(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndar
             open_ &= low <= high
             wider = open_ & (last - first > end - begin)
             begin, end = np.where(wider, first, begin), np.where(wider, last, end)
-    return begin, end
+    return _off_movement(values, sigma, begin, end)
+
+
+def _off_movement(
+    values: np.ndarray, sigma: float, begin: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The windows, but of samples near a movement that of the rest before or after it, where they agree with its mean,
+    and else the sample alone: a mean over the beginning of a movement is compatible with the rest, and late."""
+    at, mean = np.arange(len(values)), mean_over(values, begin, end)
+    moves = np.abs(np.diff(mean, prepend=mean[0])) > _MOVED * sigma
+    near = np.convolve(moves, np.ones(2 * _NEAR + 1))[_NEAR:-_NEAR] > 0.0
+    first, last = np.where(near, at, begin), np.where(near, at, end)
+    before = np.maximum.accumulate(np.where(near, -1, at))
+    after = np.minimum.accumulate(np.where(near, len(values), at)[::-1])[::-1]
+    way = np.sign(mean[np.minimum(at + _NEAR, len(values) - 1)] - mean[np.maximum(at - _NEAR, 0)])
+    for rest, back, ahead in ((before, _NOISE, _ON_THE_WAY), (after, _NOT_THERE, _NOISE)):
+        known = near & (rest >= 0) & (rest < len(values)) & (np.abs(rest - at) <= 2 * _NEAR + 1)
+        rest = np.where(known, rest, at)
+        moved = way * (values - mean[rest]) / sigma
+        rests = known & (moved > -back) & (moved < ahead)
+        first, last = np.where(rests, begin[rest], first), np.where(rests, end[rest], last)
+    return first, last
 
 
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
