@@ -13,7 +13,7 @@ from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached, acting_noise
 from casid.errors import InputError
 from casid.estimation.innovations import NoiseModel
-from casid.estimation.kalman import residual_about
+from casid.estimation.kalman import kalman_filter, residual_about
 
 _RELAXATIONS, _STILL = 5, 0.5  # of the filter in turbulence, at most, and 1-sigmas that no value moves by any more
 
@@ -38,9 +38,10 @@ def fit(
     recorded input does as much to the motion as in `start`, whatever the control's effectiveness. Both are those of the
     first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
 
-    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
-    a full step lowers the deviance by less than `tolerance`. A fit that after three iterations is unlikely to come
-    below the deviance `give_up` is left as it stands. Raises InputError where even the first point cannot be flown.
+    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Steps must lower
+    their own sum of squares (`_squares`) or the deviance; converged when one changes the sum by less than `tolerance`.
+    A fit that after three iterations is unlikely to come below the deviance `give_up` is left as it stands. Raises
+    InputError where even the first point cannot be flown.
     """
     work = Work(flight, attached, noise, free)
     if start is not None and start.flight.records is flight.records and not anew:
@@ -51,12 +52,15 @@ def fit(
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
     best: Fit | None = None
+    lowest, squares = np.inf, np.inf
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
         now = None
         with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
             now = _flown(work, attached, values, motion, iteration)
-        if now is None or (best is not None and not now.deviance < best.deviance + tolerance):
+            squares = _squares(now)
+        better = now is not None and (best is None or squares < lowest or now.deviance < best.deviance)
+        if now is None or not (better or abs(squares - lowest) < tolerance):
             shrink *= 0.4
             if shrink < 0.02 or step is None or best is None:
                 break
@@ -64,8 +68,8 @@ def fit(
             continue
         if now.filter_held and work.filter is None:
             work.filter = now.filter
-        gained = np.inf if best is None else best.deviance - now.deviance
-        best, shrink = now, 1.0
+        gained = abs(lowest - squares)
+        best, lowest, shrink = now, squares, 1.0
         if gained < tolerance:
             best = replace(best, converged=True)
             break
@@ -102,6 +106,25 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
             f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
             "units and signs of its derivatives, of its mass properties and of the records' channels"
         ) from error
+
+
+def _squares(now: Fit) -> float:
+    """What Gauss-Newton steps lower: the sum of squares, prior included, with noise of inputs as strong as the fit's
+    own effectiveness makes it, and without the logarithm of its covariance.
+
+    Noise in a regressor draws an estimate towards zero, and the most likely noise, which regressors have in them, makes
+    up for that. Such regressors are the slope of this sum, in which noise costs what it is unlikely (orthogonal
+    distance), and not of the deviance, in which models are compared: by that, fits stopped anywhere between the two.
+    """
+    white = now.white
+    if now.held != now.noise:
+        acting = acting_noise(now.noise, now.attached, float(np.median(now.batch.dt)))
+        kalman = now.filter.along(now.linear, acting) if now.filter_held else kalman_filter(now.linear, acting)
+        residual = residual_about(now.linear, acting, now.motion.coloured, now.errors, kalman.through)
+        white = kalman.whiten(*residual)[..., 0]
+    measured, compared = (seen.sum(axis=(0, 1)) for seen in (np.isfinite(now.batch.Z), now.linear.seen))
+    by_channel = np.sum(white**2, axis=(0, 1)) * measured / np.maximum(compared, 1)  # a late reading loses its last
+    return float(by_channel.sum()) + now.deviance - now.data_deviance
 
 
 def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray) -> Motion:

@@ -1,7 +1,7 @@
 """Operators on sampled time series that effects are made of: lag, delay, rate limit, dead zone, backlash, mode.
 
 All take t (N,) [s] and a series (N,), run between samples linearly, start in steady state and accept non-uniform t;
-`mode` is the exception to the first and the last.
+`rate_limit` is an exception to the first, `mode` to the first and the last.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import integrate, interpolate, linalg, signal
 
+_FINER = 4  # points a sample along which a limit on a rate is followed
 _STRAIGHT = 0.03  # of a period: over that, a wave is a straight line to 0.3 %
 
 
@@ -49,11 +50,15 @@ def _lag_coefficients(dt, T):
 
 
 def rate_limit(t: np.ndarray, y: np.ndarray, rate: float) -> np.ndarray:
-    """y followed with at most `rate` [unit of y per s]."""
-    out = y.copy()
-    for k, step in enumerate(np.diff(t) * abs(rate), start=1):
-        out[k] = out[k - 1] + min(max(y[k] - out[k - 1], -step), step)
-    return out
+    """y followed with at most `rate` [unit of y per s]. Akima's curve between samples, because what is limited keeps to
+    its end the time by which straight lines begin a movement early."""
+    fine = np.interp(np.arange((len(t) - 1) * _FINER + 1) / _FINER, np.arange(len(t)), t)
+    followed = interpolate.Akima1DInterpolator(t, y)(fine).tolist()
+    at = followed[0]
+    for k, step in enumerate((np.diff(fine) * abs(rate)).tolist(), start=1):
+        at += min(max(followed[k] - at, -step), step)
+        followed[k] = at
+    return np.array(followed[::_FINER])
 
 
 def dead_zone(y: np.ndarray, width: float, centre: float) -> np.ndarray:
