@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -90,10 +90,19 @@ def _events(rng: Rng, scene: Scene, moved: str | None = None, length: float = 0.
                 onsets[name] = onset
                 break
     if moved is not None and onsets.keys().isdisjoint(_FITTED):  # there it moves early, late or not at all
-        most = max(map(scene.record, _FITTED), key=lambda record: _activity(record, moved)[-1])
-        activity = _activity(most, moved)
-        onsets[most.name] = round(float(most.t[np.searchsorted(activity, 0.4 * activity[-1])]), 2)
+        name, onset = _amid_motion([scene.record(fitted) for fitted in _FITTED], moved)
+        onsets[name] = onset
     return onsets
+
+
+def _amid_motion(records: Sequence[Record], moved: str) -> tuple[str, float]:
+    """Of the records in which an input moves notably the one in which it does so nearest to the middle, and when."""
+    activity = {record.name: _activity(record, moved) for record in records}
+    notable = 0.3 * max(a[-1] for a in activity.values())
+    moving = [record for record in records if activity[record.name][-1] >= notable]
+    amid = {r.name: float(r.t[np.searchsorted(activity[r.name], 0.4 * activity[r.name][-1])]) for r in moving}
+    name = min(moving, key=lambda record: abs(amid[record.name] - 0.5 * record.duration)).name
+    return name, round(amid[name], 2)
 
 
 def _moves_around(record: Record, name: str, onset: float) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from casid.campaign.blind import solve
+from casid.diagnosis.screening import EDGE
 from casid.errors import InputError
 from casid.model.terms import parse_term
 from casid.model.vocabulary import KINDS
@@ -114,7 +115,7 @@ def test_every_kind_is_drawn_in_the_words_of_the_vocabulary(kind: str) -> None:
             assert blind_do328.effect_value(one).unit == one.unit
         if one.onset_s is not None:
             assert set(one.onset_s) == set(one.records)
-            assert all(2.0 < onset < 18.0 for onset in one.onset_s.values())
+            assert all(EDGE < onset < 20.0 - EDGE for onset in one.onset_s.values())
 
 
 def test_two_effects_are_of_different_families() -> None:

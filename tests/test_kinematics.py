@@ -19,7 +19,7 @@ _NOISY = {name: 4.0 * s if name in "pqr" else s for name, s in NOISE.items()}
 def test_a_lever_arm_is_not_underestimated_by_the_noise_of_the_rates(
     axis: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Truth: 2 m. With angular accelerations far freer than they are, their noise makes it less than 60 % of that."""
+    """Truth: 2 m. With angular accelerations far freer than they are, their noise makes it less than 80 % of that."""
     hidden = Attached(effect=accelerometer_position(axis), values={"value": _LEVER})
     flight = prepare(do328(), flights([hidden], seed=5, count=2, noise=_NOISY))
 
@@ -33,7 +33,7 @@ def test_a_lever_arm_is_not_underestimated_by_the_noise_of_the_rates(
     assert abs(value - _LEVER) < 3.0 * std
     assert std < 0.2 * _LEVER
     monkeypatch.setattr(kinematics, "_angular_acceleration", lambda *_: 20.0)
-    assert found()[0] < 0.6 * _LEVER
+    assert found()[0] < 0.8 * _LEVER
 
 
 def test_a_free_angular_acceleration_is_as_large_as_the_true_one() -> None:

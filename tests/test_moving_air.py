@@ -111,12 +111,15 @@ def test_moving_air_is_taken_back_beside_the_faults_that_imitate_it() -> None:
     slow = Attached(effect=sensor_lag("q"), values={"value": 0.17}, records=("m1", "m3"))
     sudden = Attached(effect=gust("x"), values={"value": -4.0, "length": 1.0}, onsets={"m1": 5.8, "m2": 14.0})
     flight = prepare(do328(), flights([slow, sudden], seed=2, count=3))
-    assert turbulence(flight, reconstruct(flight)).gain > 150.0
-    calm = without_turbulence(flight, [], [slow, sudden])
+    imitated = turbulence(flight, reconstruct(flight))
+    assert imitated.gain > 150.0
+    calm = without_turbulence(flight, [], [slow, sudden], imitated)
     assert calm is not None and calm.fit.attached == ()
 
 
 def test_true_turbulence_stays_beside_a_fault() -> None:
     biased = Attached(effect=sensor_bias("q"), values={"value": 0.001})
-    assert without_turbulence(_in_turbulence(), [], [biased]) is None
-    assert without_turbulence(_in_turbulence(), [], []) is None
+    flight = _in_turbulence()
+    true = turbulence(flight, reconstruct(flight))
+    assert without_turbulence(flight, [], [biased], true) is None
+    assert without_turbulence(flight, [], [], true) is None

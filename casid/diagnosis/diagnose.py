@@ -80,7 +80,7 @@ def diagnose(
     least = kinematics.OF_TURBULENCE * turbulence.gain if coloured else 0.0
     stages.begin("naming")
     naming = name_causes(weigh(start), effects, kinematic, least, report)
-    if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached)):
+    if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached, turbulence)):
         coloured, start, least, turbulence = False, structured, 0.0, kinematics.still_air(flight)
         naming = name_causes(weigh(start), effects, calm_air, least, report)
     stages.begin("held-out records")

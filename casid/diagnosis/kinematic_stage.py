@@ -19,7 +19,7 @@ from casid.model.effect import Effect
 from casid.model.effects import catalogue
 
 _REPAIRS = 3
-_RIVAL = 0.3  # of what turbulence gains, for a fault; of what faults gain alone, in moving air
+_RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left; of what faults gain alone, in moving air
 
 
 def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
@@ -44,12 +44,18 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidenc
     return evidence, screen(evidence, effects), turbulent
 
 
-def without_turbulence(flight: Flight, known: Sequence[Attached], attached: Sequence[Attached]) -> Evidence | None:
-    """Kinematic evidence in calm air, as of `judge_kinematics`, when there is no turbulence left beside the causes that
-    were named in it, `attached`: moving air imitates faults until they are found. None when there is."""
+def without_turbulence(
+    flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
+) -> Evidence | None:
+    """Kinematic evidence in calm air, as of `judge_kinematics`, when of what it said there, `turbulent`, little is left
+    beside the causes that were named in it, `attached`: moving air imitates faults until they are found. None when
+    there is."""
     found = [one for one in attached if one.effect.kinematic]
     before = [one for one in known if one.effect.kinematic]
-    if len(found) == len(before) or kinematics.turbulence(flight, kinematics.reconstruct(flight, found)).named:
+    if len(found) == len(before):
+        return None
+    left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
+    if left.named or left.gain > _RIVAL * turbulent.gain:
         return None
     return weigh(kinematics.reconstruct(flight, before), discrepancy=False)
 
