@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import DEG, flights
 
-from casid.diagnosis.evaluation import Work, gauss_newton_step
+from casid.diagnosis.evaluation import Work, _as_strong, gauss_newton_step
 from casid.diagnosis.evidence import deviation, weigh
 from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import prepare
@@ -48,6 +48,14 @@ def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> Non
     assert not anew.noise_held
     assert missing_inputs(weigh(anew))[0].gain < 100.0
     assert anew[limited.name] == pytest.approx(0.04, rel=0.01)
+
+
+@pytest.mark.parametrize(("effectiveness", "strength"), [(2.0, 0.5), (-2.0, 0.5), (0.4, 1.0), (10.0, 1 / 3)])
+def test_a_cause_gains_neither_by_a_stronger_nor_by_a_weaker_control(effectiveness: float, strength: float) -> None:
+    """Noise does no more to the motion than before, and is never stronger than measured. (It was: a cubic term of a
+    rudder with a dead zone made the rudder weaker, its noise 2.3 times as strong, and went before the dead zone.)"""
+    before = np.array([0.3, -0.01, 0.0, 2.0])
+    assert _as_strong(effectiveness * before, before) == pytest.approx(strength)
 
 
 @pytest.mark.parametrize("guess", [0.05, 0.3])

@@ -289,10 +289,11 @@ def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndar
 
 
 def _as_strong(into: np.ndarray, reference: np.ndarray) -> float:
-    """Factor with which noise of an input does as much to the motion as in the reference: a cause must not gain by
-    making a control stronger, so that its noise explains what nothing else does."""
+    """Factor with which noise of an input does no more to the motion than in the reference: a cause must not gain by
+    making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
+    measured, and not stronger than that."""
     ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
-    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / _MOST, _MOST))
+    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / _MOST, 1.0))
 
 
 def _lateness(attached: Sequence[Attached], names: Sequence[str], outputs: Sequence[str], dt: float) -> np.ndarray:
