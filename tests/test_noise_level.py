@@ -133,7 +133,7 @@ def test_denoising_keeps_the_time_at_which_a_surface_begins_to_move() -> None:
         moving.append(error[near])
         resting.append(error[~near])
         late.append(error[near].mean())
-    assert np.sqrt(np.mean(np.square(resting_all := np.concatenate(resting)))) < 0.4
-    assert abs(resting_all.mean()) < 0.01
+    assert np.sqrt(np.mean(np.concatenate(resting) ** 2)) < 0.4
+    assert abs(np.concatenate(resting).mean()) < 0.01
     assert np.sqrt(np.mean(np.concatenate(moving) ** 2)) < 1.0
     assert abs(np.mean(late)) < 0.1

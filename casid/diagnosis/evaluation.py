@@ -55,8 +55,8 @@ class Fit:
 
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
-    noise        of instruments and recorded inputs; `held` what does to the motion what the noise of inputs did in the
-                 fit before, by `reference`; `acting` what that is behind the attached effects
+    noise        of instruments and recorded inputs; `held` what does no more to the motion than it did in the fit
+                 before, by `reference`; `acting` what that is behind the attached effects
     read         (N, R, ny) what the instruments read of the outputs of `linear`
     disturbances (N, R, nw) that attached effects make
     motion       that the model is linearised about, its inputs where `known` has them: `errors` (N, R, ni) beside the

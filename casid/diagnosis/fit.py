@@ -35,8 +35,8 @@ def fit(
 
     In turbulence derivatives decide how the air moves the aircraft, and with the filter free a fit, or a cause, gains
     by making it move less. There the filter is that of `start`, so that prediction errors are compared; and noise of a
-    recorded input does as much to the motion as in `start`, whatever the control's effectiveness. Both are those of the
-    first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
+    recorded input does no more to the motion than in `start`, whatever the control's effectiveness. Both are those of
+    the first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
 
     Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Steps must lower
     their own sum of squares (`_squares`) or the deviance; converged when one changes the sum by less than `tolerance`.
@@ -58,7 +58,7 @@ def fit(
         now = None
         with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
             now = _flown(work, attached, values, motion, iteration)
-            squares = _squares(now)
+            squares = _squares(work, now)
         better = now is not None and (best is None or squares < lowest or now.deviance < best.deviance)
         if now is None or not (better or abs(squares - lowest) < tolerance):
             shrink *= 0.4
@@ -108,7 +108,7 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
         ) from error
 
 
-def _squares(now: Fit) -> float:
+def _squares(work: Work, now: Fit) -> float:
     """What Gauss-Newton steps lower: the sum of squares, prior included, with noise of inputs as strong as the fit's
     own effectiveness makes it, and without the logarithm of its covariance.
 
@@ -118,7 +118,7 @@ def _squares(now: Fit) -> float:
     """
     white = now.white
     if now.held != now.noise:
-        acting = acting_noise(now.noise, now.attached, float(np.median(now.batch.dt)))
+        acting = acting_noise(now.noise, now.attached, work.dt)
         kalman = now.filter.along(now.linear, acting) if now.filter_held else kalman_filter(now.linear, acting)
         residual = residual_about(now.linear, acting, now.motion.coloured, now.errors, kalman.through)
         white = kalman.whiten(*residual)[..., 0]

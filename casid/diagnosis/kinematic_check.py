@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence
-from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import Screen, fingerprints
 
@@ -90,9 +90,7 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
 def _fitted_check(without: Fit, one: Attached) -> KinematicCheck:
     """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
     on: a long delay does to a reading what no tangent at zero tells."""
-    found = fit(
-        without.flight, [*without.attached, one], without.noise, without, free="effects", iterations=5, tolerance=2.0
-    )
+    found = kinematics.again(without, [*without.attached, one])
     size, gain = one.values["value"], without.deviance - found.deviance
     if gain <= 0.0:
         predicted = (size / found.std(one.name)) ** 2

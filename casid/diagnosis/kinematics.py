@@ -165,12 +165,14 @@ def reconstruct(
     return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
 
 
+def again(before: Fit, attached: Sequence[Attached]) -> Fit:
+    """A reconstruction with other effects, in the same air, their values fitted anew."""
+    return fit(before.flight, attached, before.noise, before, free="effects", iterations=5, tolerance=2.0)
+
+
 def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
-    """Evidence of the kinematics with the kinematic ones of `attached` effects in them, their values fitted anew."""
-    before = kinematic.fit
-    ours = [one for one in attached if one.effect.kinematic]
-    fitted = fit(before.flight, ours, before.noise, before, free="effects", iterations=5, tolerance=2.0)
-    return weigh(fitted, discrepancy=False)
+    """Evidence of the kinematics with the kinematic ones of `attached` effects in them."""
+    return weigh(again(kinematic.fit, [one for one in attached if one.effect.kinematic]), discrepancy=False)
 
 
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
