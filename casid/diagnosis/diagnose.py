@@ -79,10 +79,10 @@ def diagnose(
     start = kinematics.in_turbulence(flight, turbulence, structured) if coloured else structured
     least = kinematics.OF_TURBULENCE * turbulence.gain if coloured else 0.0
     stages.begin("naming")
-    naming = name_causes(weigh(start), effects, kinematic, least, report)
+    naming = name_causes(weigh(start), effects, kinematic, instruments, least, report)
     if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached, turbulence)):
         coloured, start, least, turbulence = False, structured, 0.0, kinematics.still_air(flight)
-        naming = name_causes(weigh(start), effects, calm_air, least, report)
+        naming = name_causes(weigh(start), effects, *calm_air, least, report)
     stages.begin("held-out records")
     named = [r for r in naming.rounds if r.named]
     steps = [structured, *([start] if coloured else []), *(r.winner for r in named)]

@@ -10,11 +10,20 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit, Free
 from casid.diagnosis.evidence import Evidence, cross_of, weigh
 from casid.diagnosis.fit import fit
-from casid.diagnosis.hypothesis import Attached, disturbance_series
-from casid.diagnosis.screening import EDGE, ONSET_STEP, Candidate, Screen, fingerprints, onset_grid
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.screening import (
+    EDGE,
+    ONSET_STEP,
+    Candidate,
+    Fingerprint,
+    Screen,
+    fingerprints,
+    history,
+    onset_grid,
+    prints_of,
+)
 from casid.model import operators
 from casid.model.causes import configuration_change
-from casid.model.effect import Effect, Series, Values
 from casid.model.path import coefficient_names
 
 _FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
@@ -40,28 +49,37 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     the present onset; where nothing moves the surface concerned it is flat, and the interval wide.
     """
     base, judge = evidence.fit, Screen(evidence)
-    names = list(base.batch.names)
     onsets, intervals = dict(one.onsets), {}
-    for record, onset in one.onsets.items():
-        r = names.index(record)
-        first, last = base.flight.records[r].t[0], base.flight.records[r].t[-1]
-        near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
-        times = np.union1d(np.round(near, 6), np.round(first + onset_grid(evidence, _COARSE), 6))
-        times = times[(times >= first + EDGE) & (times <= last - EDGE)]
-        keep = np.zeros((1, len(names)))
-        keep[0, r] = 1.0
-        profile = []
-        for shift in fingerprints(evidence, [_shifted(one, onset)], times - first):
-            left, match, _ = judge.projected([shift], keep)
-            profile.append(2.0 * match - left)
-        drops = np.array(profile)
-        onsets[record] = float(times[np.argmax(drops)])
+    times = {record: _looked_at(evidence, record, onset) for record, onset in one.onsets.items()}
+    now, most = history(base, one), max(map(len, times.values()))
+    shifts = [  # records know nothing of each other: all of them at once
+        history(base, replace(one, onsets={record: t[min(i, len(t) - 1)] for record, t in times.items()})) - now
+        for i in range(most)
+    ]
+    prints = prints_of(evidence, one.effect, shifts)
+    for record, t in times.items():
+        drops = np.array([_drop(judge, base.batch.names.index(record), print_) for print_ in prints[: len(t)]])
+        onsets[record] = float(t[np.argmax(drops)])
         inside = np.flatnonzero(drops > drops.max() - _DROP)
         # the interval ends where the profile was first found too low, as near as the steps between its points tell
-        low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(times) - 1)
-        ends = (round(float(times[low]) - 0.5 * _FINE, 3), round(float(times[high]) + 0.5 * _FINE, 3))
+        low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
+        ends = (round(float(t[low]) - 0.5 * _FINE, 3), round(float(t[high]) + 0.5 * _FINE, 3))
         intervals[record] = ends
     return replace(one, onsets=onsets), intervals
+
+
+def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
+    """Times [s] at which an event of a record is looked for, finely around its present onset."""
+    record = next(r for r in evidence.fit.flight.records if r.name == name)
+    near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
+    times = np.union1d(np.round(near, 6), np.round(record.t[0] + onset_grid(evidence, _COARSE), 6))
+    return times[(times >= record.t[0] + EDGE) & (times <= record.t[-1] - EDGE)]
+
+
+def _drop(judge: Screen, r: int, print_: Fingerprint) -> float:
+    """Predicted drop of the deviance by a cause of the size of its fingerprint, in record r alone."""
+    left, match, _ = judge.projected([print_], np.eye(len(print_.square))[[r]])
+    return 2.0 * match - left
 
 
 def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:
@@ -109,35 +127,20 @@ def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
     """Record -> onset after one Gauss-Newton step of all of them, everything that is fitted adapting; a step is weighed
     against `_NEAR`, so that an onset of which the data say nothing stays."""
     base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
-    records = [base.flight.records[names.index(name)] for name in one.onsets]
-    h, square, cross, match = 0.5 * _FINE, [], [], []
-    for record, onset in zip(records, one.onsets.values(), strict=True):
-        later = np.array([onset + h - record.t[0]])
-        (slope,) = fingerprints(evidence, [_shifted(one, onset - h)], later)
-        r = names.index(record.name)
-        square.append(slope.square[r])
-        cross.append(slope.cross[r])
-        match.append(slope.match[r])
-    C = np.array(cross)
-    gram = (np.diag(square) - C @ judge.covariance @ C.T) / _FINE**2 + np.eye(len(square)) / _NEAR**2
-    step = np.clip(np.linalg.solve(gram, (np.array(match) - C @ judge.newton) / _FINE), -_NEAR, _NEAR)
+    rows = [names.index(name) for name in one.onsets]
+    sooner, later = (
+        history(base, replace(one, onsets={record: onset + h for record, onset in one.onsets.items()}))
+        for h in (-0.5 * _FINE, 0.5 * _FINE)
+    )
+    (slope,) = prints_of(evidence, one.effect, [later - sooner])
+    C = slope.cross[rows]
+    gram = (np.diag(slope.square[rows]) - C @ judge.covariance @ C.T) / _FINE**2 + np.eye(len(rows)) / _NEAR**2
+    step = np.clip(np.linalg.solve(gram, (slope.match[rows] - C @ judge.newton) / _FINE), -_NEAR, _NEAR)
+    records = [base.flight.records[r] for r in rows]
     return {
         record.name: float(np.clip(onset + d, record.t[0] + EDGE, record.t[-1] - EDGE))
         for record, onset, d in zip(records, one.onsets.values(), step, strict=True)
     }
-
-
-def _shifted(one: Attached, onset: float) -> Effect:
-    """The difference that the effect at another onset makes, as an effect."""
-    made, values = one.effect.series, dict(one.values)
-    if made is None:
-        raise ValueError(f"{one.name} has no time history")
-
-    def series(t: np.ndarray, known: Series, at: Values) -> dict[str, np.ndarray]:
-        now, then = made(t, known, values | {"onset": at["onset"]}), made(t, known, values | {"onset": onset})
-        return {station: now[station] - then[station] for station in now}
-
-    return replace(one.effect, kind="shift", series=series, grid=({},))
 
 
 def configuration_changes(evidence: Evidence) -> list[Candidate]:
@@ -189,14 +192,11 @@ def is_sudden(evidence: Evidence, one: Attached) -> bool:
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
 
-    def histories(event: Attached) -> np.ndarray:
-        return disturbance_series([event], names, base.batch.t, base.known, base.model.disturbances)
-
-    whole = histories(replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
+    whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
     acting = [s for s in range(whole.shape[2]) if _acts_always(whole[:, rows, s][live])]
     if not acting:
         return True
-    jump = base.filter.whiten_histories(acting, histories(one)[..., acting])
+    jump = base.filter.whiten_histories(acting, history(base, one)[..., acting])
     slow = np.zeros((*whole.shape[:2], len(rows), len(acting), _SLOW))
     for i, r in enumerate(rows):
         own = base.batch.live[:, r]
@@ -258,6 +258,8 @@ def _joint(
 def further_records(evidence: Evidence, one: Attached) -> Attached:
     """The fitted event also in those other records where it, at its size and best onset, lowers the deviance."""
     base, judge = evidence.fit, Screen(evidence)
+    if len(one.onsets) == len(base.flight.records):
+        return one
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
     prints = fingerprints(evidence, [effect], onset_grid(evidence, BETWEEN, further.get("length", np.inf)))
@@ -265,12 +267,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:
             continue
-        keep = np.zeros((1, len(base.flight.records)))
-        keep[0, r] = 1.0
-        drops = []
-        for print_ in prints:
-            left, match, _ = judge.projected([print_], keep)
-            drops.append(2.0 * match - left)
+        drops = [_drop(judge, r, print_) for print_ in prints]
         if max(drops) > 2.0 * judge.price:
             onsets[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
     return replace(one, onsets=onsets)

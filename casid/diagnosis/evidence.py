@@ -16,7 +16,7 @@ from scipy.linalg import get_blas_funcs
 from casid.diagnosis.evaluation import Fit, scaled_inverse
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
-from casid.estimation.processors import share_out
+from casid.estimation.processors import share_out, side_by_side
 
 _SURE = 3.0  # times its spread that a value must be from zero
 _KNOWN = 0.005  # of a value: what samples leave open between them, and another simulator does otherwise
@@ -118,7 +118,7 @@ class _Sums:
 
 def _sums(fit: Fit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _Sums:
     k, n = len(fit.slots), len(fit.slots) + len(small.names)
-    gram = sum(gram_of(flat) for flat in by_record) + np.zeros((n, n))
+    gram = sum(side_by_side(gram_of, by_record)) + np.zeros((n, n))
     slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
     gram[range(k), range(k)] += fit.prior_weight
     slope[:k] -= fit.prior_pull

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
-from casid.estimation.compiler import Compilable
+from casid.estimation.compiler import BUILDING, Compilable
 from casid.estimation.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
 from casid.estimation.noise import (
     density_sigma,
@@ -76,23 +76,26 @@ class Flight:
         """The aircraft model of this flight, with symbolic `effects` among its parameters."""
         symbolic = [effect for effect in effects if effect.symbolic]
         key = tuple(effect.name for effect in symbolic)
-        if key not in self._models:
-            self._models[key] = aircraft_model(
-                self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic, turning=self.turning
-            )
+        with BUILDING:
+            if key not in self._models:
+                self._models[key] = aircraft_model(
+                    self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic, turning=self.turning
+                )
         return self._models[key]
 
     def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
         """The functions of one of its models, with derivatives by the `free` parameters."""
         key = model, tuple(free)
-        if key not in self._functions:
-            self._functions[key] = PointFunctions(model, free)
+        with BUILDING:
+            if key not in self._functions:
+                self._functions[key] = PointFunctions(model, free)
         return self._functions[key]
 
     def regressors(self, model: Model) -> Regressors:
         """The aerodynamic regressors of one of its models."""
-        if model not in self._regressors:
-            self._regressors[model] = Regressors(self, model)
+        with BUILDING:
+            if model not in self._regressors:
+                self._regressors[model] = Regressors(self, model)
         return self._regressors[model]
 
     def batch(self, model: Model) -> Batch:

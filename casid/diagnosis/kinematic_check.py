@@ -10,7 +10,7 @@ from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import Screen, fingerprints
+from casid.diagnosis.screening import Screen, fingerprints, history, prints_of
 
 KINEMATIC_GAIN = 50.0  # that a cause must promise before kinematics can judge it
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
@@ -70,20 +70,13 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
         return KinematicCheck()
     if not effect.linear:
         return _fitted_check(kinematic.fit, one)
-    size, further = one.values["value"], {key: v for key, v in one.values.items() if key != "value"}
-    judge, names = Screen(kinematic), list(kinematic.fit.batch.names)
-    whole = replace(effect, grid=(further,))
+    size, judge, names = one.values["value"], Screen(kinematic), kinematic.fit.batch.names
     if effect.timed:
-        parts, keep = [], []
-        for record, onset in one.onsets.items():
-            r = names.index(record)
-            parts += fingerprints(kinematic, [whole], np.array([onset - kinematic.fit.flight.records[r].t[0]]))
-            keep.append(np.eye(len(names))[r])
-        weights = np.array(keep)
+        parts = prints_of(kinematic, effect, [history(kinematic.fit, one.with_values({"value": 1.0}))])
     else:
-        parts = fingerprints(kinematic, [whole])
-        weights = np.array([[float(one.concerns(name)) for name in names]])
-    left, match, _ = judge.projected(parts, weights)
+        further = {key: v for key, v in one.values.items() if key != "value"}
+        parts = fingerprints(kinematic, [replace(effect, grid=(further,))])
+    left, match, _ = judge.projected(parts, np.array([[float(one.concerns(name)) for name in names]]))
     return KinematicCheck(predicted=size**2 * left, achieved=2.0 * size * match - size**2 * left)
 
 

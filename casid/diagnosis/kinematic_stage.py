@@ -30,8 +30,7 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidenc
     of_the_file = [one for one in known if one.effect.kinematic]
     calm = kinematics.reconstruct(flight, of_the_file)
     evidence = weigh(calm, discrepancy=False)
-    taken = {one.effect.key for one in of_the_file}
-    effects = [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
+    effects = _observable(flight, of_the_file)
     ranked = screen(evidence, effects)
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named and drifts(evidence)[0].gain > ONE_READING * turbulent.gain:
@@ -46,10 +45,10 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidenc
 
 def without_turbulence(
     flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
-) -> Evidence | None:
-    """Kinematic evidence in calm air, as of `judge_kinematics`, when of what it said there, `turbulent`, little is left
-    beside the causes that were named in it, `attached`: moving air imitates faults until they are found. None when
-    there is."""
+) -> tuple[Evidence, list[Candidate]] | None:
+    """Kinematic evidence in calm air and its ranking, as of `judge_kinematics`, when of what it said there,
+    `turbulent`, little is left beside the causes that were named in it, `attached`: moving air imitates faults until
+    they are found. None when there is."""
     found = [one for one in attached if one.effect.kinematic]
     before = [one for one in known if one.effect.kinematic]
     if len(found) == len(before):
@@ -57,7 +56,14 @@ def without_turbulence(
     left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
     if left.named or left.gain > _RIVAL * turbulent.gain:
         return None
-    return weigh(kinematics.reconstruct(flight, before), discrepancy=False)
+    evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
+    return evidence, screen(evidence, _observable(flight, before))
+
+
+def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
+    """Causes of which kinematics know, but for those that are `known`."""
+    taken = {one.effect.key for one in known}
+    return [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
 
 
 def _beside_faults(

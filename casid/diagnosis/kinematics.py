@@ -17,6 +17,7 @@ from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
+from casid.estimation.processors import side_by_side
 from casid.model.path import MOMENTS, coefficient_names
 
 _FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a free specific force
@@ -197,14 +198,16 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
     # What the records feel is the strength of the process at short times, sigma^2 / length
     factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
-    along = [at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1).deviance for f in factors]
+    along = side_by_side(lambda f: at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1).deviance, factors.tolist())
     factor, spread = _lowest(factors, along)
     length, middle = factor * _SCALE_LENGTH, best * factor**0.5
     sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
-    sigma, narrow = _lowest(sigmas, [at(s, length, found, iterations=1).deviance for s in sigmas])
+    sigma, narrow = _lowest(
+        sigmas, side_by_side(lambda s: at(s, length, found, iterations=1).deviance, sigmas.tolist())
+    )
     found = at(sigma, length, found)
     moved = [axis for axis in WIND if axis in found.model.disturbances]
-    alone = min(at(sigma, length, found, (axis,)).deviance for axis in moved)
+    alone = min(side_by_side(lambda axis: at(sigma, length, found, (axis,)).deviance, moved))
     lowest = found.deviance
     return Turbulence(
         sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),

@@ -9,7 +9,6 @@ afterwards. What is added to a reading is slow, like the drift of an instrument:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from scipy import stats
 
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of, gram_of
-from casid.estimation.processors import processors
+from casid.estimation.processors import side_by_side
 from casid.model.path import coefficient_names
 
 READING = "reading_"  # and the channel: station of what is added to a reading
@@ -73,8 +72,7 @@ def _readings(fit: Fit) -> list[str]:
 
 
 def _each(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
-    with ThreadPoolExecutor(processors()) as pool:  # most of the time is spent outside Python's lock
-        found = list(pool.map(lambda station: _one_station(evidence, station), names))
+    found = side_by_side(lambda station: _one_station(evidence, station), names)
     return sorted(found, key=lambda m: -m.gain)
 
 

@@ -17,6 +17,7 @@ from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, mi
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
 from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
+from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.signals import SURFACES
 
@@ -35,30 +36,32 @@ _TENTATIVE = 2  # rounds that may pass until the named causes together explain w
 LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
 _BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
+_AT_ONCE = 2  # trials
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Naming:
-    """Where the naming stands: evidence of the current model and of its kinematics, what it still misses, the rounds
-    so far, and onset intervals by cause name."""
+    """Where the naming stands: evidence of the current model, evidence of its kinematics and the ranking by these
+    alone, what the model still misses, the rounds so far, and onset intervals by cause name."""
 
     evidence: Evidence
     kinematic: Evidence | None
+    observed: Sequence[Candidate]
     missing: tuple[MissingInput, ...]
     rounds: tuple[Round, ...]
     intervals: dict[str, Intervals]
 
 
 def name_causes(
-    baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, least: float,
-    report: Callable[[str], None],
+    baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, observed: Sequence[Candidate],
+    least: float, report: Callable[[str], None],
 ) -> Naming:  # fmt: skip
-    """Greedy naming from the fitted baseline, under its noise; stops when nothing in the catalogue gains what is asked
-    (`least`, if that is more) and matters. When nothing is missing by any measure, instruments are still looked at,
-    whose faults have a shape that no anonymous input has, and what small terms of a bent coefficient explain as well,
-    but no events."""
-    firm = state = _standing(baseline, kinematic, (), {})
+    """Greedy naming from the fitted baseline, under its noise, with the evidence of `kinematic` and their ranking
+    `observed`; stops when nothing in the catalogue gains what is asked (`least`, if that is more) and matters. When
+    nothing is missing by any measure, instruments are still looked at, whose faults have a shape that no anonymous
+    input has, and what small terms of a bent coefficient explain as well, but no events."""
+    firm = state = _standing(baseline, kinematic, observed, (), {})
     for number in range(1, _ROUNDS + 1):
         report(f"naming, round {number}")
         state = _one_round(state, catalogue, least)
@@ -76,10 +79,13 @@ def name_causes(
 
 
 def _standing(
-    evidence: Evidence, kinematic: Evidence | None, rounds: tuple[Round, ...], intervals: dict[str, Intervals]
-) -> Naming:
-    missing = tuple(missing_inputs(evidence))
-    return Naming(evidence=evidence, kinematic=kinematic, missing=missing, rounds=rounds, intervals=intervals)
+    evidence: Evidence, kinematic: Evidence | None, observed: Sequence[Candidate], rounds: tuple[Round, ...],
+    intervals: dict[str, Intervals],
+) -> Naming:  # fmt: skip
+    return Naming(
+        evidence=evidence, kinematic=kinematic, observed=observed, missing=tuple(missing_inputs(evidence)),
+        rounds=rounds, intervals=intervals,
+    )  # fmt: skip
 
 
 def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
@@ -138,24 +144,15 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     # kinematics alone say of it does not drown in wrong aerodynamics
     candidates = rank(Screen(state.evidence, exact=True), prints)
     cautious = rank(Screen(state.evidence), prints)
-    observed = screen(state.kinematic, [e for e in effects if e.kinematic]) if state.kinematic is not None else []
+    names = {e.name for e in effects}
+    observed = [c for c in state.observed if c.name in names]
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
-    intervals = dict(state.intervals)
-    trials: list[Trial] = []
-    fits: dict[Trial, Fit] = {}
-    give_up = np.inf
     chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
-    for candidate in _with_look_alikes(chosen, effects):
-        trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
-        if not trial.refuted:
-            give_up = min(give_up, beside.fit.deviance + _WIDE * abs(trial.gain))
-        if interval:
-            intervals[trial.candidate.name] = interval
-        trials.append(trial)
-        if _can_be_named(trial, price(trial, state, least)):
-            fits[trial] = beside.fit
-    trials = in_order(trials, fits)
+    tried = _tried(state, _with_look_alikes(chosen, effects))
+    intervals = state.intervals | {trial.candidate.name: ends for trial, _, ends in tried if ends}
+    fits = {trial: fitted for trial, fitted, _ in tried if _can_be_named(trial, price(trial, state, least))}
+    trials = in_order([trial for trial, *_ in tried], fits)
     best = trials[0] if fits else None
     equivalents = _equivalents(best, trials) if best is not None else ()
     this = Round(
@@ -172,10 +169,28 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         evidence = weigh(relaxed(evidence.fit))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
-    kinematic = state.kinematic
+    kinematic, observed = state.kinematic, state.observed
     if kinematic is not None and best.effect.kinematic:
         kinematic = kinematics_beside(kinematic, evidence.fit.attached)
-    return _standing(evidence, kinematic, (*state.rounds, this), intervals | moved)
+        observed = screen(kinematic, [e for e in effects if e.kinematic and e.key != best.effect.key])
+    return _standing(evidence, kinematic, observed, (*state.rounds, this), intervals | moved)
+
+
+def _tried(state: Naming, candidates: Sequence[Candidate]) -> list[tuple[Trial, Fit, Intervals]]:
+    """All candidates fitted, `_AT_ONCE` side by side on however many processors, so that the answer does not depend on
+    them: those that come later are given up when they are unlikely to come near the best before."""
+    found: list[tuple[Trial, Fit, Intervals]] = []
+    give_up = np.inf
+
+    def run(candidate: Candidate) -> tuple[Trial, Fit, Intervals]:
+        trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
+        return trial, beside.fit, interval
+
+    for first in range(0, len(candidates), _AT_ONCE):
+        found += side_by_side(run, candidates[first : first + _AT_ONCE])
+        near = [fitted.deviance + _WIDE * abs(trial.gain) for trial, fitted, _ in found if not trial.refuted]
+        give_up = min(near, default=np.inf)
+    return found
 
 
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:

@@ -18,10 +18,11 @@ from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.estimation.innovations import linearise
+from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
-_AT_ONCE, _CHUNK = 1.2e7, 96  # numbers of whitened responses, and responses, that are in memory together
+_AT_ONCE, _CHUNK = 3.5e6, 96  # numbers of whitened responses, and responses, that are in memory together
 ONSET_STEP, _FINE_UP_TO = 1.0, 30.0  # s, between onsets, and length of a record up to which they are as near as asked
 EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
 _STARTS = 4  # records from which sets of records grow
@@ -132,12 +133,14 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     direct = [row for row in rows if not _a_history(row[0])]
     known = [row for row in rows if _a_history(row[0])]
-    found: list[Fingerprint] = []
-    together = int(np.clip(_AT_ONCE / base.white.size, 8, _CHUNK))
-    for some, whiten in ((known, _white_histories), (direct, lambda base, rows: _white_direct(base, rows, symbolic))):
-        for at in range(0, len(some), together):
-            found += _fingerprints(evidence, some[at : at + together], whiten(base, some[at : at + together]))
-    return found
+
+    def some(of: Sequence[_Row]) -> list[Fingerprint]:
+        white = _white_histories(base, of) if _a_history(of[0][0]) else _white_direct(base, of, symbolic)
+        return _fingerprints(evidence, of, white)
+
+    together = _together(base)
+    parts = [of[at : at + together] for of in (known, direct) for at in range(0, len(of), together)]
+    return [print_ for found in side_by_side(some, parts) for print_ in found]
 
 
 def onset_grid(evidence: Evidence, step: float, length: float = np.inf) -> np.ndarray:
@@ -182,29 +185,51 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
 
 
 def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
-    """(N, R, ny, rows) whitened responses to a unit of effects that are time histories, of one or of more stations."""
-    shape, disturbances = base.batch.live.shape, base.model.disturbances
-    first: list[int] = []
-    stations: list[int] = []
-    histories: list[np.ndarray] = []
+    """(N, R, ny, rows) whitened responses to a unit of effects that are time histories."""
+    histories = []
     for effect, values, onset in rows:
-        first.append(len(stations))
         if effect.quasi_steady:
-            stations.append(disturbances.index(f"d{effect.target}"))
             term = parse_term(effect.regressor or "0").evaluate(base.regressors)
-            histories.append(np.broadcast_to(term, shape))
-            continue
-        one = _unit(effect, values, onset, base)
-        W = disturbance_series([one], base.batch.names, base.batch.t, base.known, disturbances)
-        acting = np.flatnonzero(W.any(axis=(0, 1)))
-        acting = acting if len(acting) else [0]
-        stations += [int(s) for s in acting]
-        histories += [W[..., s] for s in acting]
-    white = base.filter.whiten_histories(stations, np.stack(histories, axis=2))
-    parts = np.diff([*first, len(stations)])
+            station = base.model.disturbances.index(f"d{effect.target}")
+            histories.append({station: np.broadcast_to(term, base.batch.live.shape)})
+        else:
+            histories.append(_by_station(history(base, _unit(effect, values, onset, base))))
+    return _whitened(base, histories)
+
+
+def history(base: Fit, one: Attached) -> np.ndarray:
+    """(N, R, nw) what an effect puts on the stations of a fit."""
+    return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
+
+
+def _by_station(W: np.ndarray) -> dict[int, np.ndarray]:
+    """Station -> (N, R) time history, of those of (N, R, nw) that act; one if none does."""
+    acting = np.flatnonzero(W.any(axis=(0, 1)))
+    return {int(s): W[..., s] for s in (acting if len(acting) else [0])}
+
+
+def _whitened(base: Fit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
+    """(N, R, ny, histories) whitened responses to time histories by station."""
+    stations = [station for one in histories for station in one]
+    white = base.filter.whiten_histories(stations, np.stack([h for one in histories for h in one.values()], axis=2))
+    parts = np.array([len(one) for one in histories])
     if (parts == parts[0]).all():  # the same, in a quarter of the time
         return sum((white[..., i :: parts[0]] for i in range(1, parts[0])), white[..., :: parts[0]])
-    return np.add.reduceat(white, first, axis=3)
+    return np.add.reduceat(white, np.cumsum(parts) - parts, axis=3)
+
+
+def prints_of(evidence: Evidence, effect: Effect, histories: Sequence[np.ndarray]) -> list[Fingerprint]:
+    """The fingerprints of time histories (N, R, nw), as those of an effect."""
+    found, together = [], _together(evidence.fit)
+    for at in range(0, len(histories), together):
+        some = [_by_station(W) for W in histories[at : at + together]]
+        found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(evidence.fit, some))
+    return found
+
+
+def _together(base: Fit) -> int:
+    """Responses that are in memory at a time."""
+    return int(np.clip(_AT_ONCE / base.white.size, 8, _CHUNK))
 
 
 def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:

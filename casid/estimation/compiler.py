@@ -30,6 +30,8 @@ FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off", "-share
 _LOG = logging.getLogger(__name__)
 _COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.06, 1.6e-4  # s, measured with gcc on one core
 _SOURCE_PER_INSTRUCTION = 2e-6  # s, to write and hash the C source
+# CasADi lets go of Python's lock, and marks the expressions that it works on: one thread at a time may build from them
+BUILDING = threading.RLock()
 _BATCHES = 6  # sizes of which a function keeps its arrays
 
 
@@ -138,12 +140,14 @@ def _alive(process: int) -> bool:
 
 
 class Compilable:
-    """A CasADi function that becomes compiled C once it has earned it."""
+    """A CasADi function that becomes compiled C once it has earned it; `lock` is for those who call one of its batches
+    from more than one thread."""
 
     def __init__(self, function: ca.Function) -> None:
         self.symbolic = function  # can be differentiated, which compiled code cannot
         self.function = function
         self.spent = 0.0
+        self.lock = threading.Lock()
         instructions = function.n_instructions()
         self._look_up_after = _SOURCE_PER_INSTRUCTION * instructions
         self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
@@ -173,7 +177,8 @@ class Compilable:
             self._settled = True
             return self.function
         if self._pending is None:
-            source = _source(self.function)
+            with BUILDING:
+                source = _source(self.function)
             self._pending = (source, library_path(source))
         source, library = self._pending
         if library.exists():
@@ -199,7 +204,8 @@ class Batch:
 
     def _prepare(self, function: ca.Function) -> None:
         self._used = function
-        self._derived = self._derive(function)
+        with BUILDING:
+            self._derived = self._derive(function)
         f = self._derived
         self._inputs = [np.zeros((f.size2_in(i), f.size1_in(i))) for i in range(f.n_in())]
         self._outputs = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]

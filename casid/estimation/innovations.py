@@ -118,18 +118,19 @@ class PointFunctions:
 
 def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
     """A function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results (N, R, rows,
-    columns)."""
+    columns). Threads take turns."""
     N, R = arguments[0].shape[:2]
     flat = [np.broadcast_to(a, (N, R, a.shape[-1])).reshape(N * R, a.shape[-1]) for a in arguments]
     shapes = [function.symbolic.size_out(i) for i in range(function.symbolic.n_out())]
     results = [np.empty((N * R, columns, rows)) for rows, columns in shapes]
-    block = function.mapped(_BLOCK)
     for first in range(0, N * R, _BLOCK):
         points = np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
-        found = block(*(a[points] for a in flat))
-        for to, part in zip(results, found, strict=True):
-            own = to[first : first + _BLOCK]
-            own[...] = part.reshape(_BLOCK, *to.shape[1:])[: len(own)]
+        given = [a[points] for a in flat]
+        with function.lock:
+            found = function.mapped(_BLOCK)(*given)
+            for to, part in zip(results, found, strict=True):
+                own = to[first : first + _BLOCK]
+                own[...] = part.reshape(_BLOCK, *to.shape[1:])[: len(own)]
     return [r.reshape(N, R, *r.shape[1:]).swapaxes(2, 3) for r in results]
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,8 @@ _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scal
 class Filter:
     """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
     (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log determinant per
-    sample (N, R); `noise` what is random, `inputs` the sensitivities of the model to the noise of recorded inputs;
-    `through` the model that predicts and that noise goes through: `linear` but for `along`."""
+    sample (N, R); `noise` what is random; `through` the model that predicts and that noise goes through: `linear` but
+    for `along`."""
 
     linear: Linear
     through: Linear
@@ -34,8 +35,12 @@ class Filter:
     inverse_root: np.ndarray
     P: np.ndarray
     log_determinant: np.ndarray
-    inputs: InputNoise
     kernel: FilterKernel | None
+
+    @cached_property
+    def inputs(self) -> InputNoise:
+        """How noise of the recorded inputs enters the model that it goes through."""
+        return _input_noise(self.through, self.noise)
 
     def along(self, linear: Linear, noise: NoiseModel) -> Filter:
         """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
@@ -45,7 +50,7 @@ class Filter:
         in the change of the model, as long as it is linearised about the most likely motion.
         """
         if self._knows(linear, noise):
-            return replace(self, linear=linear, noise=noise, inputs=replace(self.inputs, variance=_variance(noise)))
+            return replace(self, linear=linear, noise=noise)
         through = _held(linear, self.through)
         A, C, *_ = augmented(through, noise)
         own, names = [*self.through.model.states, *self.noise.coloured], [*linear.model.states, *noise.coloured]
@@ -53,10 +58,7 @@ class Filter:
         gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
         gain[:, :, into] = self.gain[:, :, of]
         P[:, :, into[:, None], into] = self.P[:, :, of[:, None], of]
-        return replace(
-            self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P,
-            inputs=_input_noise(through, noise),
-        )  # fmt: skip
+        return replace(self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P)
 
     def _knows(self, linear: Linear, noise: NoiseModel) -> bool:
         """Whether all that another model could change of it is already in it."""
@@ -179,8 +181,7 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
     gain, inverse_root, P, log_determinant = passed
     return Filter(
         linear=linear, through=linear, noise=noise, A=A, C=C, gain=gain, inverse_root=inverse_root,
-        P=P, log_determinant=log_determinant,
-        inputs=_input_noise(linear, noise), kernel=kernel,
+        P=P, log_determinant=log_determinant, kernel=kernel,
     )  # fmt: skip
 
 
@@ -189,11 +190,8 @@ def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:
     now, after, out = linear.Bw0[..., index].copy(), linear.Bw1[..., index], linear.Dw[..., index].copy()
     now[1:] += linear.A[1:] @ after[:-1]
     out[1:] += linear.C[1:] @ after
-    return InputNoise(variance=_variance(noise), now=now, after=after, out=out)
-
-
-def _variance(noise: NoiseModel) -> np.ndarray:
-    return np.array([sigma**2 for sigma in noise.inputs.values()])
+    variance = np.array([sigma**2 for sigma in noise.inputs.values()])
+    return InputNoise(variance=variance, now=now, after=after, out=out)
 
 
 def _held(linear: Linear, before: Linear) -> Linear:

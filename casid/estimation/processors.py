@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+_THREAD = threading.local()  # `busy` in one of `side_by_side`
+
 
 def processors() -> int:
-    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer."""
+    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer; one `side_by_side` with others."""
+    if getattr(_THREAD, "busy", False):
+        return 1
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
     return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
@@ -31,3 +39,17 @@ def share_out(parts: int, run: Callable[[int, int], None]) -> None:
     run(*bounds[:2])
     for other in others:
         other.join()
+
+
+def side_by_side(run: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
+    """run(task) of each, in their order, as many at once as there are processors. What `run` shares out inside stays on
+    its own. Raises what the first of them raises."""
+    if min(processors(), len(tasks)) < 2:
+        return [run(task) for task in tasks]
+
+    def alone(task: Task) -> Result:
+        _THREAD.busy = True
+        return run(task)
+
+    with ThreadPoolExecutor(processors()) as pool:
+        return list(pool.map(alone, tasks))
