@@ -140,21 +140,28 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
         air = start.flight if start.flight.turning == turning else flight.turned_by_air(turning)
         return fit(air, start.attached, noise, start, tolerance=2.0)
 
-    def larger(moments: Sequence[str], best: Fit) -> Fit:
-        for scale in _SCALES[1:]:
-            trial = at(moments, scale, best, best.flight.turning)
+    def larger(moments: Sequence[str], least: Fit) -> Fit:
+        best = least
+        for trial in side_by_side(lambda scale: at(moments, scale, least, least.flight.turning), _SCALES[1:]):
             if trial.deviance > best.deviance:
                 break
             best = trial
         return best
 
     best = at(_ROLLING, _SCALES[0], start, _TURNING)
-    for axis in _TURNING:
-        other = {**best.flight.turning, axis: -best.flight.turning[axis]}
-        best = min(best, at(_ROLLING, _SCALES[0], best, other), key=lambda one: one.deviance)
+    others = side_by_side(lambda axis: at(_ROLLING, _SCALES[0], best, _turned(axis)), tuple(_TURNING))
+    turned = [axis for axis, other in zip(_TURNING, others, strict=True) if other.deviance < best.deviance]
+    if turned:
+        both = len(turned) > 1
+        best = at(_ROLLING, _SCALES[0], best, _turned(*turned)) if both else min(others, key=lambda one: one.deviance)
     best = larger(_ROLLING, best)
     besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), _SCALES[0], best, best.flight.turning))
     return relaxed(besides if best.deviance - besides.deviance > OF_TURBULENCE * turbulent.gain else best)
+
+
+def _turned(*axes: str) -> Mapping[str, float]:
+    """The air's rotation with the other sign about some axes."""
+    return {axis: -sign if axis in axes else sign for axis, sign in _TURNING.items()}
 
 
 def reconstruct(
@@ -183,13 +190,20 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
         return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
 
-    fits: dict[float, Fit] = {}
-    for sigmas in (_SIGMAS[_FIRST:], reversed(_SIGMAS[:_FIRST])):  # upwards, then downwards
-        last = fits.get(_SIGMAS[_FIRST], calm)
+    first = at(_SIGMAS[_FIRST], _SCALE_LENGTH, calm)
+
+    def along(sigmas: Sequence[float]) -> dict[float, Fit]:
+        """Fits of one velocity after the other, until one is clearly worse than the best before."""
+        fits = {_SIGMAS[_FIRST]: first}
         for sigma in sigmas:
-            last = fits[sigma] = at(sigma, _SCALE_LENGTH, last)
+            last = at(sigma, _SCALE_LENGTH, list(fits.values())[-1])
+            fits[sigma] = last
             if last.deviance > min(one.deviance for one in fits.values()) + 20.0:
                 break
+        return fits
+
+    larger, smaller = side_by_side(along, (_SIGMAS[_FIRST + 1 :], _SIGMAS[:_FIRST][::-1]))
+    fits = larger | smaller
     best = min(fits, key=lambda s: fits[s].deviance)
     found = fits[best]
     gain = max(calm.deviance - found.deviance, 0.0)
@@ -198,16 +212,14 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
     # What the records feel is the strength of the process at short times, sigma^2 / length
     factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
-    along = side_by_side(lambda f: at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1).deviance, factors.tolist())
-    factor, spread = _lowest(factors, along)
+    by_length = side_by_side(lambda f: at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1), factors.tolist())
+    factor, spread = _lowest(factors, by_length)
     length, middle = factor * _SCALE_LENGTH, best * factor**0.5
     sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
-    sigma, narrow = _lowest(
-        sigmas, side_by_side(lambda s: at(s, length, found, iterations=1).deviance, sigmas.tolist())
-    )
+    sigma, narrow = _lowest(sigmas, side_by_side(lambda s: at(s, length, found, iterations=1), sigmas.tolist()))
     found = at(sigma, length, found)
     moved = [axis for axis in WIND if axis in found.model.disturbances]
-    alone = min(side_by_side(lambda axis: at(sigma, length, found, (axis,)).deviance, moved))
+    alone = min(one.deviance for one in side_by_side(lambda axis: at(sigma, length, found, (axis,)), moved))
     lowest = found.deviance
     return Turbulence(
         sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
@@ -215,10 +227,10 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     )  # fmt: skip
 
 
-def _lowest(points: np.ndarray, deviance: Sequence[float]) -> tuple[float, float]:
-    """Where a parabola through three points over the logarithm is lowest, no further than half a step outside, and
-    1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
-    x, step = np.log(points), float(np.log(points[1] / points[0]))
+def _lowest(points: np.ndarray, fits: Sequence[Fit]) -> tuple[float, float]:
+    """Where a parabola through the deviance of three fits over the logarithm is lowest, no further than half a step
+    outside, and 1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
+    x, step, deviance = np.log(points), float(np.log(points[1] / points[0])), [one.deviance for one in fits]
     bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
     if bend <= 0.0:
         return float(points[int(np.argmin(deviance))]), step

@@ -30,6 +30,7 @@ _BENDS = 0.1  # the same of a term, which may bend to imitate anything
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
+_NEEDED = 25.0  # times the gain that is asked, predicted by the square of a size in 1-sigmas
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
 # to another event; to other causes, by a cause and by an event
@@ -215,12 +216,20 @@ def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence)
         name = earlier.trials[0].candidate.name
         rivals = {trial.effect.key for trial in earlier.trials}
         fitted = evidence.fit
-        if key not in rivals or name not in {a.name for a in fitted.attached}:
+        if key not in rivals or name not in {a.name for a in fitted.attached} or _is_needed(evidence, name):
             continue
         others = weigh(without(fitted, {name}))
         if others.deviance < evidence.deviance + GAIN:
             evidence = others
     return evidence
+
+
+def _is_needed(evidence: Evidence, name: str) -> bool:
+    """Whether a cause is so far from zero, in its 1-sigma, that no fit without it can come near."""
+    if name not in {slot.name for slot in evidence.fit.slots}:
+        return False
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    return evidence.fit[name] ** 2 > _NEEDED * GAIN * evidence.covariance[index, index]
 
 
 def price(trial: Trial, state: Naming, least: float) -> float:

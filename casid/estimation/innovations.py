@@ -124,7 +124,8 @@ def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
     shapes = [function.symbolic.size_out(i) for i in range(function.symbolic.n_out())]
     results = [np.empty((N * R, columns, rows)) for rows, columns in shapes]
     for first in range(0, N * R, _BLOCK):
-        points = np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
+        whole = first + _BLOCK <= N * R
+        points = slice(first, first + _BLOCK) if whole else np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
         given = [a[points] for a in flat]
         with function.lock:
             found = function.mapped(_BLOCK)(*given)
