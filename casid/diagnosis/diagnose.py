@@ -28,6 +28,7 @@ from casid.diagnosis.verdict import (
     too_small,
     verdict_of,
 )  # fmt: skip
+from casid.estimation.processors import side_by_side
 from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
@@ -87,7 +88,7 @@ def diagnose(
     named = [r for r in naming.rounds if r.named]
     steps = [structured, *([start] if coloured else []), *(r.winner for r in named)]
     on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
-    on_held = [judge_on(held, step) for step in steps]
+    on_held = side_by_side(lambda step: judge_on(held, step), steps)
     held_calm = judge_on(held, calm) if structure else on_held[0]
     moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
     gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.trials[0] for r in named], moving)

@@ -15,7 +15,6 @@ from casid.diagnosis.screening import (
     EDGE,
     ONSET_STEP,
     Candidate,
-    Fingerprint,
     Screen,
     fingerprints,
     history,
@@ -58,7 +57,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     ]
     prints = prints_of(evidence, one.effect, shifts)
     for record, t in times.items():
-        drops = np.array([_drop(judge, base.batch.names.index(record), print_) for print_ in prints[: len(t)]])
+        drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])
         onsets[record] = float(t[np.argmax(drops)])
         inside = np.flatnonzero(drops > drops.max() - _DROP)
         # the interval ends where the profile was first found too low, as near as the steps between its points tell
@@ -74,12 +73,6 @@ def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
     near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
     times = np.union1d(np.round(near, 6), np.round(record.t[0] + onset_grid(evidence, _COARSE), 6))
     return times[(times >= record.t[0] + EDGE) & (times <= record.t[-1] - EDGE)]
-
-
-def _drop(judge: Screen, r: int, print_: Fingerprint) -> float:
-    """Predicted drop of the deviance by a cause of the size of its fingerprint, in record r alone."""
-    left, match, _ = judge.projected([print_], np.eye(len(print_.square))[[r]])
-    return 2.0 * match - left
 
 
 def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:
@@ -267,7 +260,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:
             continue
-        drops = [_drop(judge, r, print_) for print_ in prints]
+        drops = [judge.drop(print_, r) for print_ in prints]
         if max(drops) > 2.0 * judge.price:
             onsets[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
     return replace(one, onsets=onsets)

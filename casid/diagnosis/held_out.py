@@ -103,12 +103,7 @@ def _onsets(base: Fit, one: Attached) -> dict[str, float]:
     effect = replace(one.effect, grid=({**further, "value": size},))
     prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, BETWEEN, further.get("length", np.inf)))
     for r, record in enumerate(base.flight.records):
-        keep = np.zeros((1, len(base.flight.records)))
-        keep[0, r] = 1.0
-        drops = []
-        for one_print in prints:
-            left, match, _ = judge.projected([one_print], keep)
-            drops.append(2.0 * match - left)
+        drops = [judge.drop(print_, r) for print_ in prints]
         if max(drops) > 2.0 * np.log(len(prints)):
             found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
     return found

@@ -105,6 +105,11 @@ class Screen:
         left = left if left > 1e-9 * max(square, 1e-300) else 0.0
         return left, match - step, float(np.sqrt(left / square)) if square > 0 else 0.0
 
+    def drop(self, print_: Fingerprint, r: int) -> float:
+        """Predicted drop of the deviance by a cause of the size that its fingerprint stands for, in record r alone."""
+        left, match, _ = self.projected([print_], np.eye(len(print_.square))[[r]])
+        return 2.0 * match - left
+
     def _own_term(self, effect: Effect) -> int | None:
         return self._terms.get((effect.target, effect.regressor)) if effect.regressor else None
 
@@ -235,16 +240,23 @@ def _together(base: Fit) -> int:
 def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
     """(N, R, ny, rows) whitened responses to a unit of effects in the model's equations, from their Jacobians, and of
     effects on readings, to the whole of one that is not linear."""
-    seen, still = base.linear.seen, np.zeros(base.linear.defect.shape)
-    columns = []
-    for effect, values, onset in rows:
+    seen, shape = base.linear.seen, base.linear.defect.shape
+    outputs, states = [], {}
+    for i, (effect, values, onset) in enumerate(rows):
         if effect.symbolic:
-            columns.append(symbolic.get(effect.name, (np.zeros(base.read.shape), still)))
+            Y, F = symbolic.get(effect.name, (np.zeros(base.read.shape), np.zeros(shape)))
+            outputs.append(Y)
+            states[i] = F
             continue
         one, output = _unit(effect, values, onset, base), base.read
         read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
-        columns.append((np.where(seen, read - output, 0.0), still))
-    return base.filter.whiten(*(np.stack(parts, axis=3) for parts in zip(*columns, strict=True)))
+        outputs.append(np.where(seen, read - output, 0.0))
+    F = np.zeros((*shape, len(rows)))
+    for i, state in states.items():
+        F[..., i] = state
+    # by way of rows: columns written one by one take twice the time
+    Y = np.stack(outputs).reshape(len(rows), -1).T.reshape(*base.read.shape, len(rows))
+    return base.filter.whiten(Y, F)
 
 
 def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: Fit) -> Attached:
