@@ -26,7 +26,7 @@ _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
-_BENDS = 0.1  # the same of a term, which may bend to imitate anything
+_BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of coefficients that switch together
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
@@ -116,7 +116,7 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
     if effect.improbable:
         return all(mostly_gone(was[s], left[s]) for s in was)
     own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
-    if effect.quasi_steady and not all(mostly_gone(was[s], left[s], _BENDS) for s in own):
+    if (effect.quasi_steady or effect.members) and not all(mostly_gone(was[s], left[s], _BENDS) for s in own):
         return False
     if last.gain > max(was[s] for s in own or was):
         return True
