@@ -51,10 +51,10 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     onsets, intervals = dict(one.onsets), {}
     times = {record: _looked_at(evidence, record, onset) for record, onset in one.onsets.items()}
     now, most = history(base, one), max(map(len, times.values()))
-    shifts = [  # records know nothing of each other: all of them at once
-        history(base, replace(one, onsets={record: t[min(i, len(t) - 1)] for record, t in times.items()})) - now
+    shifts = (  # records know nothing of each other: all of them at once
+        history(base, replace(one, onsets={record: float(t[min(i, len(t) - 1)]) for record, t in times.items()})) - now
         for i in range(most)
-    ]
+    )
     prints = prints_of(evidence, one.effect, shifts)
     for record, t in times.items():
         drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])

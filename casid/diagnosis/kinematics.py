@@ -151,10 +151,9 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
     best = at(_ROLLING, _SCALES[0], start, _TURNING)
     others = side_by_side(lambda axis: at(_ROLLING, _SCALES[0], best, _turned(axis)), tuple(_TURNING))
     turned = [axis for axis, other in zip(_TURNING, others, strict=True) if other.deviance < best.deviance]
-    if turned:
-        both = len(turned) > 1
-        best = at(_ROLLING, _SCALES[0], best, _turned(*turned)) if both else min(others, key=lambda one: one.deviance)
-    best = larger(_ROLLING, best)
+    if len(turned) > 1:
+        best = at(_ROLLING, _SCALES[0], best, _turned(*turned))
+    best = larger(_ROLLING, min(best, *others, key=lambda one: one.deviance))
     besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), _SCALES[0], best, best.flight.turning))
     return relaxed(besides if best.deviance - besides.deviance > OF_TURBULENCE * turbulent.gain else best)
 
@@ -194,10 +193,9 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
 
     def along(sigmas: Sequence[float]) -> dict[float, Fit]:
         """Fits of one velocity after the other, until one is clearly worse than the best before."""
-        fits = {_SIGMAS[_FIRST]: first}
+        last, fits = first, {_SIGMAS[_FIRST]: first}
         for sigma in sigmas:
-            last = at(sigma, _SCALE_LENGTH, list(fits.values())[-1])
-            fits[sigma] = last
+            last = fits[sigma] = at(sigma, _SCALE_LENGTH, last)
             if last.deviance > min(one.deviance for one in fits.values()) + 20.0:
                 break
         return fits

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from scipy import stats
@@ -208,9 +209,9 @@ def history(base: Fit, one: Attached) -> np.ndarray:
 
 
 def _by_station(W: np.ndarray) -> dict[int, np.ndarray]:
-    """Station -> (N, R) time history, of those of (N, R, nw) that act; one if none does."""
+    """Station -> (N, R) time history, of those of (N, R, nw) that act; one if none does. Copies: W is large."""
     acting = np.flatnonzero(W.any(axis=(0, 1)))
-    return {int(s): W[..., s] for s in (acting if len(acting) else [0])}
+    return {int(s): W[..., s].copy() for s in (acting if len(acting) else [0])}
 
 
 def _whitened(base: Fit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
@@ -223,11 +224,10 @@ def _whitened(base: Fit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.nd
     return np.add.reduceat(white, np.cumsum(parts) - parts, axis=3)
 
 
-def prints_of(evidence: Evidence, effect: Effect, histories: Sequence[np.ndarray]) -> list[Fingerprint]:
+def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:
     """The fingerprints of time histories (N, R, nw), as those of an effect."""
-    found, together = [], _together(evidence.fit)
-    for at in range(0, len(histories), together):
-        some = [_by_station(W) for W in histories[at : at + together]]
+    found, following = [], map(_by_station, histories)
+    while some := list(islice(following, _together(evidence.fit))):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(evidence.fit, some))
     return found
 

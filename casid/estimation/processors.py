@@ -13,13 +13,14 @@ import numpy as np
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-_THREAD = threading.local()  # `busy` in one of `side_by_side`
+_THREAD = threading.local()  # `processors` of one of `side_by_side`
 
 
 def processors() -> int:
-    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer; one `side_by_side` with others."""
-    if getattr(_THREAD, "busy", False):
-        return 1
+    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer; its part of them in a thread that runs
+    `side_by_side` with others."""
+    if (own := getattr(_THREAD, "processors", 0)) > 0:
+        return own
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
     return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
@@ -42,14 +43,16 @@ def share_out(parts: int, run: Callable[[int, int], None]) -> None:
 
 
 def side_by_side(run: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
-    """run(task) of each, in their order, as many at once as there are processors. What `run` shares out inside stays on
-    its own. Raises what the first of them raises."""
-    if min(processors(), len(tasks)) < 2:
+    """run(task) of each, in their order, as many at once as there are processors; each has its part of those. Raises
+    what the first of them raises."""
+    available = processors()
+    workers = min(available, len(tasks))
+    if workers < 2:
         return [run(task) for task in tasks]
 
     def alone(task: Task) -> Result:
-        _THREAD.busy = True
+        _THREAD.processors = available // workers
         return run(task)
 
-    with ThreadPoolExecutor(processors()) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(alone, tasks))
