@@ -266,6 +266,21 @@ def test_rate_limit_dead_zone_and_backlash():
     assert played.max() == pytest.approx(0.8, abs=1e-3)
 
 
+def test_a_rate_limit_follows_what_lies_between_the_samples():
+    """Truth: the same limit on the exact curve at 200 times the rate. Straight lines begin a movement early."""
+    t = np.arange(0.0, 6.0, 0.04)
+    fine = np.linspace(0.0, t[-1], 200 * (len(t) - 1) + 1)
+
+    def curve(at: np.ndarray) -> np.ndarray:
+        return 0.1 * np.sin(3.0 * (at - 1.0)) * np.clip(at - 1.0, 0.0, 1.0)
+
+    exact = operators.rate_limit(fine, curve(fine), 0.2)[::200]
+    by_curve = operators.rate_limit(t, curve(t), 0.2) - exact
+    by_lines = operators.rate_limit(fine, np.interp(fine, t, curve(t)), 0.2)[::200] - exact
+    assert np.std(exact - curve(t)) > 0.01  # it is limited
+    assert np.std(by_curve) < 0.25 * np.std(by_lines)
+
+
 def test_gust_is_one_minus_cosine():
     gust = operators.one_minus_cosine(UNIFORM, 2.0, 3.0)
     assert gust.max() == pytest.approx(1.0, abs=1e-9) and UNIFORM[np.argmax(gust)] == pytest.approx(3.5)
