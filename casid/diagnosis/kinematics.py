@@ -189,35 +189,38 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
         return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
 
-    first = at(_SIGMAS[_FIRST], _SCALE_LENGTH, calm)
-
-    def along(sigmas: Sequence[float]) -> dict[float, Fit]:
-        """Fits of one velocity after the other, until one is clearly worse than the best before."""
-        last, fits = first, {_SIGMAS[_FIRST]: first}
+    def best_along(sigmas: Sequence[float]) -> tuple[Fit, float]:
+        """The best of the first fit and of one velocity after the other, until one is clearly worse."""
+        last = best = first
+        best_sigma = _SIGMAS[_FIRST]
         for sigma in sigmas:
-            last = fits[sigma] = at(sigma, _SCALE_LENGTH, last)
-            if last.deviance > min(one.deviance for one in fits.values()) + 20.0:
+            last = at(sigma, _SCALE_LENGTH, last)
+            if last.deviance < best.deviance:
+                best, best_sigma = last, sigma
+            if last.deviance > best.deviance + 20.0:
                 break
-        return fits
+        return best, best_sigma
 
-    larger, smaller = side_by_side(along, (_SIGMAS[_FIRST + 1 :], _SIGMAS[:_FIRST][::-1]))
-    fits = larger | smaller
-    best = min(fits, key=lambda s: fits[s].deviance)
-    found = fits[best]
+    first = at(_SIGMAS[_FIRST], _SCALE_LENGTH, calm)
+    ends = side_by_side(best_along, (_SIGMAS[_FIRST + 1 :], _SIGMAS[:_FIRST][::-1]))
+    found, best = min(ends, key=lambda end: end[0].deviance)
     gain = max(calm.deviance - found.deviance, 0.0)
     if gain < _TURBULENCE_GAIN:
         return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
     # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
     # What the records feel is the strength of the process at short times, sigma^2 / length
     factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
-    by_length = side_by_side(lambda f: at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1), factors.tolist())
+    by_length = side_by_side(
+        lambda f: at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1).deviance, factors.tolist()
+    )
     factor, spread = _lowest(factors, by_length)
     length, middle = factor * _SCALE_LENGTH, best * factor**0.5
     sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
-    sigma, narrow = _lowest(sigmas, side_by_side(lambda s: at(s, length, found, iterations=1), sigmas.tolist()))
+    by_velocity = side_by_side(lambda s: at(s, length, found, iterations=1).deviance, sigmas.tolist())
+    sigma, narrow = _lowest(sigmas, by_velocity)
     found = at(sigma, length, found)
     moved = [axis for axis in WIND if axis in found.model.disturbances]
-    alone = min(one.deviance for one in side_by_side(lambda axis: at(sigma, length, found, (axis,)), moved))
+    alone = min(side_by_side(lambda axis: at(sigma, length, found, (axis,)).deviance, moved))
     lowest = found.deviance
     return Turbulence(
         sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
@@ -225,10 +228,10 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     )  # fmt: skip
 
 
-def _lowest(points: np.ndarray, fits: Sequence[Fit]) -> tuple[float, float]:
-    """Where a parabola through the deviance of three fits over the logarithm is lowest, no further than half a step
-    outside, and 1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
-    x, step, deviance = np.log(points), float(np.log(points[1] / points[0])), [one.deviance for one in fits]
+def _lowest(points: np.ndarray, deviance: Sequence[float]) -> tuple[float, float]:
+    """Where a parabola through three points over the logarithm is lowest, no further than half a step outside, and
+    1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
+    x, step = np.log(points), float(np.log(points[1] / points[0]))
     bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
     if bend <= 0.0:
         return float(points[int(np.argmin(deviance))]), step

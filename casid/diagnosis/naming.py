@@ -150,10 +150,8 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
     chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
-    tried = _tried(state, _with_look_alikes(chosen, effects))
-    intervals = state.intervals | {trial.candidate.name: ends for trial, _, ends in tried if ends}
-    fits = {trial: fitted for trial, fitted, _ in tried if _can_be_named(trial, price(trial, state, least))}
-    trials = in_order([trial for trial, *_ in tried], fits)
+    trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), least)
+    trials = in_order(trials, fits)
     best = trials[0] if fits else None
     equivalents = _equivalents(best, trials) if best is not None else ()
     this = Round(
@@ -177,21 +175,30 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     return _standing(evidence, kinematic, observed, (*state.rounds, this), intervals | moved)
 
 
-def _tried(state: Naming, candidates: Sequence[Candidate]) -> list[tuple[Trial, Fit, Intervals]]:
-    """All candidates fitted, `_AT_ONCE` side by side on however many processors, so that the answer does not depend on
-    them: those that come later are given up when they are unlikely to come near the best before."""
-    found: list[tuple[Trial, Fit, Intervals]] = []
-    give_up = np.inf
+def _tried(
+    state: Naming, candidates: Sequence[Candidate], least: float
+) -> tuple[list[Trial], dict[Trial, Fit], dict[str, Intervals]]:
+    """Trials of all candidates, the fits of those that can be named, and intervals of onsets by cause name. `_AT_ONCE`
+    are fitted side by side on however many processors, so that the answer does not depend on them: those that come
+    later are given up when they are unlikely to come near the best before."""
+    trials: list[Trial] = []
+    fits: dict[Trial, Fit] = {}
+    intervals, give_up = dict(state.intervals), np.inf
 
     def run(candidate: Candidate) -> tuple[Trial, Fit, Intervals]:
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         return trial, beside.fit, interval
 
     for first in range(0, len(candidates), _AT_ONCE):
-        found += side_by_side(run, candidates[first : first + _AT_ONCE])
-        near = [fitted.deviance + _WIDE * abs(trial.gain) for trial, fitted, _ in found if not trial.refuted]
-        give_up = min(near, default=np.inf)
-    return found
+        for trial, fitted, interval in side_by_side(run, candidates[first : first + _AT_ONCE]):
+            trials.append(trial)
+            if not trial.refuted:
+                give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
+            if interval:
+                intervals[trial.candidate.name] = interval
+            if _can_be_named(trial, price(trial, state, least)):
+                fits[trial] = fitted
+    return trials, fits, intervals
 
 
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
