@@ -4,10 +4,13 @@ The public names below load the room they live in when they are first used, so t
 """
 
 import os
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# The matrices are small: threads inside the linear algebra cost more than they give. Read once, when numpy is loaded.
+# The matrices are small: threads inside the linear algebra cost more than they give. Read once, when numpy is loaded;
+# where that was before, there are such threads, which would fight over the processors with those of casid.
+THREADED_LINEAR_ALGEBRA = "numpy" in sys.modules and os.environ.get("OPENBLAS_NUM_THREADS") != "1"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:

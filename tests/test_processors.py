@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -52,6 +54,23 @@ def test_the_first_error_is_raised() -> None:
 
     with pytest.raises(ValueError, match="task 2"):
         side_by_side(run, range(5))
+
+
+@pytest.mark.parametrize(("loaded", "threads"), [("casid, numpy", 2), ("numpy, casid", 1)])
+def test_threads_of_the_linear_algebra_have_no_others_beside_them(loaded: str, threads: int) -> None:
+    program = (
+        f"import os, threading, {loaded}\n"
+        "from casid.estimation.processors import side_by_side\n"
+        "os.sched_getaffinity = lambda process: range(2)\n"
+        "both = threading.Barrier(2)\n"
+        "def run(task):\n"
+        f"    {'both.wait(30.0)' if threads > 1 else 'pass'}\n"
+        "    return threading.get_ident()\n"
+        "print(len(set(side_by_side(run, range(2)))))"
+    )
+    environment = {k: v for k, v in os.environ.items() if k not in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
+    assert int(done.stdout) == threads
 
 
 @pytest.mark.usefixtures("eight")

@@ -23,7 +23,7 @@ from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.model.terms import parse_term
 
-_AT_ONCE, _CHUNK = 1.8e6, 96  # numbers of whitened responses, and responses, that are in memory together
+_AT_ONCE, _LEAST, _MOST = 1.8e6, 24, 96  # numbers of whitened responses, and responses, that are in memory together
 ONSET_STEP, _FINE_UP_TO = 1.0, 30.0  # s, between onsets, and length of a record up to which they are as near as asked
 EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
 _STARTS = 4  # records from which sets of records grow
@@ -234,7 +234,7 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
 
 def _together(base: Fit) -> int:
     """Responses that are in memory at a time."""
-    return int(np.clip(_AT_ONCE / base.white.size, 8, _CHUNK))
+    return int(np.clip(_AT_ONCE / base.white.size, _LEAST, _MOST))
 
 
 def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:

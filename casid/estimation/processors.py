@@ -11,6 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from casid import THREADED_LINEAR_ALGEBRA
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 _THREAD = threading.local()  # `processors` of one of `side_by_side`
@@ -43,11 +45,11 @@ def share_out(parts: int, run: Callable[[int, int], None]) -> None:
 
 
 def side_by_side(run: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
-    """run(task) of each, in their order, as many at once as there are processors; each has its part of those. Raises
-    what the first of them raises."""
+    """run(task) of each, in their order, as many at once as there are processors; each has its part of those. One after
+    the other where linear algebra has threads of its own. Raises what the first of them raises."""
     available = processors()
     workers = min(available, len(tasks))
-    if workers < 2:
+    if workers < 2 or THREADED_LINEAR_ALGEBRA:
         return [run(task) for task in tasks]
 
     def alone(task: Task) -> Result:
