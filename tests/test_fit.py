@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_flights import DEG, flights
+from diagnosis_flights import DEG, NOISE, SURFACE_NOISE, flights
 
 from casid.diagnosis.evaluation import Work, _as_strong, gauss_newton_step
 from casid.diagnosis.evidence import deviation, weigh
-from casid.diagnosis.fit import fit, relaxed
+from casid.diagnosis.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.screening import Screen, fingerprints, rank
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
-from casid.model.causes import backlash, dead_zone, rate_limit, sensor_delay, structural_mode
+from casid.model.causes import backlash, configuration_change, dead_zone, rate_limit, sensor_delay, structural_mode
 from casid.model.dynamics import aircraft_model
 from problems.do328 import do328
 
@@ -65,6 +65,23 @@ def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
     found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), iterations=20)
     assert found.converged
     assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
+
+
+def test_far_from_the_data_another_start_finds_a_lower_minimum() -> None:
+    """Truth: a flap setting changes in two records, of which the model knows nothing."""
+    change = Attached(
+        effect=configuration_change("CL+CD+Cm"), values={"value": 0.17, "CD": 0.022, "Cm": 0.029, "duration": 1.7},
+        onsets={"m1": 15.1, "m3": 9.4},
+    )  # fmt: skip
+    fine = {name: 0.5 * sigma for name, sigma in NOISE.items()}
+    flight = prepare(do328(), flights([change], seed=1, noise=fine, surface_noise=0.5 * SURFACE_NOISE))
+    stuck = fit(flight, [], flight.noise())
+    assert not stuck.converged
+    other = from_elsewhere(stuck)
+    assert other is not None and other.noise == stuck.noise
+    assert other.deviance < 0.9 * stuck.deviance
+    near = fit(flight, [replace(change, values=dict(change.values) | {"value": 0.15})], flight.noise())
+    assert from_elsewhere(near) is None
 
 
 def test_without_process_noise_the_fit_is_output_error() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import is_sure, weigh
-from casid.diagnosis.fit import fit, without
+from casid.diagnosis.fit import fit, from_elsewhere, without
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
@@ -74,8 +74,7 @@ def diagnose(
     kinematic, instruments, turbulence = judge_kinematics(flight, known)
     stages.begin("baseline fit")
     calm = fit(flight, known, flight.noise())
-    structure = demanded_structure(calm)
-    structured = fit(flight, [*known, *structure], flight.noise(), calm) if structure else calm
+    structure, structured = _structured(calm)
     coloured, effects = turbulence.named, catalogue(flight.aircraft, flight.outputs)
     start = kinematics.in_turbulence(flight, turbulence, structured) if coloured else structured
     least = kinematics.OF_TURBULENCE * turbulence.gain if coloured else 0.0
@@ -84,8 +83,14 @@ def diagnose(
     if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached, turbulence)):
         coloured, start, least, turbulence = False, structured, 0.0, kinematics.still_air(flight)
         naming = name_causes(weigh(start), effects, *calm_air, least, report)
+    elif not (coloured or naming.named) and (other := from_elsewhere(calm)) is not None:
+        begun = _structured(other)
+        second = name_causes(weigh(begun[1]), effects, kinematic, instruments, least, report)
+        if second.named:
+            calm, (structure, structured), naming = other, begun, second
+            start = structured
     stages.begin("held-out records")
-    named = [r for r in naming.rounds if r.named]
+    named = naming.named
     steps = [structured, *([start] if coloured else []), *(r.winner for r in named)]
     on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
     on_held = side_by_side(lambda step: judge_on(held, step), steps)
@@ -130,6 +135,12 @@ def diagnose(
         missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments), turbulence=turbulence,
         detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
+
+
+def _structured(calm: Fit) -> tuple[list[Attached], Fit]:
+    """The structure that the data demand, and the fit with it."""
+    structure = demanded_structure(calm)
+    return structure, fit(calm.flight, [*calm.attached, *structure], calm.noise, calm) if structure else calm
 
 
 def _missing_on_held(

@@ -15,6 +15,7 @@ from casid.errors import InputError
 from casid.estimation.innovations import NoiseModel
 from casid.estimation.kalman import kalman_filter, residual_about
 
+_FAR, _WIDER = 100.0, 10.0  # deviance per reading of a fit that is far from the data, and times the noise for it
 _RELAXATIONS, _STILL = 5, 0.5  # of the filter in turbulence, at most, and 1-sigmas that no value moves by any more
 
 
@@ -80,6 +81,16 @@ def fit(
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best
+
+
+def from_elsewhere(fitted: Fit) -> Fit | None:
+    """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
+    something large: it begins from a fit under `_WIDER` noise, for which there are fewer minima. None of other fits."""
+    if fitted.converged or fitted.deviance < _FAR * int(fitted.linear.seen.sum()):
+        return None
+    wide = replace(fitted.noise, measurement={name: _WIDER * s for name, s in fitted.noise.measurement.items()})
+    first = fit(fitted.flight, fitted.attached, wide, iterations=20)
+    return fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
 
 
 def without(fitted: Fit, names: Collection[str]) -> Fit:

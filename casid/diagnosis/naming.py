@@ -53,6 +53,11 @@ class Naming:
     rounds: tuple[Round, ...]
     intervals: dict[str, Intervals]
 
+    @property
+    def named(self) -> list[Round]:
+        """The rounds that named a cause."""
+        return [one for one in self.rounds if one.named]
+
 
 def name_causes(
     baseline: Evidence, catalogue: Sequence[Effect], kinematic: Evidence | None, observed: Sequence[Candidate],

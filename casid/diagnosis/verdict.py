@@ -55,7 +55,7 @@ def causes_of(
                 held-out records: minor, unless they gain more than `least` and matter as any term must that is named,
                 and little is `left` missing at their coefficient
     """
-    named, final = [r for r in naming.rounds if r.named], evidence.fit
+    named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
     causes, minor, superseded = [], [], []
     if turbulence.named:
