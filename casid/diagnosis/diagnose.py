@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.evidence import is_sure, weigh
+from casid.diagnosis.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.fit import fit, from_elsewhere, without
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_stage import judge_kinematics, without_turbulence
+from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.naming import name_causes
+from casid.diagnosis.naming import Naming, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Cause, Diagnosis, View
+from casid.diagnosis.screening import Candidate
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_structure
 from casid.diagnosis.verdict import (
@@ -73,25 +76,14 @@ def diagnose(
     stages.begin("kinematics")
     kinematic, instruments, turbulence = judge_kinematics(flight, known)
     stages.begin("baseline fit")
-    calm = fit(flight, known, flight.noise())
-    structure, structured = _structured(calm)
-    coloured, effects = turbulence.named, catalogue(flight.aircraft, flight.outputs)
-    start = kinematics.in_turbulence(flight, turbulence, structured) if coloured else structured
-    least = kinematics.OF_TURBULENCE * turbulence.gain if coloured else 0.0
+    begun = _begun(fit(flight, known, flight.noise()), turbulence)
     stages.begin("naming")
-    naming = name_causes(weigh(start), effects, kinematic, instruments, least, report)
-    if coloured and (calm_air := without_turbulence(flight, known, naming.evidence.fit.attached, turbulence)):
-        coloured, start, least, turbulence = False, structured, 0.0, kinematics.still_air(flight)
-        naming = name_causes(weigh(start), effects, *calm_air, least, report)
-    elif not (coloured or naming.named) and (other := from_elsewhere(calm)) is not None:
-        begun = _structured(other)
-        second = name_causes(weigh(begun[1]), effects, kinematic, instruments, least, report)
-        if second.named:
-            calm, (structure, structured), naming = other, begun, second
-            start = structured
+    begun, naming = _named(begun, kinematic, instruments, known, report)
+    calm, structure, turbulence, least = begun.calm, begun.structure, begun.turbulence, begun.least
+    coloured = turbulence.named
     stages.begin("held-out records")
     named = naming.named
-    steps = [structured, *([start] if coloured else []), *(r.winner for r in named)]
+    steps = [begun.structured, *([begun.start] if coloured else []), *(r.winner for r in named)]
     on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
     on_held = side_by_side(lambda step: judge_on(held, step), steps)
     held_calm = judge_on(held, calm) if structure else on_held[0]
@@ -114,7 +106,7 @@ def diagnose(
     causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain, least, left)
     keys = {one.effect.key for one in structure}
     of_structure = any((c.kind, c.target, c.term) in keys for c in causes)
-    bare = calm if of_structure and not coloured else start  # without any cause
+    bare = calm if of_structure and not coloured else begun.start  # without any cause
     first = exact if final is bare else missing_inputs(weigh(bare, discrepancy=False))
     unexplained = still_missing(judged, left, causes, least)
     small = too_small(naming, (*causes, *minor), unexplained)
@@ -137,10 +129,50 @@ def diagnose(
     )  # fmt: skip
 
 
-def _structured(calm: Fit) -> tuple[list[Attached], Fit]:
-    """The structure that the data demand, and the fit with it."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Begun:
+    """Where the naming begins: the baseline in calm air, the terms that its structure demands, the fit with these, and
+    the same in the air as it moves."""
+
+    calm: Fit
+    structure: list[Attached]
+    structured: Fit
+    start: Fit
+    turbulence: Turbulence
+
+    @property
+    def least(self) -> float:
+        """What the rough model of turbulence leaves to others."""
+        return kinematics.OF_TURBULENCE * self.turbulence.gain if self.turbulence.named else 0.0
+
+
+def _begun(calm: Fit, turbulence: Turbulence) -> _Begun:
     structure = demanded_structure(calm)
-    return structure, fit(calm.flight, [*calm.attached, *structure], calm.noise, calm) if structure else calm
+    structured = fit(calm.flight, [*calm.attached, *structure], calm.noise, calm) if structure else calm
+    start = kinematics.in_turbulence(calm.flight, turbulence, structured) if turbulence.named else structured
+    return _Begun(calm=calm, structure=structure, structured=structured, start=start, turbulence=turbulence)
+
+
+def _named(
+    begun: _Begun, kinematic: Evidence | None, instruments: Sequence[Candidate], known: Sequence[Attached],
+    report: Callable[[str], None],
+) -> tuple[_Begun, Naming]:  # fmt: skip
+    """The naming, and where it began: without turbulence, if that is not there any more beside what was named; and from
+    another minimum of the baseline, if nothing could be named that far from the data."""
+    flight = begun.calm.flight
+    effects = catalogue(flight.aircraft, flight.outputs)
+    naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
+    if begun.turbulence.named:
+        calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
+        if calm_air is not None:
+            begun = replace(begun, start=begun.structured, turbulence=kinematics.still_air(flight))
+            naming = name_causes(weigh(begun.start), effects, *calm_air, begun.least, report)
+    elif not naming.named and (other := from_elsewhere(begun.calm)) is not None:
+        again = _begun(other, begun.turbulence)
+        second = name_causes(weigh(again.start), effects, kinematic, instruments, again.least, report)
+        if second.named:
+            return again, second
+    return begun, naming
 
 
 def _missing_on_held(
