@@ -100,13 +100,14 @@ def flights(
 
 def trial_of(
     one: Attached, gain: float = 0.0, excess: float = 0.0, fingerprint: Sequence[float] = (),
-    where: np.ndarray | None = None, check: KinematicCheck | None = None,
+    where: np.ndarray | None = None, check: KinematicCheck | None = None, exact: float | None = None,
 ) -> Trial:  # fmt: skip
     """A cause that was fitted and matters, with the gain that a test needs."""
     value = one.values["value"]
     candidate = Candidate(attached=one, statistic=gain, net=gain, dof=1, value=value, std=1.0, surviving=1.0, tries=1.0)
     return Trial(
         candidate=candidate, std=1.0, fit=None, fingerprint=np.array(fingerprint), gain=gain, net=gain, excess=excess,
-        where=np.zeros((0, 0)) if where is None else where, meaningful=True, share=1.0,
+        exact=gain + excess if exact is None else exact, where=np.zeros((0, 0)) if where is None else where,
+        meaningful=True, share=1.0,
         check=check or KinematicCheck(),
     )  # fmt: skip

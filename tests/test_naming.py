@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -19,7 +20,8 @@ from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import best_on_held, held_gains
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.result import Trial
-from casid.diagnosis.screening import Fingerprint, rank
+from casid.diagnosis.screening import Candidate, Fingerprint, rank
+from casid.diagnosis.trials import worth_trying
 from casid.errors import InputError
 from casid.model.causes import (
     actuator_lag,
@@ -29,8 +31,10 @@ from casid.model.causes import (
     effectiveness_change,
     input_delay,
     mass,
+    sensor_bias,
     unsteady_aero,
 )
+from casid.model.effect import Effect
 from problems.do328 import do328
 
 
@@ -174,6 +178,37 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
     best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
     other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
     assert (naming._equivalents(best, [best, other]) == (other,)) == alike
+
+
+@pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (50.0, False)])
+def test_terms_are_compared_by_all_that_they_explain(behind: float, alike: bool) -> None:
+    """Small terms would explain most of the 9000 as well; 45 of them, half a percent, tell no terms apart."""
+
+    def trial(term: str, gain: float, exact: float) -> Trial:
+        one = Attached(effect=aero_term("CY", term), values={"value": 1.0})
+        return trial_of(one, gain, excess=6700.0, fingerprint=[1.0, 0.0], exact=exact)
+
+    best, other = trial("delta_a", 320.0, 9000.0), trial("delta_e^2*delta_a", 170.0, 9000.0 - behind)
+    assert (naming._equivalents(best, [best, other]) == (other,)) == alike
+
+
+def test_terms_that_promise_the_same_are_all_tried() -> None:
+    """An elevator that hardly moves while the ailerons do makes one term of three; a fourth promises clearly less, and
+    so does a fifth of what else there is."""
+    flight = prepare(do328(), flights(count=1))
+    base = fit(flight, [], flight.noise())
+
+    def promising(effect: Effect, net: float) -> Candidate:
+        candidate = trial_of(Attached(effect=effect, values={"value": 500.0}), net).candidate
+        return replace(candidate, statistic=net)
+
+    names = ("delta_e*delta_a", "delta_e^2*delta_a", "alpha*delta_a", "delta_a^3")
+    terms = [
+        promising(aero_term("CY", name), net) for name, net in zip(names, (9000.0, 8999.0, 8960.0, 8900.0), strict=True)
+    ]
+    others = [promising(sensor_bias(channel), 500.0 - i) for i, channel in enumerate(("p", "q", "r"))]
+    chosen = worth_trying(base, [*terms, *others], [], [], [], 0.0)
+    assert [c.name for c in chosen] == [c.name for c in (*terms[:2], *others[:2], terms[2])]
 
 
 @pytest.mark.parametrize(("effect", "left", "explains"), [

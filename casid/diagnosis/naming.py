@@ -16,12 +16,11 @@ from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
-from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
+from casid.diagnosis.trials import GAIN, equivalence, gain_asked, settled, try_cause, worth_trying
 from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.signals import SURFACES
 
-_EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
 _ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
@@ -303,7 +302,6 @@ def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
     whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x."""
-    reach = max(_EQUIVALENT[0], _EQUIVALENT[1] * best.gain)
     key = best.effect.key  # a variant of the best is no other cause
     found = []
     for trial in trials:
@@ -312,7 +310,11 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
         sine, behind = _sine(best, trial), best.total - trial.total
         if best.check.confirmed and trial.check.judges:
             behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
-        if behind < reach or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
+        near = behind < equivalence(best.gain)
+        if best.effect.regressor and trial.effect.regressor:
+            # other small terms explain most of what a term does, and little is left of its gain to compare with
+            near = near or best.exact - trial.exact < equivalence(best.exact)
+        if near or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
             found.append(trial)
     return tuple(found)
 

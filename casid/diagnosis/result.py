@@ -73,6 +73,7 @@ class Trial:
     fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
     gain         drop of the deviance; `net` is less its price; `excess` what it would gain besides if the coefficients
                  were as little bent without it as they are beside it; `total` both
+    exact        drop of the deviance with the structure taken as exact
     where        (N, R) part of the gain that is made at each sample; empty when refuted at once
     share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
     check        what kinematics say of it; `given_up` when they refuted it, or it could not fly, before it was fitted
@@ -85,6 +86,7 @@ class Trial:
     gain: float
     net: float
     excess: float
+    exact: float
     where: np.ndarray
     meaningful: bool
     share: float

@@ -29,6 +29,8 @@ _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is n
 _CLEAR = 400.0
 _REACHED = 0.3  # part of the gain that must be predicted before a cause is tried
 _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
+_EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
+_TERMS, _TERMS_ALIKE = 2, 4  # of one coefficient that are tried, and when they promise the same
 _TRIALS, _FEW = 4, 2  # candidates of the first ranking that are tried, and of each other
 _MOVES = 2  # of an onset in a trial; the winner is settled
 
@@ -37,9 +39,9 @@ def worth_trying(
     base: Fit, candidates: Sequence[Candidate], cautious: Sequence[Candidate], observed: Sequence[Candidate],
     switches: Sequence[Candidate], least: float,
 ) -> list[Candidate]:  # fmt: skip
-    """The best few of the three rankings, no more than two terms of one coefficient of each, and only what could reach
-    the gain that is asked, `least` unless kinematics may confirm it, and a size that matters at all. A configuration
-    change is scored in one record only, so it cannot be ranked with the others."""
+    """The best few of the three rankings, and only what could reach the gain that is asked, `least` unless kinematics
+    may confirm it, and a size that matters at all. A configuration change is scored in one record only, so it cannot be
+    ranked with the others."""
     chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
     for ranking in (cautious, observed):
         names = {c.name for c in chosen}
@@ -48,8 +50,10 @@ def worth_trying(
 
 
 def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """`count` of them, no more than `_TERMS` terms of one coefficient; and beside these such terms as promise the same,
+    for they may be one set."""
     chosen: list[Candidate] = []
-    per_coefficient: dict[str, int] = {}
+    alike: list[Candidate] = []
     for candidate in candidates:
         effect = candidate.attached.effect
         if candidate.net < _REACHED * GAIN or len(chosen) == count:
@@ -58,12 +62,20 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
         clear = effect.of_an_instrument or share**2 * candidate.statistic > _PROMISING * _CLEAR
         if share < _PREDICTED or not clear:
             continue
-        if effect.quasi_steady:
-            per_coefficient[effect.target] = per_coefficient.get(effect.target, 0) + 1
-            if per_coefficient[effect.target] > 2:
-                continue
+        terms = [
+            c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
+        ]
+        if effect.quasi_steady and len(terms) >= _TERMS:
+            if len(terms) < _TERMS_ALIKE and terms[0].net - candidate.net < equivalence(terms[0].net):
+                alike.append(candidate)
+            continue
         chosen.append(candidate)
-    return chosen
+    return [*chosen, *alike]
+
+
+def equivalence(gain: float) -> float:
+    """Distance in gain within which causes are one set."""
+    return max(_EQUIVALENT[0], _EQUIVALENT[1] * gain)
 
 
 def try_cause(
@@ -103,7 +115,8 @@ def try_cause(
     trial = Trial(
         candidate=replace(candidate, attached=one), std=_std(fitted, one), fit=None,
         fingerprint=_fingerprint(fitted, base, one), gain=gain,
-        net=gain - (candidate.statistic - candidate.net), excess=excess, where=_where(base, fitted),
+        net=gain - (candidate.statistic - candidate.net), excess=excess, exact=base.deviance - fitted.deviance,
+        where=_where(base, fitted),
         meaningful=matters(share, clear, check.confirmed or one.effect.of_an_instrument)
         and plausible(one, share)
         and not _from_the_start(fitted, one)
@@ -123,7 +136,8 @@ def _where(base: Fit, fitted: Fit) -> np.ndarray:
 def _given_up(base: Fit, candidate: Candidate) -> Trial:
     return Trial(
         candidate=candidate, std=candidate.std, fit=None, fingerprint=np.zeros(0), gain=candidate.statistic,
-        excess=0.0, where=np.zeros((0, 0)), net=candidate.net, share=meaningful_share(base, candidate.attached),
+        excess=0.0, exact=candidate.statistic, where=np.zeros((0, 0)), net=candidate.net,
+        share=meaningful_share(base, candidate.attached),
         meaningful=False, given_up=True,
     )  # fmt: skip
 
