@@ -3,15 +3,10 @@
 The public names below load the room they live in when they are first used, so that `import casid` is quick.
 """
 
-import os
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# The matrices are small: threads inside the linear algebra cost more than they give. Read once, when numpy is loaded;
-# where that was before, there are such threads, which would fight over the processors with those of casid.
-THREADED_LINEAR_ALGEBRA = "numpy" in sys.modules and os.environ.get("OPENBLAS_NUM_THREADS") != "1"
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from casid import threads  # noqa: F401  before anything loads numpy
 
 if TYPE_CHECKING:
     from casid.diagnosis.diagnose import diagnose

@@ -19,8 +19,9 @@ REPO = Path(__file__).resolve().parent.parent
 MAX_LINES = 400
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "signals"}
+_CORE = {"errors", "signals", "threads"}
 LAYERS: dict[str, set[str]] = {
+    "threads": set(),
     "errors": set(),
     "signals": {"errors"},
     "records": _CORE,

@@ -114,7 +114,10 @@ def test_moving_air_is_taken_back_beside_the_faults_that_imitate_it() -> None:
     imitated = turbulence(flight, reconstruct(flight))
     assert imitated.gain > 150.0
     calm = without_turbulence(flight, [], [slow, sudden], imitated)
-    assert calm is not None and calm.fit.attached == ()
+    assert calm is not None
+    evidence, ranked = calm
+    assert evidence.fit.attached == ()
+    assert {one.name for one in ranked[:3]} & {slow.name, sudden.name}
 
 
 def test_true_turbulence_stays_beside_a_fault() -> None:

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from casid import THREADED_LINEAR_ALGEBRA
+from casid.threads import THREADED_LINEAR_ALGEBRA
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
