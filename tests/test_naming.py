@@ -193,8 +193,8 @@ def test_terms_are_compared_by_all_that_they_explain(behind: float, alike: bool)
 
 
 def test_terms_that_promise_the_same_are_all_tried() -> None:
-    """An elevator that hardly moves while the ailerons do makes one term of three; a fourth promises clearly less, and
-    so does a fifth of what else there is."""
+    """The third term promises half a percent less than the first, and may be one set with it; the fourth does not. Both
+    leave their places to other causes."""
     flight = prepare(do328(), flights(count=1))
     base = fit(flight, [], flight.noise())
 
