@@ -157,10 +157,10 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
 @pytest.mark.parametrize(("loss", "kept"), [(17.0, ["cause"]), (60.0, [])])
 def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float, kept: list[str]) -> None:
     """A cause that gains 600 in the fitted records and loses less than a twentieth of it, 30, in the others stays."""
-    cause, linear = SimpleNamespace(name="cause"), SimpleNamespace(seen=np.ones(1000))
+    cause = SimpleNamespace(name="cause")
     noise = SimpleNamespace(coloured={})
-    bare = SimpleNamespace(attached=[], data_deviance=0.0, linear=linear, noise=noise)
-    more = SimpleNamespace(attached=[cause], data_deviance=loss, linear=linear, noise=noise)
+    bare = SimpleNamespace(attached=[], data_deviance=0.0, readings=1000, noise=noise)
+    more = SimpleNamespace(attached=[cause], data_deviance=loss, readings=1000, noise=noise)
     gains = held_gains([bare, more])  # pyright: ignore
     final, _ = best_on_held([], [bare, more], [bare, more], gains, [600.0])  # pyright: ignore
     assert [one.name for one in final.attached] == kept

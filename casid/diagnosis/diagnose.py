@@ -76,7 +76,7 @@ def diagnose(
     stages.begin("kinematics")
     kinematic, instruments, turbulence = judge_kinematics(flight, known)
     stages.begin("baseline fit")
-    begun = _begun(fit(flight, known, flight.noise()), turbulence)
+    begun = _begun(fit(flight, known, flight.noise(), iterations=20), turbulence)
     stages.begin("naming")
     begun, naming = _named(begun, kinematic, instruments, known, report)
     calm, structure, turbulence, least = begun.calm, begun.structure, begun.turbulence, begun.least

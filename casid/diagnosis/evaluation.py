@@ -135,6 +135,11 @@ class Fit:
         return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
 
     @property
+    def readings(self) -> int:
+        """How many readings are compared."""
+        return int(self.linear.seen.sum())
+
+    @property
     def derivatives(self) -> dict[str, float]:
         """Fitted derivatives and terms of the aircraft file."""
         given = set(self.flight.model().parameters)

@@ -46,7 +46,7 @@ class Evidence:
 
     @property
     def samples(self) -> int:
-        return int(self.fit.linear.seen.sum())
+        return self.fit.readings
 
     @property
     def bent(self) -> bool:

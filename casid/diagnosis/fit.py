@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from casid.estimation.innovations import NoiseModel
 from casid.estimation.kalman import kalman_filter, residual_about
 
 _FAR, _WIDER = 100.0, 10.0  # deviance per reading of a fit that is far from the data, and times the noise for it
+_MUCH_LESS, _HARDLY_MORE = 0.25, 1.01  # of what a step promises, and of the sum of squares
 _RELAXATIONS, _STILL = 5, 0.5  # of the filter in turbulence, at most, and 1-sigmas that no value moves by any more
 
 
@@ -39,10 +40,11 @@ def fit(
     recorded input does no more to the motion than in `start`, whatever the control's effectiveness. Both are those of
     the first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
 
-    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Steps must lower
-    their own sum of squares (`_squares`) or the deviance; converged when one changes the sum by less than `tolerance`.
-    A fit that after three iterations is unlikely to come below the deviance `give_up` is left as it stands. Raises
-    InputError where even the first point cannot be flown.
+    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
+    the last step changed the sum of squares (`_squares`) and the next one promises to lower it by less than
+    `tolerance`, in units of what is left per reading where that is more than noise. A fit that after three iterations
+    is unlikely to come below the deviance `give_up` is left as it stands. Raises InputError where even the first point
+    cannot be flown.
     """
     work = Work(flight, attached, noise, free)
     if start is not None and start.flight.records is flight.records and not anew:
@@ -52,41 +54,37 @@ def fit(
     attached = tuple(attached)
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
-    best: Fit | None = None
-    lowest, squares = np.inf, np.inf
+    best: _Point | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
         now = None
         with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
-            now = _flown(work, attached, values, motion, iteration)
-            squares = _squares(work, now)
-        better = now is not None and (best is None or squares < lowest or now.deviance < best.deviance)
-        if now is None or not (better or abs(squares - lowest) < tolerance):
+            now = _Point.of(work, _flown(work, attached, values, motion, iteration))
+        if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
             shrink *= 0.4
             if shrink < 0.02 or step is None or best is None:
                 break
-            values, motion = best.values + shrink * step[0], best.motion.moved(step[1], shrink)
+            values, motion = best.fit.values + shrink * step[0], best.fit.motion.moved(step[1], shrink)
             continue
-        if now.filter_held and work.filter is None:
-            work.filter = now.filter
-        gained = abs(lowest - squares)
-        best, lowest, shrink = now, squares, 1.0
-        if gained < tolerance:
-            best = replace(best, converged=True)
+        if now.fit.filter_held and work.filter is None:
+            work.filter = now.fit.filter
+        gained = np.inf if best is None else abs(best.squares - now.squares)
+        best, shrink = now, 1.0
+        if max(gained, now.promise) < tolerance * now.misfit:
+            return replace(now.fit, converged=True)
+        if iteration >= 3 and now.fit.deviance - 2.0 * gained > give_up:
             break
-        if iteration >= 3 and now.deviance - 2.0 * gained > give_up:
-            break
-        step = gauss_newton_step(work, now)
-        values, motion = now.values + step[0], now.motion.moved(step[1])
+        step = gauss_newton_step(work, now.fit)
+        values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
     if best is None:
         raise RuntimeError("a fit without iterations")
-    return best
+    return best.fit
 
 
 def from_elsewhere(fitted: Fit) -> Fit | None:
     """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
     something large: it begins from a fit under `_WIDER` noise, for which there are fewer minima. None of other fits."""
-    if fitted.converged or fitted.deviance < _FAR * int(fitted.linear.seen.sum()):
+    if fitted.converged or fitted.deviance < _FAR * fitted.readings:
         return None
     wide = replace(fitted.noise, measurement={name: _WIDER * s for name, s in fitted.noise.measurement.items()})
     first = fit(fitted.flight, fitted.attached, wide, iterations=20)
@@ -117,6 +115,36 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
             f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
             "units and signs of its derivatives, of its mass properties and of the records' channels"
         ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A point on the way to the maximum: `squares` that steps lower, and what the next full step promises to."""
+
+    fit: Fit
+    squares: float
+    promise: float
+
+    @classmethod
+    def of(cls, work: Work, fit: Fit) -> _Point:
+        return cls(fit, _squares(work, fit), float(fit.gradient @ fit.covariance @ fit.gradient))
+
+    @property
+    def misfit(self) -> float:
+        """Squares per reading, where that is more than noise."""
+        return max(1.0, self.squares / self.fit.readings)
+
+    def leads_to(self, now: _Point, tolerance: float, *, full: bool) -> bool:
+        """Whether a point is nearer to the maximum than this one, or as near but for `tolerance`.
+
+        The sum of squares is that of the model linearised about the motion. While that is not the most likely one it is
+        too low, and near the maximum a full step that is right may raise it. Such a step leaves less to the next one
+        (Deuflhard's natural monotonicity); far away, where that may mislead, it must leave much less.
+        """
+        if now.squares - self.squares < tolerance * now.misfit or now.fit.deviance < self.fit.deviance:
+            return True
+        left = now.promise / self.promise if self.promise else np.inf
+        return full and (left < _MUCH_LESS or (left < 1.0 and now.squares < _HARDLY_MORE * self.squares))
 
 
 def _squares(work: Work, now: Fit) -> float:

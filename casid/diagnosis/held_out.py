@@ -125,7 +125,7 @@ def best_on_held(
     """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
     of them that lost there and are still no help beside the later ones. A loss that is nothing beside what the step
     gains `on_fitted` records, in 2 ln L, is none: the held-out ones may hardly move what the cause is about."""
-    samples = int(on_held[-1].linear.seen.sum())
+    samples = on_held[-1].readings
     gains = [
         gain if gain is None or -2.0 * gain * samples > _OF_THE_GAIN * fitted else max(gain, 0.0)
         for gain, fitted in zip(gains, on_fitted, strict=True)
@@ -154,7 +154,7 @@ def kinematic_gain(
     for step in (before, after):
         faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
         found.append(fit(there, faults, noise, free="states", iterations=6, tolerance=1.0))
-    return 0.5 * (found[0].data_deviance - found[1].data_deviance) / int(found[1].linear.seen.sum())
+    return 0.5 * (found[0].data_deviance - found[1].data_deviance) / found[1].readings
 
 
 def gains_by_kinematics(
@@ -175,6 +175,6 @@ def held_gains(on_held: Sequence[Fit]) -> list[float | None]:
     gains: list[float | None] = []
     for before, after in pairwise(on_held):
         new = {a.name for a in after.attached} - {a.name for a in before.attached}
-        gain = 0.5 * (before.data_deviance - after.data_deviance) / int(after.linear.seen.sum())
+        gain = 0.5 * (before.data_deviance - after.data_deviance) / after.readings
         gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
     return gains

@@ -144,12 +144,12 @@ class View:
     @property
     def log_likelihood(self) -> float:
         """ln L of the innovations, with its constant."""
-        samples = int(self.fit.linear.seen.sum())
+        samples = self.fit.readings
         return -0.5 * (self.fit.data_deviance + samples * math.log(2.0 * math.pi))
 
     @property
     def samples(self) -> int:
-        return int(self.fit.linear.seen.sum())
+        return self.fit.readings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
