@@ -146,7 +146,7 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
     def trial(effect, gain: float) -> Trial:
         return trial_of(Attached(effect=effect, values={"value": 0.01}), gain)
 
-    state = SimpleNamespace(rounds=[SimpleNamespace(named=True, trials=[trial(backlash("delta_e"), 48000.0)])])
+    state = SimpleNamespace(named=[SimpleNamespace(trials=[trial(backlash("delta_e"), 48000.0)])])
     prices = [
         naming.price(trial(effectiveness_change(surface), 750.0), state, 40.0)  # pyright: ignore
         for surface in ("delta_e", "delta_a")

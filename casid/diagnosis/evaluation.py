@@ -126,7 +126,10 @@ class Fit:
 
     @property
     def noise_held(self) -> bool:
-        """Whether noise of an input is clearly not as strong as its effectiveness in this fit makes it."""
+        """Whether noise of an input is clearly not as strong as its effectiveness in this fit makes it, or does not yet
+        pass through an effect that it should."""
+        if any(one.effect.noise is not None and not one.passes for one in self.attached):
+            return True
         return any(abs(held / self.noise.inputs[name] - 1.0) > _HELD for name, held in self.held.inputs.items())
 
     @property
@@ -180,7 +183,7 @@ class Work:
         """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
         an effect is accounted for."""
         names, t, stations = self.batch.names, self.batch.t, self.model.disturbances
-        passing = [one for one in attached if one.effect.noise is not None and not one.records]
+        passing = [one for one in attached if one.passes_noise]
         others = [one for one in attached if one not in passing]
         recorded = known | {name: self.batch.U[..., i] for i, name in enumerate(self.model.inputs)}
         W = disturbance_series(others, names, t, known, stations)

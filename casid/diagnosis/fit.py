@@ -101,7 +101,8 @@ def relaxed(fitted: Fit) -> Fit:
     """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
     for _ in range(_RELAXATIONS if fitted.filter_held else 1):
         before = fitted
-        fitted = fit(before.flight, before.attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
+        attached = [replace(one, passes=True) for one in before.attached]
+        fitted = fit(before.flight, attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
         if np.all(np.abs(fitted.values - before.values) < _STILL * np.sqrt(np.diag(before.covariance))):
             break
     return fitted

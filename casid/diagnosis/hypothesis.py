@@ -18,12 +18,15 @@ class Attached:
     values   "value" and the further parameters of the effect
     onsets   record -> onset [s], for a timed effect
     records  names of the records that have it; empty: all
+    passes   whether noise of the recorded input passes through it. Not while it is tried: what smooths the record
+             predicts with less noise, whether it is the cause or not
     """
 
     effect: Effect
     values: Mapping[str, float]
     onsets: Mapping[str, float] = field(default_factory=dict)
     records: tuple[str, ...] = ()
+    passes: bool = True
 
     @property
     def name(self) -> str:
@@ -37,6 +40,11 @@ class Attached:
     def in_record(self, record: str) -> dict[str, float]:
         """Values that the effect's functions take for this record."""
         return dict(self.values) | ({"onset": self.onsets[record]} if self.effect.timed else {})
+
+    @property
+    def passes_noise(self) -> bool:
+        """Whether noise of the recorded input is another one behind it; what is in some records only leaves it."""
+        return self.passes and self.effect.noise is not None and not self.records
 
     @property
     def numeric(self) -> tuple[str, ...]:
@@ -53,11 +61,11 @@ class Attached:
 
 
 def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> NoiseModel:
-    """What noise of recorded inputs is behind the attached effects; those of some records only leave it as it is."""
+    """What noise of recorded inputs is behind the attached effects that it passes."""
     inputs, coloured = dict(noise.inputs), dict(noise.coloured)
     for one in attached:
         station = f"d_{one.effect.target}"
-        if one.effect.noise is not None and not one.records and station in inputs:
+        if one.passes_noise and one.effect.noise is not None and station in inputs:
             coloured[station] = one.effect.noise(inputs.pop(station), dt, one.values)
     return replace(noise, inputs=inputs, coloured=coloured)
 

@@ -21,7 +21,7 @@ from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.signals import SURFACES
 
-_ALIKE = 0.4  # sine of the angle between fingerprints that resemble each other
+_ALIKE = 0.6  # sine of the angle between fingerprints that resemble each other
 _ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
@@ -37,6 +37,8 @@ LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
 _BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
 _AT_ONCE = 2  # trials
+# part of a cause's gain, and sine of the angle between fingerprints, from which another is its rival, and how many are
+_RIVAL, _RESEMBLING, _RIVALS = 0.7, 0.8, 2
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -80,6 +82,8 @@ def name_causes(
             bent = state.evidence.bent
             catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
+    for at in range(len(firm.rounds) - 1):
+        firm = _reconsidered(firm, at, least)
     return replace(firm, rounds=(*firm.rounds, *refused))
 
 
@@ -249,12 +253,13 @@ def price(trial: Trial, state: Naming, least: float) -> float:
     that is no event gains while the event does not act counts as it does beside any other cause."""
     effect = trial.effect
     prices = [gain_asked(effect), 0.0 if trial.confirmed else least]
-    for earlier in (r.trials[0] for r in state.rounds if r.named):
+    for round_ in state.named:
+        earlier = round_.trials[0]
         one = earlier.candidate.attached
         if trial.confirmed and not one.effect.kinematic:
             continue
         part = _LEFT_TO_OTHERS
-        if (one.effect.timed and effect.timed) or _of_one_surface(one.effect, effect):
+        if (one.effect.timed and effect.timed) or _of_one_shape(round_, effect):
             part = LEFT_BY_AN_EVENT
         elif one.effect.timed:
             elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
@@ -263,9 +268,14 @@ def price(trial: Trial, state: Naming, least: float) -> float:
     return max(prices)
 
 
-def _of_one_surface(one: Effect, other: Effect) -> bool:
+def _of_one_shape(round_: Round, other: Effect) -> bool:
     """Whether both act on the same surface: where one has its rough shape, in a play the place at which the surface
-    first rests, an event looks like the other."""
+    first rests, an event looks like the other; or another coefficient has the same term, or one that was tried in its
+    place: a hundredth of a lift is drag where the angle of attack is half a degree off."""
+    one = round_.trials[0].effect
+    terms = {trial.effect.regressor for trial in round_.trials if trial.effect.target == one.target}
+    if one.regressor and other.regressor:
+        return other.regressor in terms
     return one.target == other.target and one.target in SURFACES
 
 
@@ -279,6 +289,39 @@ def _acts(event: Attached, fit: Fit) -> np.ndarray:
         first, last = t[series[:, r], r][[0, -1]]
         acts[:, r] = (t[:, r] > first - _BEFORE) & (t[:, r] < last + _AFTER)
     return acts
+
+
+def _reconsidered(state: Naming, at: int, least: float) -> Naming:
+    """The naming with one of its causes compared once more with its rivals, beside those named since: what was missing
+    then may have decided between them."""
+    round_, fitted = state.rounds[at], state.evidence.fit
+    best, taken = round_.trials[0], {a.effect.key for a in fitted.attached}
+    rivals = [t for t in round_.trials[1:] if t.effect.key not in taken and t.meaningful and not t.refuted]
+    rivals = [t for t in rivals if t.total > _RIVAL * best.total and _sine(best, t) < _RESEMBLING][:_RIVALS]
+    if not rivals or best.effect.key not in taken:
+        return state
+    others = replace(
+        state, evidence=weigh(without(fitted, {best.candidate.name})),
+        rounds=tuple(r for r in state.rounds if r is not round_),
+    )  # fmt: skip
+    trials, fits, intervals = _tried(others, [t.candidate for t in (best, *rivals)], least)
+    trials = in_order(trials, fits)
+    if not fits:
+        return state
+    rounds = list(state.rounds)
+    rounds[at] = replace(round_, equivalents=_equivalents(trials[0], trials))
+    if trials[0].effect.key == best.effect.key:
+        return replace(state, rounds=tuple(rounds))
+    first, evidence, moved = settled(trials[0], fits[trials[0]])
+    if evidence.fit.filter_held or evidence.fit.noise_held:
+        evidence = weigh(relaxed(evidence.fit))
+    rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
+    rounds[at] = replace(rounds[at], trials=(first, *trials[1:], *rest))
+    for i, one in enumerate(rounds):
+        later = {r.trials[0].candidate.name for r in rounds[i + 1 :]}
+        winner = replace(one.trials[0], fit=without(evidence.fit, later) if later else evidence.fit)
+        rounds[i] = replace(one, trials=(winner, *one.trials[1:]))
+    return _standing(evidence, state.kinematic, state.observed, tuple(rounds), intervals | moved)
 
 
 def _can_be_named(trial: Trial, least: float) -> bool:

@@ -84,7 +84,7 @@ def try_cause(
     """A candidate fitted beside what the evidence's model has: the trial, evidence, and intervals of onsets. It is
     not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
     half the predicted size and any larger one."""
-    base, attached, noise = evidence.fit, candidate.attached, evidence.fit.noise
+    base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
     if hopeless(kinematic, attached):
         return _given_up(base, candidate), evidence, {}
     interval: Intervals = {}
