@@ -1,0 +1,86 @@
+"""Comparing causes: under the same noise, and once more beside those that were named since."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_flights import SURFACE_NOISE, flights, trial_of
+
+from casid.diagnosis import naming
+from casid.diagnosis.evaluation import Fit
+from casid.diagnosis.evidence import weigh
+from casid.diagnosis.fit import fit, relaxed
+from casid.diagnosis.flight import prepare
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.naming import Naming
+from casid.diagnosis.result import Round
+from casid.diagnosis.trials import try_cause
+from casid.model.causes import actuator_lag, aero_term, dead_zone, input_delay, sensor_bias
+from problems.do328 import do328
+
+LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})
+LAGGED = Attached(effect=actuator_lag("delta_e"), values={"value": 0.05})
+BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
+
+
+@pytest.fixture(scope="module")
+def late() -> Fit:
+    """The baseline of a flight in which nothing is wrong but that a noisily recorded elevator moves late."""
+    hidden = replace(LATE, values={"value": 0.04})
+    flight = prepare(do328(), flights([hidden], 2, rate_hz=50.0, surface_noise=2 * SURFACE_NOISE, size=0.4))
+    return fit(flight, (), flight.noise(), iterations=20)
+
+
+def test_a_lag_gains_nothing_by_smoothing_the_record(late: Fit) -> None:
+    """Truth: a delay. What smooths a noisy record predicts with less noise, whatever is true: counted, that would put a
+    lag before the delay."""
+    (delay, _, _), (lag, beside, _) = (
+        try_cause(weigh(late), trial_of(one).candidate, None, np.inf) for one in (LATE, LAGGED)
+    )
+    assert delay.exact > lag.exact + 50.0
+    assert not beside.fit.acting.coloured and beside.fit.noise_held
+    smoothing = fit(late.flight, [LAGGED], late.noise, late, iterations=20)
+    assert smoothing.acting.coloured
+    assert late.deviance - smoothing.deviance > delay.exact
+    named = relaxed(beside.fit)
+    assert named.acting.coloured and not named.noise_held
+
+
+@pytest.mark.parametrize("named", [LAGGED, LATE])
+def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> None:
+    """Truth: a delay and a bias. Whichever of delay and lag was named before the bias, the delay stays."""
+    flight = prepare(do328(), flights([replace(LATE, values={"value": 0.06}), BIAS], 3))
+    base = weigh(fit(flight, (), flight.noise(), iterations=20))
+    other = LATE if named is LAGGED else LAGGED
+    tried = [try_cause(base, trial_of(one).candidate, None, np.inf)[0] for one in (named, other, BIAS)]
+    final = weigh(fit(flight, [named, BIAS], flight.noise(), base.fit, iterations=20))
+    rounds = tuple(
+        Round(candidates=(), trials=tuple(some), equivalents=(), named=True) for some in (tried[:2], tried[2:])
+    )
+    state = Naming(evidence=final, kinematic=None, observed=(), missing=(), rounds=rounds, intervals={})
+    after = naming._reconsidered(state, 0, 40.0)
+    assert {one.name for one in after.evidence.fit.attached} == {LATE.name, BIAS.name}
+    assert after.evidence.fit[LATE.name] == pytest.approx(0.06, rel=0.05)
+    assert [round_.trials[0].effect.key for round_ in after.rounds] == [LATE.effect.key, BIAS.effect.key]
+    assert {trial.effect.key for trial in after.rounds[0].trials} == {LATE.effect.key, LAGGED.effect.key}
+    assert all(before is now for before, now in zip(state.rounds[1:], after.rounds[1:], strict=True)) == (named is LATE)
+
+
+def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -> None:
+    """A term of the lift that gained 70000 leaves 2 %, 1400, to its twin in the drag, and to the twin of what was tried
+    in its place; a thousandth to other terms, and to dead zones."""
+
+    def term(target: str, of: str, gain: float):
+        return trial_of(Attached(effect=aero_term(target, of), values={"value": 1.0}), gain)
+
+    tried = (term("CL", "beta^2*q", 70000.0), term("CL", "beta*p*q", 60000.0), term("Cm", "p^2", 100.0))
+    round_ = Round(candidates=(), trials=tried, equivalents=(), named=True)
+    play = trial_of(Attached(effect=dead_zone("delta_e"), values={"value": 0.01}), 240.0)
+    asked = [
+        naming.price(trial, SimpleNamespace(named=[round_]), 40.0)  # pyright: ignore
+        for trial in (term("CD", "beta^2*q", 240.0), term("CD", "beta*p*q", 230.0), term("CD", "p^2", 240.0), play)
+    ]
+    assert asked == pytest.approx([1400.0, 1400.0, 70.0, 70.0])
