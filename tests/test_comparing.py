@@ -10,6 +10,7 @@ import pytest
 from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 
 from casid.diagnosis import naming
+from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit, relaxed
@@ -18,7 +19,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.naming import Naming
 from casid.diagnosis.result import Round
 from casid.diagnosis.trials import try_cause
-from casid.model.causes import actuator_lag, aero_term, dead_zone, input_delay, sensor_bias
+from casid.model.causes import actuator_lag, aero_term, dead_zone, input_delay, sensor_bias, thrust_line
 from problems.do328 import do328
 
 LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})
@@ -84,3 +85,25 @@ def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -
         for trial in (term("CD", "beta^2*q", 240.0), term("CD", "beta*p*q", 230.0), term("CD", "p^2", 240.0), play)
     ]
     assert asked == pytest.approx([1400.0, 1400.0, 70.0, 70.0])
+
+
+@pytest.mark.parametrize(
+    ("hidden", "alike"),
+    [
+        (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -10.0}), False),
+        (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -3.0}), True),
+        (Attached(effect=thrust_line(), values={"value": 0.5}), False),
+    ],
+)
+def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attached, alike: bool) -> None:
+    """Truth: with the elevator at 3.5 deg in trim, an effectiveness that grows with thrust pitches the aircraft as a
+    thrust line does that lies elsewhere. It is expected of propeller aircraft and no fault; the thrust line is one; and
+    what is too little to tell them apart is a set."""
+    found = diagnose(do328(), flights([hidden], 4, count=4, rate_hz=50.0))
+    no_fault = hidden.effect.expected and not alike
+    (named,) = (cause for cause in (found.minor if no_fault else found.causes) if cause.kind == hidden.effect.kind)
+    assert found.verdict == ("adequate" if no_fault else "explained")
+    assert named.sentence.startswith("Expected of a propeller aircraft") == no_fault
+    assert named.value == pytest.approx(hidden.values["value"], rel=0.1)
+    assert [one["kind"] for one in named.indistinguishable_from] == (["thrust_line"] if alike else [])
+    assert {"thrust_line", "aero_term"} <= {trial.effect.kind for trial in found.rounds[0].trials}

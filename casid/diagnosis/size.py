@@ -30,7 +30,8 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
     in in mid-record.
 
     What stands between a record and a surface, or a channel and its reading, must besides make `_CONSEQUENCE` of
-    difference to a coefficient or a channel: a surface that hardly moves may be slow without any consequence."""
+    difference to a coefficient or a channel: a surface that hardly moves may be slow without any consequence. What is
+    expected matters at any size: left out, it looks like a fault."""
     effect, value = one.effect, one.values["value"]
     if effect.amplitude is not None:
         return _consequence(fitted, one) / _CONSEQUENCE
@@ -38,7 +39,8 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
         return min(own, _consequence(fitted, one) / _CONSEQUENCE)
-    return _coefficient_share(fitted, one) / (_SWITCH if effect.members else SHARE)
+    share = _coefficient_share(fitted, one) / (_SWITCH if effect.members else SHARE)
+    return max(share, 1.0) if effect.expected else share
 
 
 def _consequence(fitted: Fit, one: Attached) -> float:

@@ -51,13 +51,14 @@ def causes_of(
     evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
                 minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside others
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
-    structure   expected terms that were put into the model beforehand, which together gained `structure_gain` on the
-                held-out records: minor, unless they gain more than `least` and matter as any term must that is named,
-                and little is `left` missing at their coefficient
+    structure   terms expected of any aircraft that were put into the model beforehand, which together gained
+                `structure_gain` on the held-out records: minor, unless they gain more than `least` and matter as any
+                term must that is named, and little is `left` missing at their coefficient. What is expected of some
+                aircraft, and was named, is minor unless it cannot be told from another cause
     """
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
-    causes, minor, superseded = [], [], []
+    causes, minor, superseded, expected = [], [], [], []
     if turbulence.named:
         (causes if final.noise.coloured else minor).append(
             _turbulence(turbulence, final.flight.aircraft, held_gains[0])
@@ -65,19 +66,23 @@ def causes_of(
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.trials[0].candidate.name
         if name in there and is_sure(evidence, name) and _still_matters(final, name):
-            causes.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
+            alone = round_.trials[0].effect.expected and not round_.equivalents
+            group = expected if alone else causes
+            group.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
         elif name in there:
             superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
         else:
             (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
+    minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
     minor += [
         replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.") for c in superseded
     ]
     missing = {m.station: m.gain for m in left}
     for one in structure:
-        expected = _expected(one.name, evidence, structure_gain, least, missing.get(f"d{one.effect.target}", 0.0))
-        (causes if expected.meaningful else minor).append(expected)
+        left_there = missing.get(f"d{one.effect.target}", 0.0)
+        put_in = _expected(one.name, evidence, structure_gain, least, left_there)
+        (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
@@ -251,7 +256,7 @@ def verdict_of(
             "unexplained",
             f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
         )
-    remark = " What is real but too small to matter is listed as minor." if minor else ""
+    remark = " What is expected of such an aircraft, or too small to matter, is listed as minor." if minor else ""
     adequate = f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
     return "adequate", f"{adequate}{_hint(naming)}"
 

@@ -62,6 +62,7 @@ class Effect:
     relative     free derivatives imitate it when it is in all records: only differences between records show
     shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because
                  free derivatives take up the rest
+    expected     structure that other aircraft have: put into the model when it is found, and no fault
     improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     constant     an offset, which a drift imitates: believed only when its reading is steady beside it
     late         the value is by how much [s] the reading is late
@@ -100,6 +101,7 @@ class Effect:
     by_record: bool = False
     relative: bool = False
     shows_as: str | None = None
+    expected: bool = False
     improbable: bool = False
     constant: bool = False
     late: bool = False

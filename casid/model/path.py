@@ -131,6 +131,7 @@ def air_data_station(path: SignalPath) -> None:
         "r": (state["r"] - rotation["r"]) * lateral,
         **{name: path.surface[name] for name in ("delta_e", "delta_a", "delta_r")},
         "mach": V / speed_of_sound(path.inputs["rho"]),
+        "Tc": path.surface["thrust"] / (path.air["qbar"] * aircraft.area),
     }
     if V_trim:
         path.regressor["V"] = (V - V_trim) / V_trim

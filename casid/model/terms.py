@@ -7,6 +7,7 @@ Variables and their meaning inside a term (all dimensionless or in rad):
     mach                         Mach number
     alphadot, betadot            made dimensionless like q and r
     V                            the relative speed change (V - V_trim) / V_trim
+    Tc                           the thrust coefficient, thrust over dynamic pressure and reference area
 The constant term is written `0`, as in `CL_0`.
 """
 
@@ -19,9 +20,9 @@ from typing import Any
 
 from casid.errors import InputError, unknown
 
-VARIABLES = ("alpha", "beta", "p", "q", "r", "delta_e", "delta_a", "delta_r", "mach", "alphadot", "betadot", "V")
+VARIABLES = ("alpha", "beta", "p", "q", "r", "delta_e", "delta_a", "delta_r", "mach", "alphadot", "betadot", "V", "Tc")
 COEFFICIENTS = ("CL", "CD", "CY", "CX", "CZ", "Cl", "Cm", "Cn")
-_PURE_NUMBERS = ("mach", "V")
+_PURE_NUMBERS = ("mach", "V", "Tc")
 _MAX_POWER = 9
 _FACTOR = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\^\s*([1-9]))?\s*", re.ASCII)
 
@@ -47,7 +48,7 @@ class Term:
 
     @property
     def unit(self) -> str:
-        """Unit of the term's coefficient: "1", "1/rad", "1/rad2", ...; the Mach number and V count as pure numbers."""
+        """Unit of the term's coefficient: "1", "1/rad", "1/rad2", ...; the Mach number, V and Tc are pure numbers."""
         angles = sum(power for variable, power in self.factors if variable not in _PURE_NUMBERS)
         return "1" if angles == 0 else "1/rad" if angles == 1 else f"1/rad{angles}"
 

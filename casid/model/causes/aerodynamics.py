@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _LATERAL = ("CY", "Cl", "Cn")
+_IN_THE_SLIPSTREAM = {"Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}  # of a propeller, a tail is the stronger with power
 _ASYMMETRIC = ("beta", "p", "r", "delta_a", "delta_r")
 
 
 def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
     """Every polynomial and cross term of second and third order, every first-order term and Mach, on the six
     coefficients, that the aircraft file does not have; but rates do not act across the plane of symmetry, such as yaw
-    rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no aerodynamics."""
+    rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no aerodynamics. And what a
+    slipstream does at the tail, which at a constant deflection looks like another thrust line."""
     terms = [*_VARIABLES, "mach"]
     for degree in (2, 3):
         terms += [parse_term("*".join(v)).name for v in combinations_with_replacement(_VARIABLES, degree)]
@@ -34,7 +36,7 @@ def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
     return (
         aero_term(c, term)
         for c in coefficients
-        for term in terms
+        for term in (*terms, *_IN_THE_SLIPSTREAM.get(c, ()))
         if (c, term) not in present and not (_across_symmetry(c, term) and _has_a_rate(term))
     )
 
@@ -61,6 +63,7 @@ def aero_term(coefficient: str, term: str) -> Effect:
     return Effect(
         kind="aero_term", target=coefficient, term=term, regressor=term, enters=f"d{coefficient}",
         station="coefficients", change=change, improbable=_across_symmetry(coefficient, term),
+        expected=term in _IN_THE_SLIPSTREAM.get(coefficient, ()),
     )  # fmt: skip
 
 
