@@ -92,7 +92,7 @@ def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -
     [
         (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -10.0}), False),
         (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -3.0}), True),
-        (Attached(effect=thrust_line(), values={"value": 0.5}), False),
+        (Attached(effect=thrust_line(), values={"value": 1.5}), False),
     ],
 )
 def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attached, alike: bool) -> None:

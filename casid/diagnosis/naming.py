@@ -21,7 +21,7 @@ from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.signals import SURFACES
 
-_ALIKE = 0.6  # sine of the angle between fingerprints that resemble each other
+_ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
 _ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
@@ -344,7 +344,8 @@ def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial
 
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
-    whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x."""
+    whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x. Where
+    the fingerprints have nothing in common both may be true, however near the gains."""
     key = best.effect.key  # a variant of the best is no other cause
     found = []
     for trial in trials:
@@ -354,10 +355,10 @@ def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
         if best.check.confirmed and trial.check.judges:
             behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
         near = behind < equivalence(best.gain)
-        if best.effect.regressor and trial.effect.regressor:
+        if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
             # other small terms explain most of what a term does, and little is left of its gain to compare with
             near = near or best.exact - trial.exact < equivalence(best.exact)
-        if near or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
+        if (near and sine < _UNRELATED) or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
             found.append(trial)
     return tuple(found)
 
