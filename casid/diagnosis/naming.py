@@ -172,8 +172,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         return replace(state, rounds=(*state.rounds, this))
     best, evidence, moved = settled(best, fits[best])
     evidence = without_superseded(state.rounds, best, evidence)
-    if evidence.fit.filter_held or evidence.fit.noise_held:
-        evidence = weigh(relaxed(evidence.fit))
+    evidence = _relaxed(evidence)
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic, observed = state.kinematic, state.observed
@@ -237,6 +236,12 @@ def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence)
         if others.deviance < evidence.deviance + GAIN:
             evidence = others
     return evidence
+
+
+def _relaxed(evidence: Evidence) -> Evidence:
+    """Evidence of the fit by its own noise, where it was compared under that of another."""
+    held = evidence.fit.filter_held or evidence.fit.noise_held
+    return weigh(relaxed(evidence.fit)) if held else evidence
 
 
 def _is_needed(evidence: Evidence, name: str) -> bool:
@@ -313,8 +318,7 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     if trials[0].effect.key == best.effect.key:
         return replace(state, rounds=tuple(rounds))
     first, evidence, moved = settled(trials[0], fits[trials[0]])
-    if evidence.fit.filter_held or evidence.fit.noise_held:
-        evidence = weigh(relaxed(evidence.fit))
+    evidence = _relaxed(evidence)
     rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
     rounds[at] = replace(rounds[at], trials=(first, *trials[1:], *rest))
     for i, one in enumerate(rounds):
