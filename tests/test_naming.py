@@ -236,6 +236,20 @@ def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(gain: 
     assert naming._explains(missing, state) == explains  # pyright: ignore
 
 
+@pytest.mark.parametrize(("was", "left", "explains"), [(280.0, 230.0, True), (2800.0, 2300.0, False)])
+def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(was: float, left: float, explains: bool) -> None:
+    """Unsteady roll that small terms imitate gains by what it straightens; elsewhere 280 had become 230 by chance."""
+    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 100.0, excess=3800.0)
+
+    def missing(Cl: float, Cn: float) -> list[SimpleNamespace]:
+        gains = {"dCl": Cl, "dCn": Cn, "reading_r": 0.0}
+        return [SimpleNamespace(station=station, gain=gain) for station, gain in gains.items()]
+
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    state = SimpleNamespace(missing=missing(1.0, left), rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)
+    assert naming._explains(missing(140.0, was), state) == explains  # pyright: ignore
+
+
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
     """With the stability of another sign and a million times as strong nothing can be filtered."""
     wild = do328().with_derivatives({"Cm_alpha": 1e9, "Cn_beta": -1e9})

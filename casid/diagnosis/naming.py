@@ -132,8 +132,8 @@ def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
         return True
     helped = max(was, key=lambda s: was[s] - left[s])
     judged = {max(own, key=lambda s: was[s])} if own else set()
-    if was[helped] - left[helped] > _EXPLAINED * last.gain:  # otherwise no anonymous input could do what the cause does
-        judged.add(helped)
+    if was[helped] - left[helped] > max(_EXPLAINED * last.gain, _NOTICEABLE):
+        judged.add(helped)  # otherwise no anonymous input could do what the cause does
     if not judged and max(left.values()) > last.total:
         return False  # it leaves what is missing as it was, and that is more than it gains
     return all(mostly_gone(was[s], left[s]) for s in judged)
