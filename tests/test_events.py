@@ -1,9 +1,12 @@
 """Events: a jump, and what only resembles one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.diagnosis import events
 from casid.diagnosis.events import is_sudden
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import fit
@@ -44,3 +47,20 @@ def test_a_surface_that_rests_cannot_tell_sudden_from_slow() -> None:
     rudder = Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0})
     evidence = _without(np.zeros(len(_T)))
     assert is_sudden(evidence, rudder)
+
+
+@pytest.mark.parametrize(("peak", "joins"), [(12.0, True), (26.0, False), (0.0, False)])
+def test_what_helps_most_at_the_end_of_a_record_is_no_event_there(
+    monkeypatch: pytest.MonkeyPatch, peak: float, joins: bool
+) -> None:
+    """A gain that grows until the record ends, or from its beginning on, is not that of something that sets in."""
+    one = Attached(effect=effectiveness_change("delta_e"), values={"value": -0.3}, onsets={"m1": 8.0})
+    records = [SimpleNamespace(name=name, duration=26.0, t=np.array([100.0, 126.0])) for name in ("m1", "m2")]
+    evidence = SimpleNamespace(fit=SimpleNamespace(flight=SimpleNamespace(records=records)))
+    judge = SimpleNamespace(price=10.0, drop=lambda print_, r: 1000.0 - abs(print_.onset - peak))
+    prints = [SimpleNamespace(onset=float(onset)) for onset in np.arange(1.0, 28.0, 0.2)]
+    monkeypatch.setattr(events, "Screen", lambda _: judge)
+    monkeypatch.setattr(events, "onset_grid", lambda *_: None)
+    monkeypatch.setattr(events, "fingerprints", lambda *_: prints)
+    wider = events.further_records(evidence, one)  # pyright: ignore
+    assert wider.onsets == pytest.approx({"m1": 8.0} | ({"m2": 112.0} if joins else {}))

@@ -249,7 +249,8 @@ def _joint(
 
 
 def further_records(evidence: Evidence, one: Attached) -> Attached:
-    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance."""
+    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance; not where
+    that is at either end: what helps most when it hardly acts is no event."""
     base, judge = evidence.fit, Screen(evidence)
     if len(one.onsets) == len(base.flight.records):
         return one
@@ -260,9 +261,11 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:
             continue
-        drops = [judge.drop(print_, r) for print_ in prints]
-        if max(drops) > 2.0 * judge.price:
-            onsets[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
+        inside = [print_ for print_ in prints if EDGE <= (print_.onset or 0.0) <= record.duration - EDGE]
+        drops = [judge.drop(print_, r) for print_ in inside]
+        best = int(np.argmax(drops)) if drops else 0
+        if 0 < best < len(drops) - 1 and drops[best] > 2.0 * judge.price:
+            onsets[record.name] = float(record.t[0] + (inside[best].onset or 0.0))
     return replace(one, onsets=onsets)
 
 
