@@ -140,12 +140,14 @@ class _Point:
 
         The sum of squares is that of the model linearised about the motion. While that is not the most likely one it is
         too low, and near the maximum a full step that is right may raise it. Such a step leaves less to the next one
-        (Deuflhard's natural monotonicity); far away, where that may mislead, it must leave much less.
+        (Deuflhard's natural monotonicity); far away, where that may mislead, it must leave much less. Not in
+        turbulence, where air and motion trade off so that they hardly settle.
         """
         if now.squares - self.squares < tolerance * now.misfit or now.fit.deviance < self.fit.deviance:
             return True
         left = now.promise / self.promise if self.promise else np.inf
-        return full and (left < _MUCH_LESS or (left < 1.0 and now.squares < _HARDLY_MORE * self.squares))
+        nearer = left < _MUCH_LESS or (left < 1.0 and now.squares < _HARDLY_MORE * self.squares)
+        return full and nearer and not now.fit.noise.coloured
 
 
 def _squares(work: Work, now: Fit) -> float:
