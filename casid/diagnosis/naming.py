@@ -37,7 +37,7 @@ LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
 _LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
 _BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
 _AT_ONCE = 2  # trials
-# part of a cause's gain, and sine of the angle between fingerprints, from which another is its rival, and how many are
+# least part of a cause's gain, and sine of the angle between fingerprints, of a rival; and how many are tried again
 _RIVAL, _RESEMBLING, _RIVALS = 0.7, 0.8, 2
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
