@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 from casid.diagnosis import kinematics
@@ -79,53 +79,36 @@ def diagnose(
     begun = _begun(fit(flight, known, flight.noise(), iterations=20), turbulence)
     stages.begin("naming")
     begun, naming = _named(begun, kinematic, instruments, known, report)
-    calm, structure, turbulence, least = begun.calm, begun.structure, begun.turbulence, begun.least
-    coloured = turbulence.named
     stages.begin("held-out records")
-    named = naming.named
-    steps = [begun.structured, *([begun.start] if coloured else []), *(r.winner for r in named)]
-    on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
-    on_held = side_by_side(lambda step: judge_on(held, step), steps)
-    held_calm = judge_on(held, calm) if structure else on_held[0]
-    moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
-    gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.trials[0] for r in named], moving)
-    final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
+    kept = _kept(held, begun, naming)
     stages.begin("missing inputs")
-    judged = naming.evidence if final is naming.evidence.fit else weigh(final)
-    unsure = {one.name for one in structure if not is_sure(judged, one.name)}
-    if unsure:  # records that do not tell a term from the others give it any size
-        structure = [one for one in structure if one.name not in unsure]
-        final = without(final, unsure)
-        held_final, judged = judge_on(held, final), weigh(final)
-    same = judged is naming.evidence
-    left = naming.missing if same else missing_inputs(judged)
-    exact = missing_inputs(weigh(final, discrepancy=False))
+    same = kept.evidence is naming.evidence
+    left = naming.missing if same else tuple(missing_inputs(kept.evidence))
+    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
-    structure_gain = held_gains([held_calm, on_held[0]])[0]
-    of_rounds = gains if coloured else [None, *gains]
-    causes, minor = causes_of(naming, judged, turbulence, of_rounds, structure, structure_gain, least, left)
-    keys = {one.effect.key for one in structure}
-    of_structure = any((c.kind, c.target, c.term) in keys for c in causes)
-    bare = calm if of_structure and not coloured else begun.start  # without any cause
-    first = exact if final is bare else missing_inputs(weigh(bare, discrepancy=False))
-    unexplained = still_missing(judged, left, causes, least)
+    causes, minor = causes_of(
+        naming, kept.evidence, begun.turbulence, kept.gains, kept.structure, kept.structure_gain, begun.least, left
+    )
+    unexplained = still_missing(kept.evidence, left, causes, begun.least)
     small = too_small(naming, (*causes, *minor), unexplained)
     if small and (same or not unexplained):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
         slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
-        unexplained = _missing_on_held(final, held_final, slight, causes, least)
-    verdict, sentence = verdict_of(causes, minor, unexplained, naming, final)
+        unexplained = _missing_on_held(kept, slight, causes, begun.least)
+    verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
+    bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
+    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     candidates = naming.rounds[0].candidates
-    views = [_view(one) for one in (calm, final, held_calm, held_final)]
-    extended = extended_aircraft(flight.aircraft, final, causes, structure)
+    views = [_view(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)]
+    extended = extended_aircraft(flight.aircraft, kept.fit, causes, kept.structure)
     stages.end()
     return Diagnosis(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
         held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(first),
-        missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments), turbulence=turbulence,
-        detectable=smallest_detectable(candidates), seconds=stages.seconds,
+        missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments),
+        turbulence=begun.turbulence, detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
 
 
@@ -144,6 +127,11 @@ class _Begun:
     def least(self) -> float:
         """What the rough model of turbulence leaves to others."""
         return kinematics.OF_TURBULENCE * self.turbulence.gain if self.turbulence.named else 0.0
+
+    def without_causes(self, named: Collection[tuple[str, str, str | None]]) -> Fit:
+        """The model before any cause: one of the structure may have been `named` as one."""
+        of_structure = any(one.effect.key in named for one in self.structure)
+        return self.calm if of_structure and not self.turbulence.named else self.start
 
 
 def _begun(calm: Fit, turbulence: Turbulence) -> _Begun:
@@ -175,8 +163,53 @@ def _named(
     return begun, naming
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Kept:
+    """The model that is best on the held-out records.
+
+    fit, evidence        of it, in the fitted records
+    held_fit, held_calm  of it and of the baseline, in the others
+    structure            the terms put in beforehand of which the records are sure, which together gained
+    structure_gain       log likelihood per held-out sample; None where there is none
+    gains                the same of turbulence and of every named round
+    """
+
+    evidence: Evidence
+    held_fit: Fit
+    held_calm: Fit
+    structure: list[Attached]
+    structure_gain: float | None
+    gains: list[float | None]
+
+    @property
+    def fit(self) -> Fit:
+        return self.evidence.fit
+
+
+def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
+    named, turbulence = naming.named, begun.turbulence
+    coloured, flight = turbulence.named, begun.calm.flight
+    steps = [begun.structured, *([begun.start] if coloured else []), *(r.winner for r in named)]
+    on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
+    on_held = side_by_side(lambda step: judge_on(held, step), steps)
+    held_calm = judge_on(held, begun.calm) if begun.structure else on_held[0]
+    moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
+    gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.trials[0] for r in named], moving)
+    final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
+    evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
+    unsure = {one.name for one in begun.structure if not is_sure(evidence, one.name)}
+    if unsure:  # records that do not tell a term from the others give it any size
+        final = without(final, unsure)
+        evidence, held_final = weigh(final), judge_on(held, final)
+    return _Kept(
+        evidence=evidence, held_fit=held_final, held_calm=held_calm,
+        structure=[one for one in begun.structure if one.name not in unsure],
+        structure_gain=held_gains([held_calm, on_held[0]])[0], gains=gains if coloured else [None, *gains],
+    )  # fmt: skip
+
+
 def _missing_on_held(
-    final: Fit, held_final: Fit, slight: Sequence[Attached], causes: Sequence[Cause], least: float
+    kept: _Kept, slight: Sequence[Attached], causes: Sequence[Cause], least: float
 ) -> list[MissingInput]:
     """What the held-out records show that neither the model nor other derivatives explain, nor a `slight` cause, too
     small to matter in the fitted ones: an effect in them alone."""
@@ -186,10 +219,10 @@ def _missing_on_held(
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
         return still_missing(evidence, missing_inputs(evidence), causes, least)
 
-    found = missing(final, held_final)
+    found = missing(kept.fit, kept.held_fit)
     if found and slight:
-        beside = fit(final.flight, [*final.attached, *slight], final.noise, final)
-        if not missing(beside, judge_on(held_final.flight.records, beside)):
+        beside = fit(kept.fit.flight, [*kept.fit.attached, *slight], kept.fit.noise, kept.fit)
+        if not missing(beside, judge_on(kept.held_fit.flight.records, beside)):
             return []
     return found
 
