@@ -33,6 +33,7 @@ from casid.diagnosis.verdict import (
 )  # fmt: skip
 from casid.estimation.processors import side_by_side
 from casid.model.aircraft import Aircraft
+from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
 
@@ -71,6 +72,7 @@ def diagnose(
     stages.begin("reading the records")
     fitted, held = split(records, hold_out)
     flight = prepare(aircraft, fitted)
+    flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
     known = attached_effects(flight)
     flight = with_noise_level(flight, known)
     stages.begin("kinematics")
@@ -101,12 +103,12 @@ def diagnose(
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     candidates = naming.rounds[0].candidates
     views = [_view(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)]
-    extended = extended_aircraft(flight.aircraft, kept.fit, causes, kept.structure)
+    extended = extended_aircraft(flight.aircraft, kept.fit, causes, minor)
     stages.end()
     return Diagnosis(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
-        held_out_baseline=views[2], held_out_extended=views[3], missing_before=tuple(first),
+        held_out_baseline=views[2], held_out_extended=views[3], bare=bare, missing_before=tuple(first),
         missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments),
         turbulence=begun.turbulence, detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
@@ -228,19 +230,15 @@ def _missing_on_held(
 
 
 def attached_effects(flight: Flight) -> list[Attached]:
-    """The effects that the aircraft file already has, to be fitted further."""
+    """The effects that the aircraft file already has in the records of the flight, to be fitted further."""
     found = []
     for value in flight.aircraft.effects:
         effect = effect_of(value)
-        if effect.stochastic:
-            continue
         onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in flight.names}
-        found.append(
-            Attached(
-                effect=effect, values={"value": value.value} | dict(value.parameters), onsets=onsets,
-                records=tuple(r for r in value.records if r in flight.names),
-            )
-        )  # fmt: skip
+        records = tuple(r for r in value.records if r in flight.names)
+        elsewhere = not onsets if effect.timed else bool(value.records) and not records
+        if not effect.stochastic and not elsewhere:
+            found.append(Attached(effect=effect, values=values_of(value, effect), onsets=onsets, records=records))
     return found
 
 

@@ -239,7 +239,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     linear = linearise(work.functions, batch, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
-    late, seen = _lateness(attached, batch.names, model.outputs, work.dt), linear.seen
+    late, seen = _lateness(attached, work), linear.seen
     if late.any():
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
     into = _into_the_motion(linear, work.noise.inputs)
@@ -304,13 +304,14 @@ def _as_strong(into: np.ndarray, reference: np.ndarray) -> float:
     return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / _MOST, 1.0))
 
 
-def _lateness(attached: Sequence[Attached], names: Sequence[str], outputs: Sequence[str], dt: float) -> np.ndarray:
+def _lateness(attached: Sequence[Attached], work: Work) -> np.ndarray:
     """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
-    late = np.zeros((len(names), len(outputs)), dtype=int)
+    outputs, records = work.model.outputs, work.flight.records
+    late = np.zeros((len(records), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.late):
         rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
-        records = [j for j, name in enumerate(names) if one.concerns(name)]
-        late[np.ix_(records, rows)] += round(one.values["value"] / dt)
+        for j, record in enumerate(records):
+            late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0
     return np.maximum(late, 0)
 
 
@@ -375,7 +376,7 @@ def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
-    late = _lateness(now.attached, work.batch.names, work.model.outputs, work.dt)
+    late = _lateness(now.attached, work)
     by_slot = _columns(work, now.attached, now.linear, work.with_recorded(now.known), late)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]

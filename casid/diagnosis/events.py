@@ -72,7 +72,8 @@ def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
     record = next(r for r in evidence.fit.flight.records if r.name == name)
     near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
     times = np.union1d(np.round(near, 6), np.round(record.t[0] + onset_grid(evidence, _COARSE), 6))
-    return times[(times >= record.t[0] + EDGE) & (times <= record.t[-1] - EDGE)]
+    inside = times[(times >= record.t[0] + EDGE) & (times <= record.t[-1] - EDGE)]
+    return inside if len(inside) else np.array([onset])  # of a record too short for any other
 
 
 def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:

@@ -196,8 +196,8 @@ def scatter(evidence: Evidence, index: int) -> float:
     left of the aircraft's real structure makes it larger.
     """
     direction, pulls, shares = evidence.covariance[index], [], []
-    samples = max(1, round(_STRETCH / float(np.median(evidence.fit.batch.dt))))
     for r, flat in enumerate(evidence.by_record):
+        samples = max(1, round(_STRETCH / evidence.fit.flight.records[r].dt))
         along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
         left = evidence.fit.white[:, r] - (flat @ evidence.newton).reshape(along.shape)
         first = np.arange(0, len(along), samples)

@@ -22,10 +22,9 @@ from casid.estimation.noise import (
 from casid.model import operators
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
-from casid.model.dynamics import aircraft_model, flight_inputs
+from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs
 from casid.model.path import (
     AIR_STATES,
-    OUTPUTS,
     STATES,
     SignalPath,
     air_data_station,
@@ -37,6 +36,8 @@ from casid.model.system import Model
 from casid.records.record import Record
 from casid.signals import SURFACES
 
+# with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
+_NOT_JUDGED = ("altitude",)
 _CLEARLY = 1.2  # ratio above which a noise density is more than a high band within its scatter
 _LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
 
@@ -112,7 +113,8 @@ class Flight:
             return self
         raised = {}
         for name in self.doubted:
-            density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in (left, self.records))
+            both = (_that_have(records, name) for records in (left, self.records))
+            density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in both)
             if density > _CLEARLY * self.sigma[name]:
                 raised[name] = density
         return replace(self, sigma=self.sigma | raised)
@@ -122,8 +124,10 @@ class Flight:
         return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
-        """Further records under the noise of this flight."""
-        ready = tuple(flight_inputs(aircraft, record, self.axes) for record in records)
+        """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than
+        two of the outputs."""
+        ready = [flight_inputs(aircraft, record, self.axes) for record in records]
+        ready = tuple(_with_all(record, self.outputs) for record in ready)
         return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
 
 
@@ -135,15 +139,12 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     axes = axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
-    ready = tuple(flight_inputs(aircraft, record, axes) for record in records)
-    moved = aircraft_model(aircraft, axes=axes).outputs
-    outputs = tuple(o for o in OUTPUTS if o in moved and all(_measured(record, o) for record in ready))
-    if len(outputs) < 2:
-        raise InputError(
-            f"record '{records[0].name}': of the outputs {', '.join(moved)} it has only "
-            f"{', '.join(outputs) or 'none'}; at least two are needed"
-        )
-    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in ready]) for o in outputs}
+    ready = [flight_inputs(aircraft, record, axes) for record in records]
+    moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
+    outputs = tuple(o for o in moved if _moves(ready, o))
+    constant = [o for o in moved if o not in outputs]
+    ready = tuple(_with_all(record, outputs, constant) for record in ready)
+    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in _that_have(ready, o)]) for o in outputs}
     inputs = {f"d_{name}": [r[name] for r in ready] for name in (*SURFACES, "thrust")}
     input_sigma = {
         name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
@@ -152,20 +153,48 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     }
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
     edge = motion_edge(ready)
-    doubted = tuple(o for o in outputs if not aircraft.noise.get(o) and not high_band_holds(ready, o, edge))
+    unsure = [o for o in outputs if not aircraft.noise.get(o)]
+    doubted = tuple(o for o in unsure if not high_band_holds(_that_have(ready, o), o, edge))
     return Flight(
         aircraft=aircraft, axes=axes, outputs=outputs, records=ready, sigma=sigma, input_sigma=input_sigma,
         doubted=doubted,
     )  # fmt: skip
 
 
-def _measured(record: Record, name: str) -> bool:
+def _has(record: Record, name: str) -> bool:
+    """Whether more than a tenth of the samples are there."""
     return name in record and np.isfinite(record[name]).sum() > len(record) // 10
 
 
+def _that_have(records: Sequence[Record], name: str) -> list[Record]:
+    return [record for record in records if _has(record, name)]
+
+
+def _moves(records: Sequence[Record], name: str) -> bool:
+    """Whether a channel is measured in some record, and is no constant."""
+    values = [record[name][np.isfinite(record[name])] for record in _that_have(records, name)]
+    return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
+
+
+def _with_all(record: Record, outputs: Sequence[str], constant: Sequence[str] = ()) -> Record:
+    """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
+    channels that are `constant`. Raises InputError when it measures less than two."""
+    shown = [name for name in outputs if _has(record, name)]
+    if len(shown) < 2:
+        raise InputError(
+            f"record '{record.name}': of the outputs {', '.join(outputs) or 'of the model'} it has only "
+            f"{', '.join(shown) or 'none'}; at least two are needed: add the columns, or leave the record out"
+        )
+    absent = {name: np.full(len(record), np.nan) for name in outputs if name not in shown}
+    notes = [f"{name}: not measured here, so the other records alone tell of it" for name in absent]
+    notes += [f"{name}: constant in all records, so it is left out" for name in constant if name in record]
+    return replace(record.with_channels(**absent), notes=(*record.notes, *notes)) if notes else record
+
+
 def _sigma(series: list[np.ndarray]) -> float:
-    variation = float(np.nanstd(np.concatenate(series)))
-    return max(pooled_sigma(series), _LEAST_NOISE * variation, 1e-12)
+    """1-sigma of the noise; `_LEAST_NOISE` where the samples are too few to tell."""
+    noise, variation = pooled_sigma(series), float(np.nanstd(np.concatenate(series)))
+    return max(noise if np.isfinite(noise) else 0.0, _LEAST_NOISE * variation, 1e-12)
 
 
 class Regressors:

@@ -18,7 +18,7 @@ from casid.diagnosis.kinematics import free_forces
 from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import Screen, fingerprints, onset_grid
 from casid.errors import InputError
-from casid.model.aircraft import Aircraft
+from casid.model.applied import with_estimates
 from casid.records.record import Record
 
 _MOVES = 2  # of the onsets of an event
@@ -43,19 +43,9 @@ def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[R
     return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, last third")]
 
 
-def with_fitted(aircraft: Aircraft, fitted: Fit) -> Aircraft:
-    """The aircraft with the derivatives and terms of a fit."""
-    values = fitted.derivatives
-    terms = {
-        c: {t: values.get(f"{c}_{t}", v) for t, v in table.items()} for c, table in aircraft.terms.items()
-    }  # fmt: skip
-    derivatives = {name: value for name, value in values.items() if name in aircraft.derivatives}
-    return aircraft.with_derivatives(derivatives).with_terms(terms)
-
-
 def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
     """The fitted model on other records, derivatives and effects fixed."""
-    held = fitted.flight.with_records(with_fitted(fitted.flight.aircraft, fitted), records)
+    held = fitted.flight.with_records(with_estimates(fitted.flight.aircraft, fitted.derivatives, {}), records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
     base = fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0)
     for one in fitted.attached:
@@ -103,8 +93,8 @@ def _onsets(base: Fit, one: Attached) -> dict[str, float]:
     effect = replace(one.effect, grid=({**further, "value": size},))
     prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, BETWEEN, further.get("length", np.inf)))
     for r, record in enumerate(base.flight.records):
-        drops = [judge.drop(print_, r) for print_ in prints]
-        if max(drops) > 2.0 * np.log(len(prints)):
+        drops = [judge.drop(print_, r) for print_ in prints]  # none in records too short for an event
+        if max(drops, default=0.0) > 2.0 * np.log(max(len(prints), 1)):
             found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
     return found
 

@@ -73,9 +73,7 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     """Gauss-Markov disturbances of all coefficients, as large as the motion: if an angular acceleration were freer than
     it is, its estimate would be the noise of the rate, and the size of a lever arm by it too small."""
     aircraft = flight.aircraft
-    record = flight.records[0]
-    speed = float(np.nanmedian(record["V"])) if "V" in record else aircraft.trim.get("V", 100.0)
-    qS = 0.5 * float(np.median(record["rho"])) * speed**2 * aircraft.area
+    qS = 0.5 * float(np.median(flight.records[0]["rho"])) * _speed(flight) ** 2 * aircraft.area
     inertia = {"Cl": aircraft.inertia.Ixx, "Cm": aircraft.inertia.Iyy, "Cn": aircraft.inertia.Izz}
     lengths = {"Cm": aircraft.moment_length_pitch}
     free = {}
@@ -89,6 +87,12 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     return free
 
 
+def _speed(flight: Flight) -> float:
+    """Median true airspeed [m/s], or that of the trim."""
+    V = np.concatenate([record["V"] for record in flight.records if "V" in record] or [np.array([np.nan])])
+    return float(np.nanmedian(V)) if np.isfinite(V).any() else flight.aircraft.trim["V"]
+
+
 def _angular_acceleration(flight: Flight, rate: str) -> float:
     """1-sigma [rad/s2] of a free angular acceleration, from the increments of a measured rate over the correlation time
     (those of an integrated first-order Gauss-Markov process), less what the noise of the rate makes of them."""
@@ -96,12 +100,15 @@ def _angular_acceleration(flight: Flight, rate: str) -> float:
         return 1.0
     squares, lasts = [], []
     for record in flight.records:
-        dt = float(np.median(np.diff(record.t)))
-        lag = max(1, round(_MOMENT_TIME / dt))
-        squares.append((record[rate][lag:] - record[rate][:-lag]) ** 2)
-        lasts.append(lag * dt)
+        there = np.isfinite(record[rate])
+        t, values = record.t[there], record[rate][there]
+        lag = max(1, round(_MOMENT_TIME / float(np.median(np.diff(t))))) if len(t) > 1 else 1
+        if len(t) <= lag:
+            continue
+        squares.append((values[lag:] - values[:-lag]) ** 2)
+        lasts.append(float(np.median(t[lag:] - t[:-lag])))
     x = float(np.mean(lasts)) / _MOMENT_TIME
-    increments = float(np.nanmean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
+    increments = float(np.mean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
     variance = increments / (2.0 * _MOMENT_TIME**2 * (x - 1.0 + np.exp(-x)))
     return max(_PEAK * float(np.sqrt(max(variance, 0.0))), _LEAST_MOMENT)
 
@@ -118,8 +125,7 @@ def gusts(
     = 1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of
     it: with the one that is fitted, a fit gains by more damping, for which there is then more that it explains.
     """
-    record, aircraft = flight.records[0], flight.aircraft
-    speed = float(np.nanmedian(record["V"])) if "V" in record else aircraft.trim.get("V", 100.0)
+    aircraft, speed = flight.aircraft, _speed(flight)
     processes = {name: (sigma, length / speed) for name in axes}
     mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
     for moment, scale in moments.items():

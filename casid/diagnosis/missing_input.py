@@ -92,18 +92,24 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
 
 def _peak_frequency(fit: Fit) -> float | None:
     """Frequency [Hz] of the highest peak that white innovations would show in `_BY_CHANCE` of all cases at most."""
-    dt, N = float(np.median(fit.batch.dt)), fit.batch.live.shape[0]
-    frequency = np.fft.rfftfreq(2 * N, dt)
-    seen = np.where(fit.linear.seen, fit.white, 0.0)
-    samples = np.maximum(fit.linear.seen.sum(axis=0), 1)
-    power = 2.0 * np.abs(np.fft.rfft(seen, 2 * N, axis=0)) ** 2 / samples  # chi-square, two degrees of freedom
-    power = power.sum(axis=1)  # over the records
-    inside = (frequency > 0.5 / _SPACING) & (frequency < 0.4 / dt)
-    if not inside.any():
+    steps = np.array([record.dt for record in fit.flight.records])
+    frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
+    frequency = frequency[(frequency > 0.5 / _SPACING) & (frequency < 0.4 / steps.min())]
+    if not len(frequency):
         return None
-    at, _ = np.unravel_index(np.argmax(power[inside]), power[inside].shape)
-    chance = stats.chi2.sf(power[inside].max(), 2 * seen.shape[1]) * power[inside].size
-    return float(frequency[inside][at]) if chance < _BY_CHANCE else None
+    power, dof = np.zeros((len(frequency), len(fit.model.outputs))), np.zeros(len(frequency))
+    for r, dt in enumerate(steps):
+        seen = fit.linear.seen[:, r]
+        white = np.where(seen, fit.white[:, r], 0.0)
+        nodes = np.fft.rfftfreq(2 * len(white), dt)
+        own = 2.0 * np.abs(np.fft.rfft(white, 2 * len(white), axis=0)) ** 2 / np.maximum(seen.sum(axis=0), 1)
+        below = frequency < 0.4 / dt
+        at = np.clip(np.rint(frequency[below] / nodes[1]).astype(int), 0, len(nodes) - 1)
+        power[below] += own[at]  # chi-square, two degrees of freedom
+        dof[below] += 2.0
+    chance = stats.chi2.logsf(power, dof[:, None]) + np.log(power.size)
+    at, _ = np.unravel_index(np.argmin(chance), chance.shape)
+    return float(frequency[at]) if chance.min() < np.log(_BY_CHANCE) else None
 
 
 def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingInput:
@@ -179,11 +185,11 @@ def _most_likely(
                 best = (gain, tau, variance)
     gain, tau, variance = best
     history = _history(gram, match, nodes, tau, variance, R)
-    first = fit.batch.t[0]
-    return MissingInput(
-        station=station, gain=gain, size=float(np.sqrt(variance)), time_constant=tau,
-        history={name: (nodes + first[r], *history[r]) for r, name in enumerate(fit.batch.names)},
-    )  # fmt: skip
+    inside = {}
+    for (mean, sigma), record in zip(history, fit.flight.records, strict=True):
+        here = nodes <= record.duration
+        inside[record.name] = record.t[0] + nodes[here], mean[here], sigma[here]
+    return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), time_constant=tau, history=inside)
 
 
 def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.fit import relaxed, without
 from casid.diagnosis.hypothesis import Attached, disturbance_series
-from casid.diagnosis.kinematics import beside as kinematics_beside
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
@@ -175,9 +175,8 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     evidence = _relaxed(evidence)
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
-    kinematic, observed = state.kinematic, state.observed
-    if kinematic is not None and best.effect.kinematic:
-        kinematic = kinematics_beside(kinematic, evidence.fit.attached)
+    kinematic, observed = _kinematics_beside(state.kinematic, evidence.fit, best.effect), state.observed
+    if kinematic is not None and kinematic is not state.kinematic:
         observed = screen(kinematic, [e for e in effects if e.kinematic and e.key != best.effect.key])
     return _standing(evidence, kinematic, observed, (*state.rounds, this), intervals | moved)
 
@@ -305,8 +304,9 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     rivals = [t for t in rivals if t.total > _RIVAL * best.total and _sine(best, t) < _RESEMBLING][:_RIVALS]
     if not rivals or best.effect.key not in taken:
         return state
+    alone = without(fitted, {best.candidate.name})
     others = replace(
-        state, evidence=weigh(without(fitted, {best.candidate.name})),
+        state, evidence=weigh(alone), kinematic=_kinematics_beside(state.kinematic, alone, best.effect),
         rounds=tuple(r for r in state.rounds if r is not round_),
     )  # fmt: skip
     trials, fits, intervals = _tried(others, [t.candidate for t in (best, *rivals)], least)
@@ -325,7 +325,15 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
         later = {r.trials[0].candidate.name for r in rounds[i + 1 :]}
         winner = replace(one.trials[0], fit=without(evidence.fit, later) if later else evidence.fit)
         rounds[i] = replace(one, trials=(winner, *one.trials[1:]))
-    return _standing(evidence, state.kinematic, state.observed, tuple(rounds), intervals | moved)
+    kinematic = _kinematics_beside(others.kinematic, evidence.fit, first.effect)
+    return _standing(evidence, kinematic, state.observed, tuple(rounds), intervals | moved)
+
+
+def _kinematics_beside(kinematic: Evidence | None, model: Fit, changed: Effect) -> Evidence | None:
+    """Evidence of the kinematics beside the instrument and air causes of a model, of which one has `changed`."""
+    if kinematic is None or not changed.kinematic:
+        return kinematic
+    return kinematics.beside(kinematic, model.attached)
 
 
 def _can_be_named(trial: Trial, least: float) -> bool:

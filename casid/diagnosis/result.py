@@ -19,6 +19,8 @@ from casid.diagnosis.screening import Candidate
 from casid.diagnosis.statistics import ChannelFit, Simulated
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
+from casid.model.effects import effect_of
+from casid.model.terms import derivative_term
 
 SCHEMA = "casid.diagnosis/1"
 
@@ -152,13 +154,41 @@ class View:
         return self.fit.readings
 
 
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A derivative, term or effect of the aircraft file in `unit`: its value there (0 where the file has none), fitted
+    with today's structure, and in the extended model; `*_std` 1-sigma (Cramer-Rao)."""
+
+    name: str
+    unit: str
+    a_priori: float
+    baseline: float
+    baseline_std: float
+    extended: float
+    extended_std: float
+
+    @property
+    def change(self) -> float:
+        """What the extension moved it by, in 1-sigmas of both."""
+        return (self.extended - self.baseline) / math.hypot(self.baseline_std, self.extended_std)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "unit": self.unit, "a_priori": self.a_priori,
+            "baseline": {"value": self.baseline, "std": self.baseline_std},
+            "extended": {"value": self.extended, "std": self.extended_std},
+        }  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis:
     """The verdict and everything it rests on.
 
     baseline, extended            on the records that were fitted; `held_out_*` on records never used
-    missing_before, missing_after anonymous inputs: where something is missing, before and after naming, the structure
-                                  taken as exact (the verdict allows for small terms besides)
+    bare                          the model before any cause: the baseline, with the structure that is expected of any
+                                  aircraft and in the air as it moves
+    missing_before, missing_after anonymous inputs: where something is missing, in `bare` and in the extended model, the
+                                  structure taken as exact (the verdict allows for small terms besides)
     unexplained                   what of it gains and matters still, small terms allowed for
     kinematic                     instrument and air causes scored with forces left free, empty when not available
     detectable                    cause name -> smallest size that these records would show
@@ -175,8 +205,9 @@ class Diagnosis:
     rounds: tuple[Round, ...]
     baseline: View
     extended: View
-    held_out_baseline: View | None
-    held_out_extended: View | None
+    held_out_baseline: View
+    held_out_extended: View
+    bare: Fit
     missing_before: tuple[MissingInput, ...]
     missing_after: tuple[MissingInput, ...]
     unexplained: tuple[MissingInput, ...]
@@ -186,10 +217,37 @@ class Diagnosis:
     seconds: Mapping[str, float]
 
     @property
+    def is_extended(self) -> bool:
+        """Whether the extended model has anything that the baseline has not, be it a cause or minor."""
+        return self.extended.fit is not self.baseline.fit
+
+    @property
     def bic(self) -> float:
-        """Change of the Bayesian information criterion by the named causes; negative is better."""
-        parameters = sum(cause.dof for cause in self.causes)
-        return self.extended.fit.deviance - self.baseline.fit.deviance + parameters * math.log(self.baseline.samples)
+        """Change of the Bayesian information criterion by the extension; negative is better."""
+        before, after = self.baseline.fit, self.extended.fit
+        return after.deviance - before.deviance + (_freedom(after) - _freedom(before)) * math.log(self.baseline.samples)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every derivative, term and effect of the aircraft file: as the file has it, and as it was fitted."""
+        before, after, file = self.baseline.fit, self.extended.fit, self.aircraft
+        a_priori = dict(file.derivatives)
+        a_priori |= {f"{c}_{term}": value for c, row in file.terms.items() for term, value in row.items()}
+        names = [slot.name for slot in before.slots]
+        units = {name: derivative_term(name)[1].unit for name in before.derivatives}
+        for value in file.effects:
+            effect = effect_of(value)
+            a_priori |= {effect.name: value.value} | {f"{effect.name}.{k}": v for k, v in value.parameters.items()}
+            units[effect.name] = effect.unit
+        there = {slot.name for slot in after.slots}
+        return tuple(
+            Parameter(
+                name=name, unit=units.get(name, ""), a_priori=a_priori.get(name, 0.0), baseline=before[name],
+                baseline_std=before.std(name), extended=after[name], extended_std=after.std(name),
+            )
+            for name in names
+            if name in there
+        )  # fmt: skip
 
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
@@ -209,6 +267,7 @@ class Diagnosis:
             "baseline": _view(self.baseline),
             "extended": _view(self.extended),
             "gain": {"held_out": self._held_out(), "bic": self.bic},
+            "parameters": {one.name: one.to_dict() for one in self.parameters},
             "missing": {
                 "before": {m.station: m.gain for m in self.missing_before},
                 "after": {m.station: m.gain for m in self.missing_after},
@@ -219,8 +278,6 @@ class Diagnosis:
 
     def _held_out(self) -> dict[str, Any]:
         before, after = self.held_out_baseline, self.held_out_extended
-        if before is None or after is None:
-            return {"records": [], "rms_ratio": {}, "log_likelihood_per_sample": None}
         return {
             "records": list(before.fit.flight.names),
             "rms_ratio": {o: after.channels[o].rms / c.rms for o, c in before.channels.items() if c.rms > 0},
@@ -233,6 +290,11 @@ class Diagnosis:
         temporary = target.with_suffix(".tmp")
         temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
         temporary.replace(target)
+
+
+def _freedom(fit: Fit) -> int:
+    """How many numbers are fitted: onsets are, and the strength of turbulence."""
+    return len(fit.slots) + sum(len(one.onsets) for one in fit.attached) + bool(fit.noise.coloured)
 
 
 def _cause(cause: Cause) -> dict[str, Any]:

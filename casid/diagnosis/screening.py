@@ -182,9 +182,7 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
         return {}
     model = base.flight.model([*already, *effects])
     P = np.tile(model.nominal_vector(), (len(base.batch.names), 1))
-    for slot, value in zip(base.slots, base.values, strict=True):
-        if slot.attached is None:
-            P[:, model.parameters.index(slot.name)] = value
+    P[:, [model.parameters.index(name) for name in base.model.parameters]] = base.parameters
     names = [e.name for e in effects]
     linear = linearise(base.flight.functions(model, names), base.batch, P, base.linear.X, base.moving)
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}

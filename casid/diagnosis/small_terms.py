@@ -24,6 +24,7 @@ from casid.model.terms import parse_term
 SMALL = 0.0025
 _SCALES = (1.0, 2.0, 4.0)  # at most 1 % a part, some 4 % in all: a coefficient more bent than that misses something
 _LEFT = 1e-6  # of a term, beside the fitted ones: less is rounding
+_RESTS = 1e-7  # rad, of a variable: rounding, where a surface does not move
 _RIDGE = 1e-3  # of a term's own prior information, for those that are nearly the sum of others
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
@@ -67,7 +68,8 @@ def small_terms(fit: Fit) -> SmallTerms:
         whole = np.stack(along, axis=2)
         left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
-        varies = np.flatnonzero(spread > _LEFT * np.std(whole[fit.batch.live], axis=0))
+        rests = np.array([_RESTS ** parse_term(term).degree for term in allowed])
+        varies = np.flatnonzero(spread > np.maximum(_LEFT * np.std(whole[fit.batch.live], axis=0), rests))
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
         series.append(whole[..., varies])

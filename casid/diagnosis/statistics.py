@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from scipy import signal, stats
 
@@ -43,26 +42,14 @@ class Simulated:
 def free_simulation(fit: Fit) -> Simulated:
     """Fly every record from its fitted initial state, open loop on the recorded inputs."""
     model, batch = fit.model, fit.batch
-    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
-    x = model.x
-    u0, u1, w0, w1 = (
-        ca.SX.sym(n, s.shape[0]) for n, s in (("a", model.u), ("b", model.u), ("c", model.w), ("d", model.w))
-    )
-    dt, p = ca.SX.sym("dt"), model.p
-    um, wm = (u0 + u1) / 2, (w0 + w1) / 2
-    k1 = f(x, u0, p, w0)
-    k2 = f(x + dt / 2 * k1, um, p, wm)
-    k3 = f(x + dt / 2 * k2, um, p, wm)
-    k4 = f(x + dt * k3, u1, p, w1)
-    step = ca.Function("step", [x, u0, u1, w0, w1, dt, p], [x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
     N, R = batch.live.shape
-    chain = step.mapaccum("chain", N - 1)
+    chain = fit.functions.step_function.mapaccum("chain", N - 1)
     X = np.empty((N, R, len(model.states)))
     for r in range(R):
         U, W = batch.U[:, r], fit.disturbances[:, r]
         U1, W1 = (U[:-1], W[:-1]) if batch.held[r] else (U[1:], W[1:])
         P = np.tile(fit.parameters[r][:, None], (1, N - 1))
-        states = chain(fit.linear.X[0, r], U[:-1].T, U1.T, W[:-1].T, W1.T, batch.dt[:, r][None], P)
+        states = chain(fit.linear.X[0, r], U[:-1].T, U1.T, P, W[:-1].T, W1.T, batch.dt[:, r][None])
         X[:, r] = np.vstack([fit.linear.X[0, r][None], states.full().T])
     output = fit.output_along(X)
     output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
@@ -71,9 +58,11 @@ def free_simulation(fit: Fit) -> Simulated:
 
 
 def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
-    """Statistics of every output over all records."""
+    """Statistics of every output that some record measures, over all records."""
     table = {}
     for i, name in enumerate(fit.model.outputs):
+        if not fit.linear.seen[..., i].any():
+            continue
         error, measured = simulated.residual[..., i], np.where(fit.linear.seen[..., i], fit.batch.Z[..., i], np.nan)
         predicted = measured - error
         rms = _rms(error)
@@ -110,12 +99,14 @@ def band_energy(fit: Fit, simulated: Simulated, edges_hz: np.ndarray) -> np.ndar
     ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
     for i, name in enumerate(fit.model.outputs):
         total = np.zeros(len(edges_hz) - 1)
-        for r, record in enumerate(fit.flight.records):
+        measured = [r for r in range(len(fit.batch.names)) if fit.linear.seen[:, r, i].any()]
+        for r in measured:
+            record = fit.flight.records[r]
             error = np.nan_to_num(simulated.residual[: len(record), r, i])
             frequency, power = signal.periodogram(error - error.mean(), 1.0 / record.dt)
             floor = 2.0 * fit.noise.measurement[name] ** 2 * record.dt
             for b, (low, high) in enumerate(zip(edges_hz[:-1], edges_hz[1:], strict=True)):
                 inside = (frequency >= low) & (frequency < high)
                 total[b] += power[inside].mean() / floor if inside.any() else 0.0
-        ratio[i] = total / len(fit.flight.records)
+        ratio[i] = total / len(measured) if measured else np.nan
     return ratio

@@ -12,7 +12,6 @@ from casid.diagnosis.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals
 from casid.diagnosis.evidence import Evidence, deviation, is_sure
-from casid.diagnosis.held_out import with_fitted
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import READING, MissingInput, missing_oscillation
@@ -22,6 +21,7 @@ from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, meaningful_share, missing_share
 from casid.diagnosis.trials import gain_asked, matters
 from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.applied import with_estimates
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
@@ -291,25 +291,51 @@ def _gain(gain: float) -> str:
     return f"gain {gain:.0f} in 2 ln L"
 
 
-def extended_aircraft(
-    aircraft: Aircraft, fit: Fit, causes: Sequence[Cause], structure: Sequence[Attached] = ()
-) -> Aircraft:
-    """The aircraft file with fitted derivatives, expected structure as terms, and the named causes as effects."""
+def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
+    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects, and
+    what is `minor` but stands in the fit beside them, terms of the aerodynamics as such."""
+    known = {(e.kind, e.target, e.term) for e in aircraft.effects}
+    missing = {one.effect.key for one in fit.attached}
+    if fit.noise.coloured:
+        missing.add(turbulence_effect("").key)
+    missing -= known
     terms: dict[str, dict[str, float]] = {}
-    named = {(c.target, c.term) for c in causes}
-    for one in (s for s in structure if (s.effect.target, s.effect.term) not in named):
-        terms.setdefault(one.effect.target, {})[one.effect.term or "0"] = fit[one.name]
-    before = {(e.kind, e.target, e.term) for e in aircraft.effects}
-    effects = [
-        EffectValue(
-            kind=c.kind, target=c.target, term=c.term, value=c.value, std=c.std,
-            records=c.records if set(c.records) != set(fit.batch.names) else (),
-            onset_s=dict(c.onset_s) if c.onset_s else None, parameters=dict(c.parameters), sentence=c.sentence,
-        )
-        for c in causes
-        if (c.kind, c.target, c.term) not in before
-    ]  # fmt: skip
-    return with_fitted(aircraft, fit).with_terms(terms).with_effects(effects)
+    effects = []
+    for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
+        key = cause.kind, cause.target, cause.term
+        if key not in missing:
+            continue
+        missing.remove(key)
+        if not named and cause.term:
+            terms.setdefault(cause.target, {})[cause.term] = cause.value
+        else:
+            effects.append(_as_effect(cause, fit.batch.names))
+    std = {slot.name: fit.std(slot.name) for slot in fit.slots}
+    estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
+    return (
+        replace(estimated, effects=tuple(_as_fitted(e, fit) for e in estimated.effects))
+        .with_terms(terms)
+        .with_effects(effects)
+    )
+
+
+def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
+    return EffectValue(
+        kind=cause.kind, target=cause.target, term=cause.term, value=cause.value, std=cause.std,
+        records=cause.records if set(cause.records) != set(fitted) else (),
+        onset_s=dict(cause.onset_s) if cause.onset_s else None, parameters=dict(cause.parameters),
+        sentence=cause.sentence,
+    )  # fmt: skip
+
+
+def _as_fitted(effect: EffectValue, fit: Fit) -> EffectValue:
+    """An effect of the file with its onsets as they were fitted, their intervals as wide as they were."""
+    onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
+    moved = dict(effect.onset_s or {})
+    for record, onset in onsets.items():
+        low, high = moved[record]
+        moved[record] = (onset - 0.5 * (high - low), onset + 0.5 * (high - low))
+    return replace(effect, onset_s=moved or None)
 
 
 def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:

@@ -111,6 +111,11 @@ class PointFunctions:
         """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
         return at_points(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
 
+    @property
+    def step_function(self) -> ca.Function:
+        """(x, u, u at the end, p, w, w at the end, dt) -> state after one sample interval."""
+        return self._step.symbolic
+
     def output(self, X, U, P, W) -> np.ndarray:
         """Outputs (N, R, ny)."""
         return at_points(self._output, X, U, P, W)[0][..., 0]

@@ -58,7 +58,7 @@ class Applied:
             if _concerns(value, record.name):
                 effect = effect_of(value)
                 assert effect.output is not None
-                read |= effect.output(record.t, read, _values(value, effect))
+                read |= effect.output(record.t, read, values_of(value, effect))
         return np.stack([read[name] for name in names], axis=1)
 
 
@@ -169,11 +169,12 @@ def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping
     }  # fmt: skip
     effects = []
     for effect in aircraft.effects:
-        name = effect_of(effect).name
-        if name in values:
-            effect = replace(effect, value=values[name], std=std[name])
-        parameters = {key: values.get(f"{name}.{key}", value) for key, value in effect.parameters.items()}
-        effects.append(replace(effect, parameters=parameters))
+        known = effect_of(effect)
+        if known.name in values:
+            effect = replace(effect, value=values[known.name], std=std[known.name])
+        parameters = {key: values.get(f"{known.name}.{key}", value) for key, value in effect.parameters.items()}
+        told = known.in_words({"value": effect.value, **parameters})
+        effects.append(replace(effect, value=told.pop("value"), parameters=told))
     return replace(aircraft.with_derivatives(derivatives).with_terms(terms), effects=tuple(effects))
 
 
@@ -235,7 +236,7 @@ def _series(value: EffectValue, record: Record) -> dict[str, np.ndarray]:
     onsets = value.onset_s or {}
     if effect.series is None or not _concerns(value, record.name) or (effect.timed and record.name not in onsets):
         return {}
-    values = _values(value, effect)
+    values = values_of(value, effect)
     if effect.timed:
         values["onset"] = 0.5 * sum(onsets[record.name])
     known = dict(record.channels)
@@ -244,7 +245,7 @@ def _series(value: EffectValue, record: Record) -> dict[str, np.ndarray]:
     return effect.series(record.t, known, values)
 
 
-def _values(value: EffectValue, effect: Effect) -> dict[str, float]:
+def values_of(value: EffectValue, effect: Effect) -> dict[str, float]:
     """The numbers that an effect's functions take. Raises InputError when the file leaves out one that it may not."""
     values = {"value": value.value, **effect.defaults, **value.parameters}
     for name in effect.grid[0] if effect.grid else ():
@@ -274,7 +275,7 @@ def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -
         effect = effect_of(value)
         if not _concerns(value, record.name):
             continue
-        values, read = _values(value, effect), record.channels
+        values, read = values_of(value, effect), record.channels
         if effect.undo is not None:
             record = record.with_channels(**effect.undo(record.t, read, values))
         elif effect.output is not None:

@@ -26,6 +26,7 @@ from casid.model.path import (
     fly,
 )
 from casid.model.system import EquationError, Model
+from casid.model.terms import derivative_term
 from casid.records.record import Record
 from casid.signals import SURFACES, scale_of, unit_of
 
@@ -38,6 +39,8 @@ _FRAME_OUTPUTS = MappingProxyType(
         "lateral": ("beta", "p", "r", "phi", "ay", "pdot", "rdot"),
     }
 )
+# channels that a reduction integrates besides: states of a model that is asked for them
+INTEGRATED = MappingProxyType({"full": INTEGRALS, "longitudinal": ("altitude",), "lateral": ("psi",)})
 _FRAME_COEFFICIENTS = MappingProxyType({"full": None, "longitudinal": "LDXZm", "lateral": "Yln"})
 _SCALE = MappingProxyType(
     {"u": 100.0, "v": 5.0, "w": 5.0, "p": 0.2, "q": 0.1, "r": 0.1, "phi": 0.3, "theta": 0.1}
@@ -110,7 +113,7 @@ def aircraft_model(
         raise unknown("axes", axes, MOVING)
     moving = MOVING[axes]
     chosen = tuple(outputs) if outputs is not None else _FRAME_OUTPUTS[axes]
-    valid = (*_FRAME_OUTPUTS[axes], *INTEGRALS)
+    valid = (*_FRAME_OUTPUTS[axes], *INTEGRATED[axes])
     for name in chosen:
         if name not in valid:
             raise unknown("output", name, valid, f"{axes} model of '{aircraft.name}'")
@@ -159,12 +162,13 @@ def aircraft_model(
 
 def parameter_units(names: Iterable[str], effects: Sequence[Effect]) -> dict[str, str]:
     """Unit of each parameter of an aircraft model."""
-    units = {
-        name: unit_of(name[5:]) if name.startswith("bias_") else ("1" if name.endswith("_0") else "1/rad")
+    units = {e.name: e.unit for e in effects}
+    units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.further}
+    return units | {
+        name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
         for name in names
+        if name not in units
     }
-    units |= {f"{e.name}.{key}": unit for e in effects for key, unit in e.units.items()}
-    return units | {e.name: e.unit for e in effects}
 
 
 def _parameters(effect: Effect) -> dict[str, float]:
@@ -292,7 +296,8 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full", known:
 
     Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
     [trim], constant; the states that a reduction does not move from the measured channels. What can come from nowhere
-    is an InputError, not a guess. `record.notes` says what was filled in. `known` disturbances absent are zero.
+    is an InputError, not a guess. `record.notes` says what was filled in. `known` disturbances absent are zero. Heading
+    and bank go on where they pass 180 or 360 deg.
     """
     added: dict[str, np.ndarray] = {}
     notes: list[str] = []
@@ -328,11 +333,20 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full", known:
         added |= dict(zip(fixed, columns.T, strict=True))
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
     added |= {name: np.zeros(n) for name in known if name not in record}
+    added |= {name: _unwrapped(record[name]) for name in ("psi", "phi") if name in record}
     filled = record.with_channels(**added)
     return Record(
         name=filled.name, t=filled.t, channels=filled.channels, hold=filled.hold, source=filled.source,
         notes=(*record.notes, *notes),
     )  # fmt: skip
+
+
+def _unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Without jumps by a full turn from one sample that is there to the next [rad]."""
+    there = np.isfinite(angle)
+    unwrapped = angle.copy()
+    unwrapped[there] = np.unwrap(angle[there])
+    return unwrapped
 
 
 def _air_data_of_frozen_plane(aircraft: Aircraft, record: Record, axes: str) -> dict[str, np.ndarray]:

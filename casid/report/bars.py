@@ -95,7 +95,7 @@ def _held_out(diagnosis: Diagnosis, trial: Trial) -> float | None:
     effect = trial.effect
     cause = next((c for c in named_or_minor(diagnosis) if (c.kind, c.target, c.term) == effect.key), None)
     view = diagnosis.held_out_extended
-    if cause is None or cause.held_out_gain is None or view is None:
+    if cause is None or cause.held_out_gain is None:
         return None
     return 2.0 * cause.held_out_gain * view.samples
 
@@ -178,7 +178,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
     ax.set_xlabel("|z| of its strongest fault (dotted: limit)")
     cleared = f"{sum(best[k][0] <= limit for k in everyone)} of {len(everyone)} instruments and winds are cleared"
     note = (
-        " They were scored in calm air, before turbulence was named: moving air shows in all of them."
+        " They were scored in air as turbulent as the verdict says."
         if diagnosis.turbulence.named
         else " One fault shows in its neighbours as well; the strongest is the likeliest."
         if any(over)

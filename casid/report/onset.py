@@ -54,19 +54,16 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
 
 
 def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] | None:
-    """The fit that did not have the cause yet, and the cause as it was named.
-
-    None when the first fit had moving air in it, which the diagnosis does not keep.
-    """
-    base = None if diagnosis.turbulence.named else diagnosis.baseline.fit
+    """The fit that did not have the cause yet, and the cause as it was named; None for one that was not named."""
+    base = diagnosis.bare
     for round_ in diagnosis.rounds:
         if not round_.named:
             break
         winner = round_.trials[0]
         one = winner.candidate.attached
         if one.effect.key == (cause.kind, cause.target, cause.term):
-            return (base, one) if base is not None else None
-        base = winner.fit
+            return base, one
+        base = round_.winner
     return None
 
 

@@ -52,15 +52,13 @@ def _figure(picture: Picture, svg: bytes) -> str:
 
 
 def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, Any]) -> str:
-    lead, extended = next(iter(html)), bool(diagnosis.causes)
+    lead, extended = next(iter(html)), diagnosis.is_extended
     rest = {name: figure for name, figure in html.items() if name != lead}
 
     def those(names: tuple[str, ...]) -> str:
         return "\n".join(rest[name] for name in names if name in rest)
 
-    held = ""
-    if diagnosis.held_out_baseline is not None and diagnosis.held_out_extended is not None:
-        held = tables.channels(diagnosis.held_out_baseline, diagnosis.held_out_extended, extended)
+    held = tables.channels(diagnosis.held_out_baseline, diagnosis.held_out_extended, extended)
     template = Template(files("casid.report").joinpath("page.html").read_text(encoding="utf-8"))
     return template.substitute(
         aircraft=escape(diagnosis.aircraft.name), verdict=escape(diagnosis.verdict.capitalize()),
@@ -87,11 +85,9 @@ _UNSEEN = (
 def gain_sentence(diagnosis: Diagnosis) -> str:
     """What the extension is worth on records that no fit has seen, in a sentence."""
     before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
-    if before is None or after is None:
-        return "No record was held out: what the model is worth on new data was not measured."
     names = ", ".join(before.fit.flight.names)
     if not diagnosis.causes:
-        table = {o: c.rms / c.noise for o, c in before.channels.items()}
+        table = {o: c.rms / c.noise for o, c in after.channels.items()}
         worst = max(table, key=lambda o: table[o])
         return (
             f"On {names}, which no fit has seen, the open-loop simulation stays within {table[worst]:.1f} times the "
@@ -128,9 +124,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
 def _facts(diagnosis: Diagnosis) -> str:
     view, held = diagnosis.baseline, diagnosis.held_out_baseline
     fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.fit.flight.records)
-    unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records) if held else "none"
+    unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records)
     count = f"{view.samples:,}".replace(",", " ")
     return (
-        f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} samples; "
-        f"{len(view.fit.slots)} derivatives fitted."
+        f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings; "
+        f"{len(view.fit.derivatives)} derivatives fitted."
     )

@@ -39,12 +39,10 @@ def telling_channels(before: View, after: View, count: int) -> list[str]:
     return [outputs[i] for i in np.argsort(-drop)[:count]]
 
 
-def histories(diagnosis: Diagnosis) -> Picture | None:
-    """Measured, baseline and extended in one held-out record; None without a held-out record."""
+def histories(diagnosis: Diagnosis) -> Picture:
+    """Measured, baseline and extended in one held-out record."""
     before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
-    if before is None or after is None:
-        return None
-    extended = bool(diagnosis.causes)
+    extended = diagnosis.is_extended
     old, new = misfit(before), misfit(after)
     channels = sorted(old, key=lambda o: new[o] - old[o] if extended else -old[o])[:3]
     r = _worst_record(before, channels)
@@ -108,7 +106,7 @@ def _worst_record(view: View, channels: list[str]) -> int:
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
     """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left."""
     before, after = diagnosis.baseline, diagnosis.extended
-    extended = bool(diagnosis.causes)
+    extended = diagnosis.is_extended
     channels = channels or telling_channels(before, after, 3)
     r = _worst_record(before, channels)
     record = before.fit.flight.records[r]
@@ -147,7 +145,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
 def gain(diagnosis: Diagnosis) -> Picture | None:
     """Residual over noise per channel on held-out records, before and after; None when nothing was added."""
     before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
-    if before is None or after is None or not diagnosis.causes:
+    if not diagnosis.is_extended:
         return None
     old, new = misfit(before), misfit(after)
     order = sorted(old, key=lambda o: new[o] / old[o], reverse=True)

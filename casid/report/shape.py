@@ -48,7 +48,7 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
     figure = blank(4.4)
     ax = figure.subplots()
     points = []
-    for r, (t, mean, sigma) in _nodes(missing, fit):
+    for r, (t, mean, sigma) in enumerate(missing.history[name] for name in fit.batch.names):
         x, rest = _at(fit, variable, r, t) * scale, _at(fit, others, r, t)
         points.append(np.stack([x, mean - rest, sigma], axis=1))
         ax.plot(
@@ -88,7 +88,7 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
 def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, name: str = "missing_history") -> Picture:
     """A reconstructed input in time with its ±2σ band; with `curve`, what the named causes put there."""
     fit = diagnosis.extended.fit if curve else diagnosis.baseline.fit
-    if diagnosis.held_out_extended is not None and not missing.concerns(fit.batch.names):
+    if not missing.concerns(fit.batch.names):
         fit = diagnosis.held_out_extended.fit
     wind = missing.station.startswith("wind")
     named = named_series(diagnosis, missing) if curve else np.zeros(fit.batch.live.shape)
@@ -96,7 +96,7 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
     figure = blank(1.75 * len(chosen) + 0.7)
     axes = figure.subplots(len(chosen), 1, squeeze=False, sharey=True)[:, 0]
     for ax, r in zip(axes, chosen, strict=True):
-        t, mean, sigma = dict(_nodes(missing, fit))[r]
+        t, mean, sigma = missing.history[fit.batch.names[r]]
         ax.fill_between(t, mean - 2 * sigma, mean + 2 * sigma, color="#BBD7EA", lw=0, label="±2σ")
         ax.plot(t, mean, color=EXTENDED, label="reconstructed, form unknown")
         if curve:
@@ -153,12 +153,12 @@ def wind(diagnosis: Diagnosis) -> Picture:
 
 
 def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
-    """(N, R) what the extended model adds at a station to the baseline that the anonymous input was added to.
+    """(N, R) what the extended model adds at a station to the bare one that the anonymous input was added to.
 
-    Effects that enter there, and what the derivatives of the coefficient differ by: both models then give the
+    Effects that enter there, and what the derivatives and terms of the coefficient differ by: both models then give the
     coefficient the same value where the extension is right.
     """
-    before, after = diagnosis.baseline.fit, diagnosis.extended.fit
+    before, after = diagnosis.bare, diagnosis.extended.fit
     total = after.disturbances[..., after.model.disturbances.index(missing.station)].copy()
     if missing.station.startswith("wind"):
         return total
@@ -167,9 +167,11 @@ def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
         owner, _, term = name.partition("_")
         if owner == coefficient and name in beside and "dot" not in term:
             total += (value - beside[name]) * parse_term(term).evaluate(after.regressors)
-    for one in after.attached:
+    terms = [(one, one.values["value"]) for one in after.attached]
+    terms += [(one, -beside[one.name]) for one in before.attached if one.name in beside]
+    for one, value in terms:
         if one.effect.regressor is not None and one.effect.target == coefficient:
-            total += one.values["value"] * _series(after, one.effect.regressor)
+            total += value * _series(after, one.effect.regressor)
     return total
 
 
@@ -193,16 +195,6 @@ def _abscissa(fit: Fit, regressor: str) -> tuple[np.ndarray, str, float]:
 def _power(regressor: str, x: np.ndarray) -> np.ndarray:
     factors = parse_term(regressor).factors
     return x ** factors[0][1] if len(factors) == 1 else x
-
-
-def _nodes(missing: MissingInput, fit: Fit) -> list[tuple[int, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-    """(record, (t, mean, sigma)) at the nodes that lie inside the record."""
-    found = []
-    for r, record in enumerate(fit.flight.records):
-        t, mean, sigma = missing.history[record.name]
-        inside = t <= record.t[-1]
-        found.append((r, (t[inside], mean[inside], sigma[inside])))
-    return found
 
 
 def _at(fit: Fit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
@@ -234,7 +226,7 @@ def _symbol(station: str) -> str:
 
 def _liveliest(missing: MissingInput, fit: Fit) -> list[int]:
     """Up to three records in which the input is largest, in their own order."""
-    size = {r: float(np.mean(mean**2)) for r, (_, mean, _) in _nodes(missing, fit)}
+    size = {r: float(np.mean(missing.history[name][1] ** 2)) for r, name in enumerate(fit.batch.names)}
     return sorted(sorted(size, key=lambda r: -size[r])[:_MAX_RECORDS])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -98,30 +97,22 @@ def _p(value: float) -> str:
 
 
 def parameters(diagnosis: Diagnosis) -> str:
-    """Every derivative: aircraft file, fitted to today's structure, fitted with the causes."""
-    a_priori = _a_priori(diagnosis)
-    before, after, extended = diagnosis.baseline.fit, diagnosis.extended.fit, bool(diagnosis.causes)
-    rows = []
-    for name, old in before.derivatives.items():
-        std = before.std(name)
-        row = [escape(name), digits(a_priori.get(name, 0.0)), with_std(old, std, "1")]
+    """Every derivative and effect of the aircraft file: there, fitted to today's structure, and with what was added."""
+    extended, rows = diagnosis.is_extended, []
+    for one in diagnosis.parameters:
+        row = [escape(one.name), digits(one.a_priori), with_std(one.baseline, one.baseline_std, "1")]
         if extended:
-            new = after.derivatives.get(name, math.nan)
-            shift = (new - old) / math.hypot(std, after.std(name))
-            shown = f"{shift:+.1f}".replace("-", "−")
-            row += [with_std(new, after.std(name), "1"), f"<b>{shown}</b>" if abs(shift) > 3.0 else shown]
+            shown = f"{one.change:+.1f}".replace("-", "−")
+            row += [
+                with_std(one.extended, one.extended_std, "1"), f"<b>{shown}</b>" if abs(one.change) > 3.0 else shown
+            ]  # fmt: skip
         rows.append(row)
-    head = ["derivative", "aircraft file", "fitted, today's structure"]
+    head = ["parameter", "aircraft file", "fitted, today's structure"]
     head += ["fitted, extended model", "change / σ"] if extended else []
     return table(
-        head, rows, "Derivatives per rad, ± 1σ (Cramér–Rao). Bold: the causes moved it by more than 3σ.", numeric=True
-    )
-
-
-def _a_priori(diagnosis: Diagnosis) -> dict[str, float]:
-    aircraft = diagnosis.aircraft
-    terms = {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
-    return dict(aircraft.derivatives) | terms
+        head, rows, "Derivatives per rad, effects in SI units, ± 1σ (Cramér–Rao). Bold: the extension moved it by more "
+        "than 3σ.", numeric=True,
+    )  # fmt: skip
 
 
 def alternatives(diagnosis: Diagnosis) -> str:
@@ -214,6 +205,6 @@ def made_with(facts: Mapping[str, Any]) -> str:
 def remarks(diagnosis: Diagnosis) -> str:
     """What the reader of the records remarked, record by record."""
     held = diagnosis.held_out_baseline
-    records = [*diagnosis.baseline.fit.flight.records, *(held.fit.flight.records if held else ())]
+    records = [*diagnosis.baseline.fit.flight.records, *held.fit.flight.records]
     items = "".join(f"<li>{escape(r.name)}: {escape(note)}</li>" for r in records for note in r.notes)
     return f"<ul>{items}</ul>" if items else ""
