@@ -288,7 +288,10 @@ def _shear(rng: Rng, scene: Scene) -> Hidden:
     onsets = _events(rng, scene, length=5.0)
     value = _sign(rng) * _digits(rng.uniform(0.2, 0.5))
     axis = str(rng.choice(("x", "y", "z")))
-    return Hidden(kind="wind_shear", target=axis, value=value, records=tuple(onsets), onset_s=onsets)
+    parameters = {"duration": _digits(rng.uniform(5.0, 12.0))} if rng.random() < 0.5 else {}
+    return Hidden(
+        kind="wind_shear", target=axis, value=value, records=tuple(onsets), onset_s=onsets, parameters=parameters
+    )
 
 
 def _gust(rng: Rng, scene: Scene) -> Hidden:

@@ -67,9 +67,10 @@ def fault_of(hidden: Hidden, record: str, frame: Airframe) -> Fault:
         return Fault(kind=hidden.kind, target=target, size=size / first, onset_s=onset)
     if hidden.kind == "turbulence":
         size = float(severity(size, frame.altitude_m))
+    further = hidden.parameters
     return Fault(
         kind=hidden.kind, target=target, term=term, size=size, onset_s=onset,
-        duration_s=hidden.parameters.get("length", 2.0), frequency_hz=hidden.parameters.get("frequency_hz", 4.0),
+        duration_s=further.get("length", further.get("duration")), frequency_hz=further.get("frequency_hz", 4.0),
     )  # fmt: skip
 
 

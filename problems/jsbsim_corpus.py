@@ -113,7 +113,7 @@ def _always(kind: str, target: str = "", size: float = 0.0, term: str | None = N
     return Case(name="_".join(word for word in words if word), fault=fault)
 
 
-def _event(kind: str, target: str, size: float, onsets: Mapping[str, float], duration_s: float = 2.0) -> Case:
+def _event(kind: str, target: str, size: float, onsets: Mapping[str, float], duration_s: float | None = None) -> Case:
     fault = Fault(kind=kind, target=target, size=size, onset_s=0.0, duration_s=duration_s)
     return Case(name=f"{kind}_{target}".replace("+", "_"), fault=fault, onsets=onsets)
 

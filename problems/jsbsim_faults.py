@@ -19,7 +19,7 @@ from casid.model.vocabulary import check_effect, effect_unit
 from problems.jsbsim_airframe import FT, Airframe
 from problems.jsbsim_edit import Edit
 
-_RAMP_S = 1.0
+_RAMP_S, _GUST_S = 1.0, 2.0
 _EVENTS = ("effectiveness_change", "configuration_change", "gust", "wind_shear")
 _DRIVES = {"q": "delta_e", "az": "delta_e", "p": "delta_a", "r": "delta_r", "ay": "delta_r"}
 _TWINS = {"p": "pdot", "q": "qdot", "r": "rdot"}
@@ -35,7 +35,7 @@ class Fault:
 
     kind may also be one of OUTSIDE, which has no name in the vocabulary.
     onset_s       start of an event: effectiveness_change, configuration_change, gust, wind_shear
-    duration_s    length of a gust
+    duration_s    length of a gust, 2 s by default, or of the ramp of a shear, which by default does not end
     frequency_hz  of a structural mode
     A configuration change has size 1.0: the airframe's own. For turbulence, size is JSBSim's severity (MIL-F-8785C,
     1 light to 7), from which the r.m.s. velocity follows with the altitude.
@@ -47,7 +47,7 @@ class Fault:
     term: str | None = None
     size: float
     onset_s: float | None = None
-    duration_s: float = 2.0
+    duration_s: float | None = None
     frequency_hz: float = 4.0
 
     def __post_init__(self) -> None:
@@ -111,7 +111,7 @@ def schedule_of(fault: Fault | None, frame: Airframe, t: np.ndarray, seed: int) 
     if fault.kind == "configuration_change":
         return {name: value * fault.size * ramp for name, value in frame.configuration.items()}
     if fault.kind == "wind_shear":
-        return {f"wind[{fault.target}]": fault.size * np.clip(t - fault.onset_s, 0.0, None)}
+        return {f"wind[{fault.target}]": fault.size * np.clip(t - fault.onset_s, 0.0, fault.duration_s)}
     return _gust(fault, t)
 
 
@@ -123,9 +123,9 @@ def _gust(fault: Fault, t: np.ndarray) -> dict[str, np.ndarray]:
     gust = "atmosphere/cosine-gust"
     sign, axis = np.sign(fault.size), fault.target.upper()
     return {
-        f"{gust}/startup-duration-sec": first * fault.duration_s / 2,
+        f"{gust}/startup-duration-sec": first * (fault.duration_s or _GUST_S) / 2,
         f"{gust}/steady-duration-sec": first * 0.0,
-        f"{gust}/end-duration-sec": first * fault.duration_s / 2,
+        f"{gust}/end-duration-sec": first * (fault.duration_s or _GUST_S) / 2,
         f"{gust}/magnitude-ft_sec": first * abs(fault.size) / FT,
         f"{gust}/frame": first,
         **{f"{gust}/{a}-velocity-ft_sec": first * (sign if a == axis else 0.0) for a in "XYZ"},

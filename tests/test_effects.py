@@ -319,7 +319,7 @@ def test_heading_follows_from_bank_pitch_and_rates():
 @pytest.mark.parametrize(
     ("effect", "wind"),
     [
-        (wind_shear, lambda t: np.maximum(t - 2.0, 0.0)),
+        (wind_shear, lambda t: np.clip(t - 2.0, 0.0, 4.0)),
         (gust, lambda t: np.where((t > 2.0) & (t < 6.0), 0.5 - 0.5 * np.cos(np.pi * (t - 2.0) / 2.0), 0.0)),
     ],
     ids=["wind_shear", "gust"],
@@ -331,7 +331,9 @@ def test_moving_air_keeps_its_direction_over_the_ground_while_the_aircraft_turns
     phi, theta, psi = 0.6 * np.sin(t), 0.2 * np.cos(0.7 * t), 0.9 * np.sin(0.3 * t)
     series = effect(axis).series
     assert series is not None
-    body = series(t, {"phi": phi, "theta": theta, "turned": psi}, {"value": 0.5, "onset": 2.0, "length": 4.0})
+    body = series(
+        t, {"phi": phi, "theta": theta, "turned": psi}, {"value": 0.5, "onset": 2.0, "length": 4.0, "duration": 4.0}
+    )
     from_body = Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1))
     level = from_body.apply(np.stack([body[f"wind_{b}"] for b in "xyz"], axis=1))
     direction = np.eye(3)["xyz".index(axis)]

@@ -184,6 +184,8 @@ def test_gust_and_shear_move_the_air() -> None:
     assert wind[at[6.5]] == pytest.approx(2.0, rel=0.05)
     log = flown(Fault(kind="wind_shear", target="x", size=0.35, onset_s=8.0))
     assert air_velocity(log)[-1, 0] == pytest.approx(0.35 * 4.0, rel=0.03)
+    log = flown(Fault(kind="wind_shear", target="x", size=0.35, onset_s=8.0, duration_s=2.0))
+    assert air_velocity(log)[-1, 0] == pytest.approx(0.35 * 2.0, rel=0.03), "it stays when the ramp has ended"
 
 
 def test_turbulence_comes_from_the_seed() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached, acting_noise, disturbance_series, readings
+from casid.diagnosis.prior import OFFSET, prior
 from casid.estimation.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.estimation.kalman import Filter, kalman_filter, residual_about
 from casid.model.causes import group_channels
@@ -18,10 +19,10 @@ from casid.model.system import Model
 
 _MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
 _HELD = 0.1  # relative change of its strength from which noise counts as held
-_LOOSE = 3.0  # a-priori 1-sigma of a derivative without a stated one, relative to its size
-_SMALLEST = {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
 
-Free = Literal["all", "effects", "states"]
+# what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
+# nothing
+Free = Literal["all", "effects", "offsets", "states"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -158,8 +159,10 @@ class Work:
         self.batch = flight.batch(self.model)
         self.dt = float(np.median(self.batch.dt))
         symbolic = [a.name for a in attached if a.effect.symbolic]
-        aerodynamic = [n for n in self.model.parameters if not n.startswith("bias_") and n not in symbolic]
-        names = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "states": []}[free]
+        aerodynamic = [n for n in self.model.parameters if not n.startswith(OFFSET) and n not in symbolic]
+        offsets = [OFFSET + name for name in self.model.outputs]
+        by_free = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "offsets": [*offsets, *symbolic]}
+        names = by_free.get(free, [])
         self.functions = flight.functions(self.model, names)
         self.regressors = flight.regressors(self.model)
         numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
@@ -170,7 +173,8 @@ class Work:
                 for i, key in numeric
             ),
         )
-        self.mean, self.weight = self._prior()
+        names = [slot.name if slot.attached is None else None for slot in self.slots]
+        self.mean, self.weight = prior(flight, self.model, names)
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
 
@@ -188,17 +192,6 @@ class Work:
         recorded = known | {name: self.batch.U[..., i] for i, name in enumerate(self.model.inputs)}
         W = disturbance_series(others, names, t, known, stations)
         return W + disturbance_series(passing, names, t, recorded, stations) if passing else W
-
-    def _prior(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and inverse variance of every slot; effects have none."""
-        mean, weight = np.zeros(len(self.slots)), np.zeros(len(self.slots))
-        of_the_file = self.flight.model().parameters
-        for i, slot in enumerate(self.slots):
-            if slot.attached is None and slot.name in of_the_file:
-                mean[i] = self.model.nominal[slot.name]
-                loose = _LOOSE * max(abs(mean[i]), _SMALLEST[slot.name[:2]])
-                weight[i] = 1.0 / max(self.model.prior_std.get(slot.name, loose), 0.1 * loose / _LOOSE) ** 2
-        return mean, weight
 
     def parameters(self, values: np.ndarray, attached: Sequence[Attached]) -> np.ndarray:
         """(R, np) parameters of every record."""

@@ -177,7 +177,9 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None,
     """
     acting, shape = acting_noise(work.noise, attached, work.dt), work.batch.live.shape
     still = Motion(
-        X=_guess(work), coloured=np.zeros((*shape, len(acting.coloured))), inputs=np.zeros((*shape, len(acting.inputs)))
+        X=work.flight.measured(work.model),
+        coloured=np.zeros((*shape, len(acting.coloured))),
+        inputs=np.zeros((*shape, len(acting.inputs))),
     )
     if start is None or start.flight.records is not work.flight.records:
         measured = _flown(work, attached, values, still, 0)
@@ -223,11 +225,3 @@ def _with_values(attached: Sequence[Attached], slots: Sequence[Slot], values: np
         elif slot.name in names:
             by_effect.setdefault(names[slot.name], {})["value"] = float(value)
     return tuple(a.with_values(by_effect.get(i, {})) for i, a in enumerate(attached))
-
-
-def _guess(work: Work) -> np.ndarray:
-    X = np.zeros((*work.batch.live.shape, len(work.model.states)))
-    for j, record in enumerate(work.flight.records):
-        guess = work.model.guess(record)
-        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
-    return X

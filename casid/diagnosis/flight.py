@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -33,12 +34,14 @@ from casid.model.path import (
     wind_station,
 )
 from casid.model.system import Model
+from casid.model.terms import Term
 from casid.records.record import Record
 from casid.signals import SURFACES
 
 # with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
 _NOT_JUDGED = ("altitude",)
 _CLEARLY = 1.2  # ratio above which a noise density is more than a high band within its scatter
+_COMMON = 0.7  # part of the outputs that a filter common to all channels shows in
 _LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
 
 
@@ -102,6 +105,14 @@ class Flight:
     def batch(self, model: Model) -> Batch:
         return make_batch(model, self.records)
 
+    def measured(self, model: Model) -> np.ndarray:
+        """(N, R, states) motion as it was measured, what is not measured by the trim."""
+        X = np.zeros((max(map(len, self.records)), len(self.records), len(model.states)))
+        for j, record in enumerate(self.records):
+            guess = model.guess(record)
+            X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+        return X
+
     def with_noise_above(self, left: Sequence[Record]) -> Flight:
         """This flight with the noise of doubted outputs as in `left`, what a fitted model leaves of every record.
 
@@ -118,6 +129,27 @@ class Flight:
             if density > _CLEARLY * self.sigma[name]:
                 raised[name] = density
         return replace(self, sigma=self.sigma | raised)
+
+    def with_filtered_inputs(self) -> Flight:
+        """This flight with the noise of inputs as dense in the band of the motion as a filter common to all channels
+        has left it: where most outputs were filtered, as much above what the high band shows as theirs is.
+
+        An input's own spectrum cannot tell, for it moves at will.
+        """
+        edge = motion_edge(self.records)
+        factors = [self.sigma[o] / _sigma([r[o] for r in of]) for o, of in self._filtered(self.outputs, edge).items()]
+        if len(factors) < _COMMON * len(self.outputs):
+            return self
+        names = [name.removeprefix("d_") for name in self.input_sigma]
+        stated = self.aircraft.noise
+        filtered = [name for name in self._filtered(names, edge) if not stated.get(name)]
+        denser = {f"d_{name}": max(float(np.median(factors)), 1.0) * self.input_sigma[f"d_{name}"] for name in filtered}
+        return replace(self, input_sigma=self.input_sigma | denser, _regressors={})
+
+    def _filtered(self, names: Sequence[str], edge: float) -> dict[str, list[Record]]:
+        """Channels whose high band does not show their noise, with the records that have them."""
+        having = {name: _that_have(self.records, name) for name in names}
+        return {name: records for name, records in having.items() if not high_band_holds(records, name, edge)}
 
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
         """The same records in a model that moving air turns, too."""
@@ -217,6 +249,7 @@ class Regressors:
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
         self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
+        self._measured, self._disturbances = flight.measured(model), len(model.disturbances)
         self._windows = {name: self._quiet(i, name) for i, name in enumerate(self._inputs)}
         quiet = self.inputs({})
         self.recorded = {name: quiet[..., i] for i, name in enumerate(self._inputs)}
@@ -244,6 +277,16 @@ class Regressors:
                 U[:samples, j, i] = mean_over(U[:samples, j, i], *windows)
                 U[samples:, j, i] = U[samples - 1, j, i]
         return U
+
+    def variation(self, term: Term) -> float:
+        """Standard deviation of a term along the motion as it was measured."""
+        live = self._batch.live
+        return float(np.std(np.broadcast_to(term.evaluate(self._as_measured), live.shape)[live]))
+
+    @cached_property
+    def _as_measured(self) -> dict[str, np.ndarray]:
+        X = self._measured
+        return self.along(X, np.zeros((*X.shape[:2], self._disturbances)), self._batch.U)
 
     def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
         """name -> (N, R): regressors of the trajectory X (N, R, nx) with `inputs` (N, R, nu) in moving air

@@ -74,10 +74,12 @@ def _beside_faults(
     Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
     no turbulence, or when they explain much in moving air too.
     """
-    faulty, left = calm, turbulent.gain
+    if not turbulent.named:
+        return turbulent
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
-    both = calm.deviance - turbulent.gain
-    for _ in range(_REPAIRS if turbulent.named else 0):
+    faulty, moved = calm, kinematics.reconstruct(flight, calm.attached, moving, calm).deviance
+    both, left = moved, calm.deviance - moved
+    for _ in range(_REPAIRS):
         ranked = [one for one in ranked if plausible(one.attached)]
         if not ranked or ranked[0].net < _RIVAL * left:
             break
@@ -93,5 +95,5 @@ def _beside_faults(
     if faulty is calm:
         return turbulent
     beside = kinematics.turbulence(flight, faulty)
-    alone, in_moving_air = calm.deviance - faulty.deviance, calm.deviance - turbulent.gain - both
+    alone, in_moving_air = calm.deviance - faulty.deviance, moved - both
     return turbulent if beside.named and in_moving_air < _RIVAL * alone else beside

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit
+from casid.diagnosis.evaluation import Fit, Free
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import Flight
@@ -171,11 +171,11 @@ def _turned(*axes: str) -> Mapping[str, float]:
 
 def reconstruct(
     flight: Flight, attached: Sequence[Attached] = (), moving: Mapping[str, tuple[float, float]] = _CALM,
-    start: Fit | None = None, iterations: int = 5,
+    start: Fit | None = None, iterations: int = 5, free: Free = "effects",
 ) -> Fit:  # fmt: skip
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
     noise = flight.noise(free_forces(flight) | dict(moving))
-    return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
+    return fit(flight, attached, noise, start, free=free, iterations=iterations, tolerance=2.0)
 
 
 def again(before: Fit, attached: Sequence[Attached]) -> Fit:
@@ -190,10 +190,13 @@ def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
 
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
-    by parabolas through the deviance."""
+    by parabolas through the deviance. Beside small offsets of all instruments: moving air imitates them all at once."""
+    attached = calm.attached
+    calm = reconstruct(flight, attached, start=calm, free="offsets")
 
     def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
-        return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
+        air = gusts(flight, sigma, length=length, axes=axes)
+        return reconstruct(flight, attached, air, start, iterations, "offsets")
 
     def best_along(sigmas: Sequence[float]) -> tuple[Fit, float]:
         """The best of the first fit and of one velocity after the other, until one is clearly worse."""

@@ -27,7 +27,12 @@ _ITERATIONS, _TOLERANCE = 6, 10.0  # of a fit whose residual is only looked at
 
 
 def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:
-    """The flight with the noise of its doubted outputs judged by the model that `attached` extends."""
+    """The flight with the noise of its doubted outputs judged by the model that `attached` extends, and that of its
+    inputs by what a filter common to all channels took from the outputs."""
+    return _by_the_model(flight, attached).with_filtered_inputs()
+
+
+def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
     if not flight.doubted:
         return flight
     variation = {o: float(np.nanstd(np.concatenate([r[o] for r in flight.records]))) for o in flight.doubted}

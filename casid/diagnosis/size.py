@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 
 from casid.diagnosis.coefficients import coefficient_series, unlike_derivatives, variation
@@ -14,7 +16,8 @@ from casid.signals import SURFACES
 SHARE = 0.05  # of the variation of a coefficient: smaller is real but minor; linear structure commonly leaves 2 to 4 %
 _SWITCH = 0.1  # of it, for coefficients that change in mid-record: a bend in a curve looks like a small one
 _CONSEQUENCE = 0.02  # of the variation of a coefficient or channel
-_WIND = 3.0  # m/s, of which `SHARE` matters
+# m/s, of which `SHARE` matters: of the speed, as of a bias of V, and across it, where it is an angle
+_WIND = MappingProxyType({"wind_x": 20.0, "wind_y": 3.0, "wind_z": 3.0})
 _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 
 
@@ -81,10 +84,10 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
 
 
 def missing_share(fitted: Fit, missing: MissingInput) -> float:
-    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over 3 m/s."""
+    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over `_WIND`."""
     station = missing.station
-    if station.startswith("wind"):
-        return missing.rms / _WIND
+    if station in _WIND:
+        return missing.rms / _WIND[station]
     if station.startswith(READING):
         series = fitted.read[..., fitted.model.outputs.index(station.removeprefix(READING))]
     else:

@@ -32,6 +32,7 @@ _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _TERMS, _TERMS_ALIKE = 2, 4  # of one coefficient that are tried, and when they promise the same
 _TRIALS, _FEW = 4, 2  # candidates of the first ranking that are tried, and of each other
+_APART = 2.0  # s, from which two onsets are two events
 _MOVES = 2  # of an onset in a trial; the winner is settled
 
 
@@ -44,9 +45,17 @@ def worth_trying(
     ranked with the others."""
     chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
     for ranking in (cautious, observed):
-        names = {c.name for c in chosen}
-        chosen += [c for c in _best_few(base, ranking, _FEW) if c.name not in names]
+        before = tuple(chosen)
+        chosen += [c for c in _best_few(base, ranking, _FEW) if not any(_same(c.attached, b.attached) for b in before)]
     return [c for c in chosen if c.net > _REACHED * least or c.attached.effect.kinematic]
+
+
+def _same(one: Attached, other: Attached) -> bool:
+    """Whether two candidates are one: an event at another time, or the other way, is another."""
+    if one.name != other.name or not one.effect.timed:
+        return one.name == other.name
+    near = all(abs(other.onsets.get(record, np.inf) - onset) < _APART for record, onset in one.onsets.items())
+    return near and one.values["value"] * other.values["value"] > 0.0
 
 
 def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:

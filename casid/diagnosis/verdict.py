@@ -136,7 +136,7 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
         statistic=statistic, dof=dof, p_value=float(stats.chi2.sf(max(statistic, 0.0), dof)), held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
         sentence=_sentence(one, value, len(names)),
-        parameters={k: v for k, v in values.items() if k != "value"},
+        parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful, share=trial.share,
     )  # fmt: skip
 

@@ -92,9 +92,9 @@ def transition(t: np.ndarray, onset: float, duration: float) -> np.ndarray:
     return np.clip((t - onset) / max(abs(duration), float(np.median(np.diff(t)))), 0.0, 1.0)
 
 
-def ramp(t: np.ndarray, onset: float) -> np.ndarray:
-    """0 before `onset`, then rising by 1 per second."""
-    return np.maximum(t - onset, 0.0)
+def ramp(t: np.ndarray, onset: float, duration: float) -> np.ndarray:
+    """0 before `onset`, then rising by 1 per second for a duration [s], none if it is negative."""
+    return np.clip(t - onset, 0.0, max(duration, 0.0))
 
 
 TURNING = ("phi", "theta", "q", "r")  # what `turned` is made of

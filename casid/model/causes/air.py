@@ -14,6 +14,7 @@ from casid.model import operators
 from casid.model.effect import Effect, Series, Values, cause
 
 _AXES = ("x", "y", "z")
+_TO_THE_END = 1e3  # s: longer than any record
 _ATTITUDE = ("phi", "theta", "turned")
 
 
@@ -44,16 +45,18 @@ def _body_axis(axis: str, at: int, known: Series) -> np.ndarray:
 
 @cause(
     "wind_shear", targets=_AXES, unit="m/s2", title="{words} along {target}",
-    quantity="rate of change of the wind from the onset on",
+    quantity="rate of change of the wind from the onset on, for a duration; then it stays",
     sentence="The wind along {target} changes steadily, by {size}.",
 )  # fmt: skip
 def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         direction = np.eye(3)[_AXES.index(axis)]
-        return _blowing(direction, values["value"] * operators.ramp(t, values["onset"]), known)
+        wind = values["value"] * operators.ramp(t, values["onset"], values.get("duration", _TO_THE_END))
+        return _blowing(direction, wind, known)
 
     return Effect(
         kind="wind_shear", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True, series=series,
+        grid=tuple({"duration": v} for v in (_TO_THE_END, 8.0, 3.0)), defaults={"duration": _TO_THE_END},
         meaningful=0.05, limit=5.0,
     )  # fmt: skip
 

@@ -23,8 +23,9 @@ SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
 _DEG = np.pi / 180.0
+# what the better instruments of flight test keep to anyway
 _BIAS_MATTERS = {
-    "m/s": 1.0, "rad": 0.1 * _DEG, "rad/s": 0.03 * _DEG, "m/s2": 0.03, "rad/s2": 0.1 * _DEG, "m": 5.0,
+    "m/s": 1.0, "rad": 0.25 * _DEG, "rad/s": 0.1 * _DEG, "m/s2": 0.05, "rad/s2": 0.2 * _DEG, "m": 5.0,
 }  # fmt: skip
 _BIAS_LIMIT = {
     "m/s": 15.0, "rad": 10.0 * _DEG, "rad/s": 3.0 * _DEG, "m/s2": 3.0, "rad/s2": 10.0 * _DEG, "m": 500.0,
