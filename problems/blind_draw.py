@@ -186,10 +186,12 @@ def _accelerometer(rng: Rng, scene: Scene) -> Hidden:
 def _mode(rng: Rng, scene: Scene) -> Hidden:
     channel = str(rng.choice(list(_DRIVES)))
     frequency = _digits(rng.uniform(2.0, 6.0))
-    parts = [operators.mode(r.t, r[_DRIVES[channel]], frequency) for r in scene.records]
+    damping = _digits(rng.uniform(0.015, 0.05))
+    parts = [operators.mode(r.t, r[_DRIVES[channel]], frequency, damping)[0] for r in scene.records]
     measured = np.concatenate([r[channel] for r in scene.records])
     value = rng.uniform(0.10, 0.30) * np.std(measured) / np.std(np.concatenate(parts))
-    return Hidden(kind="structural_mode", target=channel, value=_digits(value), parameters={"frequency_hz": frequency})
+    parameters = {"frequency_hz": frequency, "damping": damping}
+    return Hidden(kind="structural_mode", target=channel, value=_digits(value), parameters=parameters)
 
 
 # -- aerodynamics ------------------------------------------------------------------------------------------------------

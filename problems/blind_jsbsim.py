@@ -71,6 +71,7 @@ def fault_of(hidden: Hidden, record: str, frame: Airframe) -> Fault:
     return Fault(
         kind=hidden.kind, target=target, term=term, size=size, onset_s=onset,
         duration_s=further.get("length", further.get("duration")), frequency_hz=further.get("frequency_hz", 4.0),
+        damping=further.get("damping", 0.03),
     )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class Fault:
     kind may also be one of OUTSIDE, which has no name in the vocabulary.
     onset_s       start of an event: effectiveness_change, configuration_change, gust, wind_shear
     duration_s    length of a gust, 2 s by default, or of the ramp of a shear, which by default does not end
-    frequency_hz  of a structural mode
+    frequency_hz, damping  of a structural mode
     A configuration change has size 1.0: the airframe's own. For turbulence, size is JSBSim's severity (MIL-F-8785C,
     1 light to 7), from which the r.m.s. velocity follows with the altitude.
     Raises InputError for what does not fit together.
@@ -49,6 +49,7 @@ class Fault:
     onset_s: float | None = None
     duration_s: float | None = None
     frequency_hz: float = 4.0
+    damping: float = 0.03
 
     def __post_init__(self) -> None:
         if self.kind in OUTSIDE:
@@ -156,8 +157,11 @@ def instrument_fault(fault: Fault | None, t: np.ndarray, channels: Mapping[str, 
     if fault.kind == "structural_mode":
         w0 = 2.0 * np.pi * fault.frequency_hz
         drive = channels[_DRIVES[fault.target]]
-        _, ringing, _ = signal.lsim(([w0**2, 0.0], [1.0, 0.06 * w0, w0**2]), drive - drive[0], t)
-        out[fault.target] = channels[fault.target] + fault.size * ringing
+        law = [1.0, 2.0 * fault.damping * w0, w0**2]
+        shaken = ((fault.target, [w0**2, 0.0]), (_TWINS.get(fault.target, ""), [w0**2, 0.0, 0.0]))
+        for name, numerator in shaken:
+            if name in channels:
+                out[name] = channels[name] + fault.size * signal.lsim((numerator, law), drive - drive[0], t)[1]
         return out
     group = SENSOR_GROUPS.get(fault.target, (fault.target, _TWINS.get(fault.target, fault.target)))
     for name in dict.fromkeys(group):

@@ -233,7 +233,7 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
 
 def test_straight_lines_between_samples_are_part_of_a_size() -> None:
     """Truth: a straight line between samples takes 1 - sinc^2(f dt) from what oscillates at f; a gust has none."""
-    mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0})
+    mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0, "damping": 0.03})
     wave = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m1": 12.0})
     flight = prepare(do328(), flights([mode, wave], seed=4, count=2))
     found = weigh(fit(flight, [mode, wave], flight.noise(), iterations=20))

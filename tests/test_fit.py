@@ -134,7 +134,9 @@ def test_a_structural_mode_is_fitted_to_the_end_from_what_the_screening_tries(fr
 
     A reading made of the most likely surfaces, of which the filter does not know that it depends on them, lets a fit
     end where a full step raises the deviance, with the mode up to 18 sigma from where it belongs."""
-    hidden = Attached(effect=structural_mode("r"), values={"value": 0.15, "frequency_hz": frequency_hz})
+    hidden = Attached(
+        effect=structural_mode("r"), values={"value": 0.15, "frequency_hz": frequency_hz, "damping": 0.03}
+    )
     flight = prepare(do328(), flights([hidden], seed=3, rate_hz=50.0, surface_noise=0.06 * DEG))
     base = fit(flight, (), flight.noise())
     screen = Screen(weigh(base), exact=True)

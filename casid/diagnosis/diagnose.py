@@ -20,6 +20,7 @@ from casid.diagnosis.naming import Naming, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Cause, Diagnosis, View
 from casid.diagnosis.screening import Candidate
+from casid.diagnosis.size import SHARE
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_structure
 from casid.diagnosis.verdict import (
@@ -36,6 +37,9 @@ from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
 from casid.records.record import Record
+
+# part of a variation that may be missing in records that no fit has seen: they go where the structure was not fitted
+_NOTABLE = 2.0 * SHARE
 
 
 class Stages:
@@ -219,7 +223,7 @@ def _missing_on_held(
     def missing(model: Fit, held: Fit) -> list[MissingInput]:
         held = with_events(held, model)
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
-        return still_missing(evidence, missing_inputs(evidence), causes, least)
+        return still_missing(evidence, missing_inputs(evidence), causes, least, _NOTABLE)
 
     found = missing(kept.fit, kept.held_fit)
     if found and slight:

@@ -357,11 +357,13 @@ def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial
 def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
     whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x. Where
-    the fingerprints have nothing in common both may be true, however near the gains."""
+    the fingerprints have nothing in common both may be true, however near the gains. A fault of an instrument may be
+    too small to matter and explain as much as one elsewhere that is not."""
     key = best.effect.key  # a variant of the best is no other cause
     found = []
     for trial in trials:
-        if trial.effect.key == key or trial.refuted or not trial.meaningful:
+        small = trial.effect.of_an_instrument and trial.share < 1.0
+        if trial.effect.key == key or trial.refuted or not (trial.meaningful or small):
             continue
         sine, behind = _sine(best, trial), best.total - trial.total
         if best.check.confirmed and trial.check.judges:

@@ -18,7 +18,7 @@ from casid.diagnosis.missing_input import READING, MissingInput, missing_oscilla
 from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming, mostly_gone
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
-from casid.diagnosis.size import SHARE, meaningful_share, missing_share
+from casid.diagnosis.size import SHARE, meaningful_share, missing_share, plausible
 from casid.diagnosis.trials import gain_asked, matters
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import with_estimates
@@ -30,6 +30,7 @@ from casid.model.vocabulary import effect_sentence
 MISSING_GAIN = 150.0
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
 _LASTING = ("length", "duration")  # values that say how long an event takes
+_NOTABLE = 2.0  # times what matters, from which structure that every aircraft has is a cause
 _HINT = 0.5  # part of the gain of a name from which a cause that is none is worth a look
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
@@ -52,9 +53,9 @@ def causes_of(
                 minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside others
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   terms expected of any aircraft that were put into the model beforehand, which together gained
-                `structure_gain` on the held-out records: minor, unless they gain more than `least` and matter as any
-                term must that is named, and little is `left` missing at their coefficient. What is expected of some
-                aircraft, and was named, is minor unless it cannot be told from another cause
+                `structure_gain` on the held-out records: minor, unless they gain more than `least` and matter twice
+                as much as a term must that is named, and little is `left` missing at their coefficient. What is
+                expected of some aircraft, and was named, is minor unless it cannot be told from another cause
     """
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
@@ -111,6 +112,7 @@ def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
                 trial.net > gain_asked(effect)
                 and not trial.refuted
                 and not trial.meaningful
+                and plausible(trial.candidate.attached)
                 and effect.key not in known
             ):
                 found.append(trial)
@@ -154,7 +156,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    meaningful = statistic > least and matters(share, statistic) and is_sure(evidence, name)
+    meaningful = share > _NOTABLE and statistic > least and matters(share, statistic) and is_sure(evidence, name)
     meaningful = meaningful and (held is None or held >= 0.0) and mostly_gone(statistic, left)
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=deviation(evidence, name),
@@ -224,17 +226,18 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
 
 
 def still_missing(
-    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float
+    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float, share: float = SHARE
 ) -> list[MissingInput]:
     """Where something enters that no cause of the catalogue explains, largest gain first: unknown inputs `left` and an
-    oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter."""
+    oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter: more than a
+    `share` of the variation."""
     rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
     enough = max(MISSING_GAIN, least, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
     found = [*left, *missing_oscillation(evidence)]
     return sorted(
-        (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > SHARE), key=lambda m: -m.gain
+        (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > share), key=lambda m: -m.gain
     )
 
 

@@ -107,9 +107,9 @@ def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: 
     return integrate.cumulative_trapezoid(np.nan_to_num(rate), t, initial=0.0)
 
 
-def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float = 0.03) -> np.ndarray:
-    """Rate of a lightly damped mode driven by y, from rest: w0^2 s / (s^2 + 2 d w0 s + w0^2). For uniform t; a cubic
-    spline between samples, because straight lines weaken what is near the mode's frequency."""
+def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative. For
+    uniform t; a cubic spline between samples, because straight lines weaken what is near the mode's frequency."""
     w0, dt = 2.0 * np.pi * frequency_hz, float(np.median(np.diff(t)))
     parts = max(1, int(np.ceil(frequency_hz * dt / _STRAIGHT)))
     y = interpolate.CubicSpline(np.arange(len(y)), y)(np.arange((len(y) - 1) * parts + 1) / parts)
@@ -117,8 +117,10 @@ def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float = 0.0
     a = np.array([[0.0, 1.0], [-(w0**2), -2.0 * damping * w0]])
     b = np.array([[0.0], [w0**2]])
     phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
-    numerator, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, np.array([[0.0, 1.0]]), gamma1[1:2, :])
-    return np.asarray(signal.lfilter(numerator[0], denominator, y - y[0]))[::parts]
+    rows, through = np.array([[0.0, 1.0], a[1]]), np.array([[0.0], b[1]])
+    numerators, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, rows, rows @ gamma1 + through)
+    rate, derivative = (np.asarray(signal.lfilter(n, denominator, y - y[0]))[::parts] for n in numerators)
+    return rate, derivative
 
 
 def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
+_LIGHT = 0.03  # damping ratio of a structure
 _DEG = np.pi / 180.0
 # what the better instruments of flight test keep to anyway
 _BIAS_MATTERS = {
@@ -114,22 +115,22 @@ _DRIVEN_BY = {
 
 @cause(
     "structural_mode", targets=_DRIVEN_BY, unit="{channel}/rad",
-    quantity="gain from the surface that excites it; the frequency stands in the parameters",
+    quantity="gain from the surface that excites it; frequency and damping stand in the parameters",
     sentence="The {label} carries a lightly damped oscillation, excited with a gain of {size}.",
 )  # fmt: skip
 def structural_mode(channel: str) -> Effect:
     drive = _DRIVEN_BY[channel]
 
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
-        if channel not in readings:
-            return {}
-        ringing = operators.mode(t, readings[drive], values["frequency_hz"])
-        return {channel: readings[channel] + values["value"] * ringing}
+        ringing = operators.mode(t, readings[drive], values["frequency_hz"], values["damping"])
+        shaken = zip(_RATE_WITH_DERIVATIVE.get(channel, (channel,)), ringing, strict=False)
+        return {c: readings[c] + values["value"] * series for c, series in shaken if c in readings}
 
     # so near to one another that a fit climbs from one of them to the highest of neighbouring maxima
-    grid = tuple({"frequency_hz": round(float(f), 2)} for f in np.geomspace(1.5, 8.0, 19))
+    frequencies = np.round(np.geomspace(1.5, 8.0, 19), 2)
     return Effect(
-        kind="structural_mode", target=channel, reads=(channel,), covered_by=_RATE_OF.get(channel), grid=grid,
+        kind="structural_mode", target=channel, reads=(channel,), covered_by=_RATE_OF.get(channel),
+        grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies), defaults={"damping": _LIGHT},
         output=output, amplitude=0.05,
     )  # fmt: skip
 

@@ -10,7 +10,8 @@ from casid.model.path import SignalPath
 if TYPE_CHECKING:
     from casid.model.aircraft import Aircraft
 
-_MATTERS = 0.02  # part of the mass or of an inertia
+# part of the mass, which is known by the fuel left, or of an inertia, which is estimated
+_MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
 
 
 @cause(
@@ -37,7 +38,7 @@ def mass(target: str = "") -> Effect:
         path.mass += values["value"]
 
     def matters(aircraft: Aircraft) -> float:
-        return _MATTERS * aircraft.mass
+        return _MASS_MATTERS * aircraft.mass
 
     return Effect(kind="mass", by_record=True, relative=True, station="mass", change=change, meaningful=matters)
 
@@ -52,7 +53,7 @@ def inertia(component: str) -> Effect:
         path.inertia[component] += values["value"]
 
     def matters(aircraft: Aircraft) -> float:
-        return _MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
+        return _INERTIA_MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
 
     return Effect(
         kind="inertia", target=component, by_record=True, relative=True, station="mass", change=change,
