@@ -6,13 +6,13 @@ import pytest
 from diagnosis_flights import flights, rough_file, trial_of
 
 from casid.diagnosis import kinematics
+from casid.diagnosis.comparing import in_order
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import gains_by_kinematics, kinematic_gain
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_check import KinematicCheck, kinematic_check
-from casid.diagnosis.naming import in_order
 from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import screen
 from casid.diagnosis.trials import worth_trying

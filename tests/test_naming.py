@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casid.diagnosis import naming, verdict
+from casid.diagnosis.comparing import can_be_named, equivalents_of, in_order
 from casid.diagnosis.evaluation import Work, evaluate
 from casid.diagnosis.evidence import deviation, is_sure, weigh
 from casid.diagnosis.fit import fit
@@ -97,7 +98,7 @@ def test_causes_compare_in_the_structure_that_they_leave() -> None:
     lag, delay = trial(actuator_lag("delta_a"), 120.0, 0.0), trial(input_delay("delta_a"), 115.0, 30.0)
     term, shape = trial(aero_term("Cl", "beta^3"), 20.0, 130.0), trial(dead_zone("delta_a"), 20.0, 130.0)
     trials = (lag, shape, delay, term)
-    ordered = naming.in_order(trials, [one for one in trials if naming._can_be_named(one, 40.0)])
+    ordered = in_order(trials, [one for one in trials if can_be_named(one, 40.0)])
     assert ordered == [term, delay, lag, shape]
 
 
@@ -177,7 +178,7 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
 
     best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
     other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
-    assert (naming._equivalents(best, [best, other]) == (other,)) == alike
+    assert (equivalents_of(best, [best, other]) == (other,)) == alike
 
 
 @pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (50.0, False)])
@@ -189,7 +190,7 @@ def test_terms_are_compared_by_all_that_they_explain(behind: float, alike: bool)
         return trial_of(one, gain, excess=6700.0, fingerprint=[1.0, 0.0], exact=exact)
 
     best, other = trial("delta_a", 320.0, 9000.0), trial("delta_e^2*delta_a", 170.0, 9000.0 - behind)
-    assert (naming._equivalents(best, [best, other]) == (other,)) == alike
+    assert (equivalents_of(best, [best, other]) == (other,)) == alike
 
 
 def test_terms_that_promise_the_same_are_all_tried() -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from casid.diagnosis import kinematics
+from casid.diagnosis.comparing import can_be_named, equivalents_of, in_order, sine, small_first
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, is_sure, weigh
@@ -16,12 +17,11 @@ from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
-from casid.diagnosis.trials import GAIN, equivalence, gain_asked, settled, try_cause, worth_trying
+from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
 from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.signals import SURFACES
 
-_ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
 _ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
@@ -74,7 +74,7 @@ def name_causes(
         state = _one_round(state, catalogue, least)
         if not state.rounds[-1].named:
             break
-        if _explains(firm.missing, state):
+        if not state.rounds[-1].trials[0].meaningful or _explains(firm.missing, state):
             firm = state
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
             break
@@ -159,9 +159,10 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     switches = configuration_changes(state.evidence) if switching else []
     chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
     trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), least)
-    trials = in_order(trials, fits)
-    best = trials[0] if fits else None
-    equivalents = _equivalents(best, trials) if best is not None else ()
+    nameable = [t for t in fits if t.meaningful]
+    trials = small_first(in_order(trials, nameable), fits) if nameable else in_order(trials, ())
+    best = trials[0] if nameable else None
+    equivalents = equivalents_of(best, trials) if best is not None and best.meaningful else ()
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
         trials=tuple(trials),
@@ -184,9 +185,9 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
 def _tried(
     state: Naming, candidates: Sequence[Candidate], least: float
 ) -> tuple[list[Trial], dict[Trial, Fit], dict[str, Intervals]]:
-    """Trials of all candidates, the fits of those that can be named, and intervals of onsets by cause name. `_AT_ONCE`
-    are fitted side by side on however many processors, so that the answer does not depend on them: those that come
-    later are given up when they are unlikely to come near the best before."""
+    """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
+    by cause name. `_AT_ONCE` are fitted side by side on however many processors, so that the answer does not depend on
+    them: those that come later are given up when they are unlikely to come near the best before."""
     trials: list[Trial] = []
     fits: dict[Trial, Fit] = {}
     intervals, give_up = dict(state.intervals), np.inf
@@ -202,7 +203,7 @@ def _tried(
                 give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
             if interval:
                 intervals[trial.candidate.name] = interval
-            if _can_be_named(trial, price(trial, state, least)):
+            if can_be_named(trial, price(trial, state, least)):
                 fits[trial] = fitted
     return trials, fits, intervals
 
@@ -301,8 +302,8 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     round_, fitted = state.rounds[at], state.evidence.fit
     best, taken = round_.trials[0], {a.effect.key for a in fitted.attached}
     rivals = [t for t in round_.trials[1:] if t.effect.key not in taken and t.meaningful and not t.refuted]
-    rivals = [t for t in rivals if t.total > _RIVAL * best.total and _sine(best, t) < _RESEMBLING][:_RIVALS]
-    if not rivals or best.effect.key not in taken:
+    rivals = [t for t in rivals if t.total > _RIVAL * best.total and sine(best, t) < _RESEMBLING][:_RIVALS]
+    if not rivals or best.effect.key not in taken or not best.meaningful:
         return state
     alone = without(fitted, {best.candidate.name})
     others = replace(
@@ -310,11 +311,12 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
         rounds=tuple(r for r in state.rounds if r is not round_),
     )  # fmt: skip
     trials, fits, intervals = _tried(others, [t.candidate for t in (best, *rivals)], least)
-    trials = in_order(trials, fits)
-    if not fits:
+    nameable = [t for t in fits if t.meaningful]
+    trials = in_order(trials, nameable)
+    if not nameable:
         return state
     rounds = list(state.rounds)
-    rounds[at] = replace(round_, equivalents=_equivalents(trials[0], trials))
+    rounds[at] = replace(round_, equivalents=equivalents_of(trials[0], trials))
     if trials[0].effect.key == best.effect.key:
         return replace(state, rounds=tuple(rounds))
     first, evidence, moved = settled(trials[0], fits[trials[0]])
@@ -334,51 +336,3 @@ def _kinematics_beside(kinematic: Evidence | None, model: Fit, changed: Effect) 
     if kinematic is None or not changed.kinematic:
         return kinematic
     return kinematics.beside(kinematic, model.attached)
-
-
-def _can_be_named(trial: Trial, least: float) -> bool:
-    gained = trial.total if trial.effect.regressor else trial.net
-    return gained > least and trial.meaningful and not trial.refuted
-
-
-def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
-    """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
-    kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
-    stays behind what they confirm. It owes its gain to the aerodynamics' structure, of which they know nothing."""
-    ranked = sorted(trials, key=lambda t: (t not in nameable, -t.total))
-    confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
-    if confirmed and ranked[0].check.judges:
-        first = max(confirmed, key=lambda t: t.total + t.check.gain)
-        ranked.remove(first)
-        ranked.insert(0, first)
-    return ranked
-
-
-def _equivalents(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
-    whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x. Where
-    the fingerprints have nothing in common both may be true, however near the gains. A fault of an instrument may be
-    too small to matter and explain as much as one elsewhere that is not."""
-    key = best.effect.key  # a variant of the best is no other cause
-    found = []
-    for trial in trials:
-        small = trial.effect.of_an_instrument and trial.share < 1.0
-        if trial.effect.key == key or trial.refuted or not (trial.meaningful or small):
-            continue
-        sine, behind = _sine(best, trial), best.total - trial.total
-        if best.check.confirmed and trial.check.judges:
-            behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
-        near = behind < equivalence(best.gain)
-        if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
-            # other small terms explain most of what a term does, and little is left of its gain to compare with
-            near = near or best.exact - trial.exact < equivalence(best.exact)
-        if (near and sine < _UNRELATED) or (sine < _ALIKE and behind < 4.0 * np.sqrt(best.total) * sine):
-            found.append(trial)
-    return tuple(found)
-
-
-def _sine(one: Trial, other: Trial) -> float:
-    """Sine of the angle between two fingerprints."""
-    a, b = one.fingerprint, other.fingerprint
-    cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
-    return float(np.sqrt(max(1.0 - cosine**2, 0.0)))

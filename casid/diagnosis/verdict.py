@@ -50,7 +50,8 @@ def causes_of(
     """(causes, minor), strongest first.
 
     evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
-                minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside others
+                minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside
+                others, or that never mattered
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   terms expected of any aircraft that were put into the model beforehand, which together gained
                 `structure_gain` on the held-out records: minor, unless they gain more than `least` and matter twice
@@ -59,7 +60,7 @@ def causes_of(
     """
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
-    causes, minor, superseded, expected = [], [], [], []
+    causes, minor, superseded, expected, small = [], [], [], [], []
     if turbulence.named:
         (causes if final.noise.coloured else minor).append(
             _turbulence(turbulence, final.flight.aircraft, held_gains[0])
@@ -71,13 +72,18 @@ def causes_of(
             group = expected if alone else causes
             group.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
         elif name in there:
-            superseded.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
+            group = superseded if round_.trials[0].meaningful else small
+            group.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
         else:
             (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
     minor += [
-        replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.") for c in superseded
+        *small,
+        *(
+            replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.")
+            for c in superseded
+        ),
     ]
     missing = {m.station: m.gain for m in left}
     for one in structure:
