@@ -9,17 +9,28 @@ import numpy as np
 import pytest
 from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 
-from casid.diagnosis import naming
+from casid.diagnosis import kinematics, naming
+from casid.diagnosis.comparing import can_be_named, small_first
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.kinematic_check import kinematic_check
 from casid.diagnosis.naming import Naming
 from casid.diagnosis.result import Round
 from casid.diagnosis.trials import try_cause
-from casid.model.causes import actuator_lag, aero_term, dead_zone, input_delay, sensor_bias, thrust_line
+from casid.model.causes import (
+    actuator_lag,
+    aero_term,
+    dead_zone,
+    input_delay,
+    sensor_bias,
+    sensor_delay,
+    sensor_scale,
+    thrust_line,
+)
 from problems.do328 import do328
 
 LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})
@@ -107,3 +118,34 @@ def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attac
     assert named.value == pytest.approx(hidden.values["value"], rel=0.1)
     assert [one["kind"] for one in named.indistinguishable_from] == (["thrust_line"] if alike else [])
     assert {"thrust_line", "aero_term"} <= {trial.effect.kind for trial in found.rounds[0].trials}
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(500.0, "sensor_delay(psi)"), (5.0, "sensor_scale(ay)")])
+def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: float, first: str) -> None:
+    """Left out, it would make a cause of something else; as good as another, it is no reason to pass that over."""
+    late, steep, bent = (
+        Attached(effect=effect, values={"value": value})
+        for effect, value in ((sensor_delay("psi"), 0.04), (sensor_scale("ay"), 0.1), (aero_term("Cm", "alpha^2"), 1.0))
+    )
+    delay, term = (
+        replace(trial_of(one, gain), meaningful=False, share=0.8)
+        for one, gain in ((late, 1000.0 + ahead), (bent, 5000.0))
+    )
+    scale = trial_of(steep, 1000.0)
+    assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)
+    assert small_first([scale, delay, term], [delay, scale])[0].candidate.name == first
+
+
+def test_kinematics_beside_a_cause_do_not_know_it() -> None:
+    """Truth: a late beta. Asked again in kinematics that have it already, it would be refuted by what it explained."""
+    late = Attached(effect=sensor_delay("beta"), values={"value": 0.15})
+    flight = prepare(do328(), flights([late], seed=5))
+    model, alone = fit(flight, [late], flight.noise()), fit(flight, [], flight.noise())
+    kinematic = kinematics.beside(weigh(kinematics.reconstruct(flight), discrepancy=False), [late])
+    without = naming._kinematics_beside(kinematic, alone, late.effect)
+    again = naming._kinematics_beside(without, model, late.effect)
+    assert without is not None and again is not None
+    assert not without.fit.attached and without.fit.deviance > again.fit.deviance + 1000.0
+    check, own = (kinematic_check(one, late) for one in (without, kinematic))
+    assert check.confirmed and not own.confirmed
+    assert naming._kinematics_beside(kinematic, alone, thrust_line()) is kinematic

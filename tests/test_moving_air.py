@@ -8,8 +8,9 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from diagnosis_flights import flights, rough_file
+from diagnosis_flights import NOISE, flights, rough_file
 
+from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.events import at_peak
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit, relaxed
@@ -17,8 +18,9 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_stage import without_turbulence
 from casid.diagnosis.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
-from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero
+from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
 from casid.model.dynamics import aircraft_model
+from casid.model.effect import Effect
 from problems import blind_do328
 from problems.do328 import STABLE, V_TRIM, do328
 
@@ -40,6 +42,35 @@ def test_onsets_and_length_of_a_gust_are_found_together() -> None:
     for record, onset in flown.onsets.items():
         assert abs(event.onsets[record] - onset) < 0.05
         assert intervals[record][0] < onset < intervals[record][1]
+
+
+def test_a_shear_that_ends_is_one_shear() -> None:
+    """Truth: wind that grows for 6 s and stays. A shear that goes on leaves half of it, which a gust would explain."""
+    flown = Attached(effect=wind_shear("x"), values={"value": 0.8, "duration": 6.0}, onsets={"m1": 6.0, "m2": 9.0})
+    found = diagnose(do328(), flights([flown], seed=4, count=3))
+    (cause,) = found.causes
+    assert (cause.kind, cause.target) == ("wind_shear", "x")
+    assert cause.value == pytest.approx(0.8, rel=0.1) and cause.parameters["duration"] == pytest.approx(6.0, rel=0.1)
+    endless = replace(flown, values={"value": 0.5, "duration": 1e3})
+    flight = found.bare.flight
+    left = weigh(fit(flight, [endless], flight.noise(), iterations=15)).deviance - weigh(found.extended.fit).deviance
+    assert left > 0.2 * cause.statistic
+
+
+def test_small_offsets_of_all_instruments_are_no_turbulence() -> None:
+    """Truth: calm air, and in every channel an offset of half of what matters. Without offsets in the model, moving air
+    explains them all at once."""
+    rng, found = np.random.default_rng(6), flights(seed=6, count=3, rate_hz=50.0, duration_s=30.0)
+    offsets = {o: rng.choice([-1.0, 1.0]) * 0.5 * matters(sensor_bias(o)) for o in NOISE}
+    flight = prepare(do328(), [r.with_channels(**{o: r[o] + x for o, x in offsets.items()}) for r in found])
+    calm = reconstruct(flight)
+    felt = calm.deviance - reconstruct(flight, (), gusts(flight, 0.4), calm).deviance
+    judged = turbulence(flight, calm)
+    assert felt > 150.0 and not judged.named and judged.gain < 0.2 * felt
+
+
+def matters(effect: Effect) -> float:
+    return effect.smallest_that_matters(do328()) or 0.0
 
 
 @cache
