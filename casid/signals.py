@@ -54,13 +54,10 @@ CHANNELS = _table(
     ("qbar", "Pa", "dynamic pressure", 5000.0),
 )
 SURFACES = ("delta_e", "delta_a", "delta_r")
-RATES = ("p", "q", "r")
-ACCELERATIONS = ("ax", "ay", "az")
-ANGULAR_ACCELERATIONS = ("pdot", "qdot", "rdot")
 
 _DEG = 0.017453292519943295
 _G = 9.80665
-# unit -> (SI unit, factor, offset): SI = factor * value + offset
+# unit -> (SI unit, factor): SI = factor * value
 _UNITS: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0), "ms": ("s", 1e-3), "min": ("s", 60.0),
     "rad": ("rad", 1.0), "deg": ("rad", _DEG), "mrad": ("rad", 1e-3), "°": ("rad", _DEG),

@@ -124,7 +124,7 @@ def test_no_cause_gains_by_making_a_control_stronger() -> None:
     work, strong = Work(flight, [], base.noise, "all"), base.values.copy()
     work.reference = base.reference
     strong[[slot.name in ("Cl_delta_a", "Cn_delta_a") for slot in base.slots]] *= 2.0
-    now = evaluate(work, (), strong, base.motion, 1)
+    now = evaluate(work, (), strong, base.motion)
     assert now.acting.inputs["d_delta_a"] == pytest.approx(0.5 * base.acting.inputs["d_delta_a"], rel=0.01)
     assert now.acting.inputs["d_delta_e"] == pytest.approx(base.acting.inputs["d_delta_e"], rel=0.01)
 

@@ -95,7 +95,6 @@ class Fit:
     prior_weight: np.ndarray
     deviance: float
     data_deviance: float
-    iterations: int
     converged: bool
 
     def __getitem__(self, name: str) -> float:
@@ -215,7 +214,7 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
-def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int) -> Fit:
+def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
     """The hypothesis at values of its slots, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
@@ -276,7 +275,6 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         prior_weight=work.weight,
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
-        iterations=iteration,
         converged=False,
     )
 

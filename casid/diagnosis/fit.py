@@ -59,7 +59,7 @@ def fit(
     for iteration in range(1, iterations + 1):
         now = None
         with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
-            now = _Point.of(work, _flown(work, attached, values, motion, iteration))
+            now = _Point.of(work, _flown(work, attached, values, motion))
         if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
             shrink *= 0.4
             if shrink < 0.02 or step is None or best is None:
@@ -108,9 +108,9 @@ def relaxed(fitted: Fit) -> Fit:
     return fitted
 
 
-def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, iteration: int) -> Fit:
+def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
     try:
-        return evaluate(work, _with_values(attached, work.slots, values), values, motion, iteration)
+        return evaluate(work, _with_values(attached, work.slots, values), values, motion)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
@@ -182,7 +182,7 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None,
         inputs=np.zeros((*shape, len(acting.inputs))),
     )
     if start is None or start.flight.records is not work.flight.records:
-        measured = _flown(work, attached, values, still, 0)
+        measured = _flown(work, attached, values, still)
         return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
     before = start.motion
     same = tuple(start.acting.coloured) == tuple(acting.coloured)

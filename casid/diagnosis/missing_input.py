@@ -17,7 +17,7 @@ from scipy import stats
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of, gram_of
 from casid.estimation.processors import side_by_side
-from casid.model.path import coefficient_names
+from casid.model.dynamics import moved_coefficients
 
 READING = "reading_"  # and the channel: station of what is added to a reading
 ONE_READING = 1.5  # times what moving air gains, by an unknown input at one reading: then it drifts, and no air moves
@@ -35,7 +35,6 @@ class MissingInput:
     station: str
     gain: float
     size: float
-    time_constant: float
     history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     frequency: float | None = None  # Hz, of an oscillation
 
@@ -53,8 +52,7 @@ def stations(fit: Fit) -> list[str]:
     """Coefficients and wind axes that the axes of the flight know, as disturbances of the model."""
     moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
     winds = [f"wind_{axis}" for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
-    letters = {"full": "LDXZYlmn", "longitudinal": "LDXZm", "lateral": "Yln"}[fit.flight.axes]
-    return [f"d{c}" for c in coefficient_names(fit.flight.aircraft.force_axes) if c[1] in letters] + winds
+    return [f"d{c}" for c in moved_coefficients(fit.flight.aircraft, fit.flight.axes)] + winds
 
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
@@ -132,9 +130,7 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
         wave = np.stack([np.cos(2.0 * np.pi * frequency * t), np.sin(2.0 * np.pi * frequency * t)], axis=1)
         sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", wave, inverse, wave), 0.0))
         history[name] = (t + first[r], wave @ amplitude, sigma)
-    return MissingInput(
-        station=station, gain=gain, size=max(sizes), time_constant=1.0 / frequency, history=history, frequency=frequency
-    )
+    return MissingInput(station=station, gain=gain, size=max(sizes), history=history, frequency=frequency)
 
 
 def _one_station(evidence: Evidence, station: str) -> MissingInput:
@@ -189,7 +185,7 @@ def _most_likely(
     for (mean, sigma), record in zip(history, fit.flight.records, strict=True):
         here = nodes <= record.duration
         inside[record.name] = record.t[0] + nodes[here], mean[here], sigma[here]
-    return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), time_constant=tau, history=inside)
+    return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), history=inside)
 
 
 def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:

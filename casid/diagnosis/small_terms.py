@@ -18,7 +18,8 @@ from scipy.linalg import block_diag, solve_triangular
 
 from casid.diagnosis.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evaluation import Fit
-from casid.model.path import MOMENTS, aerodynamic_parameters, coefficient_names
+from casid.model.dynamics import moved_coefficients
+from casid.model.path import MOMENTS, aerodynamic_parameters
 from casid.model.terms import parse_term
 
 SMALL = 0.0025
@@ -60,8 +61,9 @@ def small_terms(fit: Fit) -> SmallTerms:
     series: list[np.ndarray] = []
     factors: list[np.ndarray] = []
     blocks: list[np.ndarray] = []
+    moved = moved_coefficients(fit.flight.aircraft, fit.flight.axes)
     for coefficient, size in variation(fit).items():
-        if coefficient not in _moved(fit) or size <= 0.0:
+        if coefficient not in moved or size <= 0.0:
             continue
         allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
         along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in allowed]
@@ -112,11 +114,6 @@ def most_likely_scales(
                 if (found := deviance(best | {owner: scale})) < lowest:
                     lowest, best, settled = found, best | {owner: scale}, False
     return best
-
-
-def _moved(fit: Fit) -> list[str]:
-    letters = {"full": "LDXZYlmn", "longitudinal": "LDXZm", "lateral": "Yln"}[fit.flight.axes]
-    return [c for c in coefficient_names(fit.flight.aircraft.force_axes) if c[1] in letters]
 
 
 def _symmetric_terms(coefficient: str) -> list[str]:

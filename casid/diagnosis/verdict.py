@@ -130,7 +130,8 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     """The trial with its value in the final fit, in which later causes stand beside it, and an honest 1-sigma."""
     one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
     candidate = replace(trial.candidate, attached=one)
-    return replace(trial, candidate=candidate, std=deviation(evidence, one.name))
+    share = meaningful_share(evidence.fit, one)
+    return replace(trial, candidate=candidate, std=deviation(evidence, one.name), share=share)
 
 
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:

@@ -41,7 +41,7 @@ _FRAME_OUTPUTS = MappingProxyType(
 )
 # channels that a reduction integrates besides: states of a model that is asked for them
 INTEGRATED = MappingProxyType({"full": INTEGRALS, "longitudinal": ("altitude",), "lateral": ("psi",)})
-_FRAME_COEFFICIENTS = MappingProxyType({"full": None, "longitudinal": "LDXZm", "lateral": "Yln"})
+_FRAME_COEFFICIENTS = MappingProxyType({"full": "LDXZYlmn", "longitudinal": "LDXZm", "lateral": "Yln"})
 _SCALE = MappingProxyType(
     {"u": 100.0, "v": 5.0, "w": 5.0, "p": 0.2, "q": 0.1, "r": 0.1, "phi": 0.3, "theta": 0.1}
     | {state: 1.0 for state, *_ in AIR_STATES.values()}
@@ -160,6 +160,11 @@ def aircraft_model(
     )  # fmt: skip
 
 
+def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
+    """The aerodynamic coefficients that act on the states which `axes` move."""
+    return tuple(c for c in coefficient_names(aircraft.force_axes) if c[1] in _FRAME_COEFFICIENTS[axes])
+
+
 def parameter_units(names: Iterable[str], effects: Sequence[Effect]) -> dict[str, str]:
     """Unit of each parameter of an aircraft model."""
     units = {e.name: e.unit for e in effects}
@@ -251,8 +256,7 @@ def equation_error(
         _by_station(e for e in effects if e.in_equations),
     )  # fmt: skip
     found = _coefficients_from_accelerations(aircraft, path, c)
-    kept = _FRAME_COEFFICIENTS[axes]
-    names = tuple(n for n in coefficient_names(aircraft.force_axes) if kept is None or n[1] in kept)
+    names = moved_coefficients(aircraft, axes)
     target = ca.vertcat(*[found[n] for n in names])
     prediction = ca.vertcat(*[path.coefficient[n] for n in names])
     used = [i for i, uses in enumerate(ca.which_depends(ca.vertcat(target, prediction), m, 1, False)) if uses]
@@ -291,13 +295,13 @@ def standard_density(altitude: np.ndarray) -> np.ndarray:
     return 1.225 * (1.0 - 2.25577e-5 * altitude) ** 4.25588
 
 
-def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full", known: Iterable[str] = ()) -> Record:
+def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full") -> Record:
     """The record with every input channel that an aircraft model wants.
 
     Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
     [trim], constant; the states that a reduction does not move from the measured channels. What can come from nowhere
-    is an InputError, not a guess. `record.notes` says what was filled in. `known` disturbances absent are zero. Heading
-    and bank go on where they pass 180 or 360 deg.
+    is an InputError, not a guess. `record.notes` says what was filled in. Heading and bank go on where they pass 180 or
+    360 deg.
     """
     added: dict[str, np.ndarray] = {}
     notes: list[str] = []
@@ -332,7 +336,6 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full", known:
         columns = state_guess(aircraft, fixed)(record)
         added |= dict(zip(fixed, columns.T, strict=True))
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
-    added |= {name: np.zeros(n) for name in known if name not in record}
     added |= {name: _unwrapped(record[name]) for name in ("psi", "phi") if name in record}
     filled = record.with_channels(**added)
     return Record(

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 INTEGRALS = ("psi", "altitude")  # nothing depends on them: states of a model that is asked for them as outputs
 INPUTS = ("delta_e", "delta_a", "delta_r", "thrust", "rho")
-STATIONS = ("surface", "mass", "wind", "coefficients", "moments", "sensors")
 MOMENTS = ("Cl", "Cm", "Cn")
 
 

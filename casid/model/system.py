@@ -40,7 +40,6 @@ class Model:
     guess          (record) -> (N, states) first guess of the state trajectory from measurements
     prior_std      a-priori 1-sigma of parameters that have one (absent: none)
     equation       equation-error form, or None when the model has none
-    process_noise  disturbance names that turbulence drives, in the order of a physical description
     units          unit of each parameter, for tables
     """
 
