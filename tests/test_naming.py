@@ -16,6 +16,7 @@ from casid.diagnosis import naming, verdict
 from casid.diagnosis.comparing import can_be_named, equivalents_of, in_order
 from casid.diagnosis.evaluation import Work, evaluate
 from casid.diagnosis.evidence import deviation, is_sure, weigh
+from casid.diagnosis.explaining import doubt
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import best_on_held, held_gains
@@ -222,8 +223,7 @@ def test_a_term_must_leave_less_than_other_causes(effect, left: float, explains:
     before = [SimpleNamespace(station="dCn", gain=1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     after = [SimpleNamespace(station="dCn", gain=left * 1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
-    state = SimpleNamespace(missing=after, rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)
-    assert naming._explains(before, state) == explains  # pyright: ignore
+    assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
 
 
 @pytest.mark.parametrize(("gain", "explains"), [(4000.0, False), (40000.0, True)])
@@ -233,8 +233,7 @@ def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(gain: 
     trial = trial_of(one, gain)
     missing = [SimpleNamespace(station="dCl", gain=18210.0), SimpleNamespace(station="reading_p", gain=0.0)]
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
-    state = SimpleNamespace(missing=missing, rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)
-    assert naming._explains(missing, state) == explains  # pyright: ignore
+    assert (doubt(missing, missing, trial, evidence) == "") == explains  # pyright: ignore
 
 
 @pytest.mark.parametrize(("was", "left", "explains"), [(280.0, 230.0, True), (2800.0, 2300.0, False)])
@@ -247,8 +246,7 @@ def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(was: float, left:
         return [SimpleNamespace(station=station, gain=gain) for station, gain in gains.items()]
 
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
-    state = SimpleNamespace(missing=missing(1.0, left), rounds=[SimpleNamespace(trials=[trial])], evidence=evidence)
-    assert naming._explains(missing(140.0, was), state) == explains  # pyright: ignore
+    assert (doubt(missing(140.0, was), missing(1.0, left), trial, evidence) == "") == explains  # pyright: ignore
 
 
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:

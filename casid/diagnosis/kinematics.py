@@ -43,7 +43,8 @@ _SIGMAS, _FIRST = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), 2  # m/s, and the one th
 class Turbulence:
     """r.m.s. gust velocity [m/s] and scale length [m] by maximum likelihood of the kinematics, 1-sigma of the velocity,
     the drop of the deviance against calm air, and how much of it one axis of moving air alone does not reach: air is
-    turbulent along all axes, a drifting vane moves one."""
+    turbulent along all axes, a drifting vane moves one; and what it gains beside small offsets of all instruments, for
+    moving air imitates them all at once."""
 
     sigma: float
     std: float
@@ -51,11 +52,12 @@ class Turbulence:
     records: tuple[str, ...]
     length: float = _SCALE_LENGTH
     beyond_one_axis: float = 0.0
+    beyond_offsets: float = 0.0
 
     @property
     def named(self) -> bool:
-        all_axes = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
-        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE and all_axes
+        alone = min(self.beyond_one_axis, self.beyond_offsets) > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
+        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE and alone
 
 
 def still_air(flight: Flight) -> Turbulence:
@@ -190,13 +192,10 @@ def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
 
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
-    by parabolas through the deviance. Beside small offsets of all instruments: moving air imitates them all at once."""
-    attached = calm.attached
-    calm = reconstruct(flight, attached, start=calm, free="offsets")
+    by parabolas through the deviance."""
 
     def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
-        air = gusts(flight, sigma, length=length, axes=axes)
-        return reconstruct(flight, attached, air, start, iterations, "offsets")
+        return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
 
     def best_along(sigmas: Sequence[float]) -> tuple[Fit, float]:
         """The best of the first fit and of one velocity after the other, until one is clearly worse."""
@@ -230,10 +229,15 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     found = at(sigma, length, found)
     moved = [axis for axis in WIND if axis in found.model.disturbances]
     alone = min(side_by_side(lambda axis: at(sigma, length, found, (axis,)).deviance, moved))
-    lowest = found.deviance
+    lowest, air = found.deviance, gusts(flight, sigma, length=length)
+    still, moving = side_by_side(
+        lambda case: reconstruct(flight, calm.attached, case[0], case[1], free="offsets").deviance,
+        ((_CALM, calm), (air, found)),
+    )
     return Turbulence(
         sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
         gain=calm.deviance - lowest, records=flight.names, length=length, beyond_one_axis=alone - lowest,
+        beyond_offsets=still - moving,
     )  # fmt: skip
 
 

@@ -11,10 +11,11 @@ from casid.diagnosis import kinematics
 from casid.diagnosis.comparing import can_be_named, equivalents_of, in_order, sine, small_first
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
-from casid.diagnosis.evidence import Evidence, is_sure, weigh
+from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.explaining import doubt
 from casid.diagnosis.fit import relaxed, without
 from casid.diagnosis.hypothesis import Attached, disturbance_series
-from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput, missing_inputs
+from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
 from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
@@ -24,11 +25,6 @@ from casid.signals import SURFACES
 
 _ROUNDS = 6
 _NOTHING_LEFT = 30.0  # gain of any anonymous input
-_EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
-_BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of coefficients that switch together
-_STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
-_AIR = "wind_"
-_WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
 _NEEDED = 25.0  # times the gain that is asked, predicted by the square of a size in 1-sigmas
 _TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
 # part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
@@ -74,7 +70,10 @@ def name_causes(
         state = _one_round(state, catalogue, least)
         if not state.rounds[-1].named:
             break
-        if not state.rounds[-1].trials[0].meaningful or _explains(firm.missing, state):
+        last = state.rounds[-1]
+        why = doubt(firm.missing, state.missing, last.trials[0], state.evidence) if last.trials[0].meaningful else ""
+        state = replace(state, rounds=(*state.rounds[:-1], replace(last, doubt=why)))
+        if not why:
             firm = state
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
             break
@@ -95,53 +94,6 @@ def _standing(
         evidence=evidence, kinematic=kinematic, observed=observed, missing=tuple(missing_inputs(evidence)),
         rounds=rounds, intervals=intervals,
     )  # fmt: skip
-
-
-def _explains(before: Sequence[MissingInput], state: Naming) -> bool:
-    """Whether what was missing is gone where the last cause enters and where the causes named since then helped most,
-    and not only thinned out; or the last cause gains more than an input of any shape could where it enters, or
-    anywhere; or kinematics, which know no aerodynamics, find it too. Never when more is missing somewhere than before:
-    a wrong name distorts what it is put beside; nor when its size is not sure.
-
-    An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
-    anonymous input at the same station gains is such an imitation.
-    """
-    was, left = {m.station: m.gain for m in before}, {m.station: m.gain for m in state.missing}
-    last = state.rounds[-1].trials[0]
-    if any(left[s] > _WORSE * was[s] + max(_NOTICEABLE, _BESIDE * last.gain) for s in was):
-        return False
-    one = last.candidate.attached
-    effect, reading = one.effect, READING + one.effect.target
-    if not is_sure(state.evidence, one.name):
-        return False
-    for bias in (a.effect for a in state.evidence.fit.attached if a.effect.constant):
-        at = READING + bias.target
-        if at in was and left[at] > max(_STEADY * was[at], _NOTICEABLE):
-            return False  # it drifts
-    drift = max(gain for station, gain in was.items() if station.startswith(READING))
-    if (effect.enters or "").startswith(_AIR) and drift > ONE_READING * last.gain:
-        return False  # one drifting instrument tells more than moving air
-    if effect.improbable:
-        return all(mostly_gone(was[s], left[s]) for s in was)
-    own = [s for s in (effect.enters, *(f"d{member}" for member in effect.members)) if s in was]
-    if (effect.quasi_steady or effect.members) and not all(mostly_gone(was[s], left[s], _BENDS) for s in own):
-        return False
-    if last.gain > max(was[s] for s in own or was):
-        return True
-    if last.confirmed and not (reading in was and left[reading] > max(_HALF * was[reading], _NOTICEABLE)):
-        return True
-    helped = max(was, key=lambda s: was[s] - left[s])
-    judged = {max(own, key=lambda s: was[s])} if own else set()
-    if was[helped] - left[helped] > max(_EXPLAINED * last.gain, _NOTICEABLE):
-        judged.add(helped)  # otherwise no anonymous input could do what the cause does
-    if not judged and max(left.values()) > last.total:
-        return False  # it leaves what is missing as it was, and that is more than it gains
-    return all(mostly_gone(was[s], left[s]) for s in judged)
-
-
-def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
-    """Whether of what an unknown input gained `before`, what is `left` is little: noise, or less than `part` of it."""
-    return left < max(part * before, _NOTICEABLE)
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:

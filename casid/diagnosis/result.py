@@ -118,13 +118,14 @@ class Trial:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Round:
-    """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, and which
-    trials cannot be told from the winner."""
+    """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, which trials
+    cannot be told from the winner, and why the first was not believed, "" if it was."""
 
     candidates: tuple[Candidate, ...]
     trials: tuple[Trial, ...]
     equivalents: tuple[Trial, ...]
     named: bool
+    doubt: str = ""
 
     @property
     def winner(self) -> Fit:

@@ -12,10 +12,11 @@ from casid.diagnosis.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals
 from casid.diagnosis.evidence import Evidence, deviation, is_sure
+from casid.diagnosis.explaining import mostly_gone
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import READING, MissingInput, missing_oscillation
-from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming, mostly_gone
+from casid.diagnosis.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming
 from casid.diagnosis.result import Cause, Trial
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE, meaningful_share, missing_share, plausible

@@ -126,13 +126,14 @@ def alternatives(diagnosis: Diagnosis) -> str:
             if trial is winner:
                 continue
             later = " (named in another round)" if one.effect.key in named else ""
+            doubted = round_.doubt if trial is round_.trials[0] else ""
             rows.append(
                 (
                     escape(effect_name(one.effect)),
                     str(number),
                     escape(quantity(one.values["value"], one.effect.unit)),
                     digits(trial.gain),
-                    escape(_why(trial, winner, trial in round_.equivalents) + later),
+                    escape((doubted or _why(trial, winner, trial in round_.equivalents)) + later),
                 )
             )
     head = ("cause", "round", "fitted size", "gain 2 Δ ln L", "why it was not named")

@@ -1,0 +1,133 @@
+"""Does a cause explain what was missing, or does it imitate it?
+
+An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
+anonymous input at the same station gains is such an imitation; and a wrong name distorts what it is put beside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from casid.diagnosis.evidence import Evidence, is_sure
+from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput
+from casid.diagnosis.result import Trial
+from casid.model.effect import Effect
+
+_EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
+_BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of coefficients that switch together
+_STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
+_AIR = "wind_"
+_WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
+
+
+def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence) -> str:
+    """Why the last cause is not believed, in words; "" when it is.
+
+    before, after  what was missing before it and the causes named since, and what is missing beside them
+    evidence       of the model that has it
+
+    It is believed when what was missing is gone where it enters and where it helped most, and not only thinned out; or
+    it gains more than an input of any shape could where it enters, or anywhere; or kinematics, which know no
+    aerodynamics, find it too. Never when one of `_AGAINST` holds.
+    """
+    seen = _Seen(
+        was={m.station: m.gain for m in before}, left={m.station: m.gain for m in after}, last=last, evidence=evidence
+    )
+    for words, holds in _AGAINST.items():
+        if holds(seen):
+            return words
+    if seen.effect.improbable or seen.gains_more_than_any_input or seen.kinematics_agree:
+        return ""
+    judged = seen.judged
+    if not judged and max(seen.left.values()) > last.total:
+        return "leaves what is missing as it was, and that is more than it gains"
+    return "" if seen.gone(judged) else "leaves unexplained what is missing"
+
+
+def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
+    """Whether of what an unknown input gained `before`, what is `left` is little: noise, or less than `part` of it."""
+    return left < max(part * before, _NOTICEABLE)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Seen:
+    """Gains of anonymous inputs by station, before a cause and beside it."""
+
+    was: dict[str, float]
+    left: dict[str, float]
+    last: Trial
+    evidence: Evidence
+
+    @property
+    def effect(self) -> Effect:
+        return self.last.effect
+
+    @property
+    def own(self) -> list[str]:
+        """The stations at which it enters."""
+        stations = (self.effect.enters, *(f"d{member}" for member in self.effect.members))
+        return [s for s in stations if s in self.was]
+
+    def gone(self, stations: Sequence[str] | set[str], part: float = _EXPLAINED) -> bool:
+        return all(mostly_gone(self.was[s], self.left[s], part) for s in stations)
+
+    @property
+    def makes_more_missing(self) -> bool:
+        more = max(_NOTICEABLE, _BESIDE * self.last.gain)
+        return any(self.left[s] > _WORSE * was + more for s, was in self.was.items())
+
+    @property
+    def is_not_sure(self) -> bool:
+        return not is_sure(self.evidence, self.last.candidate.name)
+
+    @property
+    def has_a_bias_that_drifts(self) -> bool:
+        biased = [READING + a.effect.target for a in self.evidence.fit.attached if a.effect.constant]
+        return not self.gone([s for s in biased if s in self.was], _STEADY)
+
+    @property
+    def is_air_where_one_reading_drifts(self) -> bool:
+        drift = max(gain for station, gain in self.was.items() if station.startswith(READING))
+        return (self.effect.enters or "").startswith(_AIR) and drift > ONE_READING * self.last.gain
+
+    @property
+    def is_improbable_and_leaves_something(self) -> bool:
+        return self.effect.improbable and not self.gone(list(self.was))
+
+    @property
+    def bends_and_leaves_too_much(self) -> bool:
+        bends = self.effect.quasi_steady or bool(self.effect.members)
+        return bends and not self.effect.improbable and not self.gone(self.own, _BENDS)
+
+    @property
+    def gains_more_than_any_input(self) -> bool:
+        return self.last.gain > max(self.was[s] for s in self.own or self.was)
+
+    @property
+    def kinematics_agree(self) -> bool:
+        reading = READING + self.effect.target
+        drifts = reading in self.was and not mostly_gone(self.was[reading], self.left[reading], _HALF)
+        return self.last.confirmed and not drifts
+
+    @property
+    def judged(self) -> set[str]:
+        """Stations at which what was missing must be gone: where it enters, and where it helped most, unless that is
+        too little for an anonymous input to do what the cause does."""
+        found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
+        helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
+        if self.was[helped] - self.left[helped] > max(_EXPLAINED * self.last.gain, _NOTICEABLE):
+            found.add(helped)
+        return found
+
+
+_AGAINST: dict[str, Callable[[_Seen], bool]] = {
+    "makes more missing elsewhere": lambda seen: seen.makes_more_missing,
+    "is not sure to be there at all": lambda seen: seen.is_not_sure,
+    "is steady, but the reading drifts": lambda seen: seen.has_a_bias_that_drifts,
+    "moves the air, but one reading that drifts tells more": lambda seen: seen.is_air_where_one_reading_drifts,
+    "is contrary to the symmetry of an aircraft, and something is missing beside it": lambda seen: (
+        seen.is_improbable_and_leaves_something
+    ),
+    "leaves too much missing where it enters, as an imitation does": lambda seen: seen.bends_and_leaves_too_much,
+}
