@@ -103,7 +103,7 @@ TWO = [
     # one is a term that every aircraft has, and put in before anything is named
     (
         Attached(effect=sensor_scale("beta"), values={"value": 0.08}),
-        Attached(effect=aero_term("Cn", "alpha*p"), values={"value": 14.0}),
+        Attached(effect=aero_term("Cn", "alpha*p"), values={"value": 25.0}),
     ),
 ]  # fmt: skip
 
