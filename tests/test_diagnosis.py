@@ -345,9 +345,9 @@ def test_noise_of_recorded_surfaces_is_evidence_for_nothing(seed: int) -> None:
 
 
 def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more(monkeypatch) -> None:
-    """A slight bend of Cm, and a held-out record with manoeuvres of twice the size: nothing is in it alone."""
+    """A slight bend of Cm, and a held-out record with manoeuvres of three times the size: nothing is in it alone."""
     bend = [Attached(effect=aero_term("Cm", "alpha^2*delta_e"), values={"value": -55.0})]
-    records = [*flights(bend, seed=21, count=3), flights(bend, seed=22, count=4, size=2.0)[3]]
+    records = [*flights(bend, seed=21, count=3), flights(bend, seed=22, count=4, size=3.0)[3]]
     found = diagnose(rough_file(), records)
     assert (found.verdict, found.causes) == ("adequate", ()), str(found)
     assert ("Cm", "alpha^2*delta_e") in {(c.target, c.term) for c in found.minor}

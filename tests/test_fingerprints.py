@@ -28,9 +28,9 @@ FLOWN = [
     MEMORY,
     EffectValue(kind="unsteady_aero", target="Cn", value=0.4, parameters={"time_constant": 0.3}),
     EffectValue(kind="sensor_scale", target="inertial", value=0.02),
-    EffectValue(kind="structural_mode", target="alpha", value=0.01, parameters={"frequency_hz": 4.0}),
-    EffectValue(kind="structural_mode", target="ay", value=0.4, parameters={"frequency_hz": 5.0}),
-    EffectValue(kind="structural_mode", target="ax", value=0.4, parameters={"frequency_hz": 3.0}),
+    EffectValue(kind="structural_mode", target="alpha", value=0.01, parameters={"frequency_hz": 4.0, "damping": 0.03}),
+    EffectValue(kind="structural_mode", target="ay", value=0.4, parameters={"frequency_hz": 5.0, "damping": 0.03}),
+    EffectValue(kind="structural_mode", target="ax", value=0.4, parameters={"frequency_hz": 3.0, "damping": 0.03}),
 ]
 _3211, _DOUBLET = ((3, 1), (2, -1), (1, 1), (1, -1)), ((1, 1), (1, -1))
 
