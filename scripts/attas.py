@@ -51,7 +51,10 @@ from casid.report.progress import progress
 from casid.report.style import Picture
 from problems import attas
 
-INSTRUMENTS = (sensor_bias("p"), sensor_bias("q"), sensor_scale("phi"))
+INSTRUMENTS = (
+    *(sensor_bias(rate) for rate in "pqr"), *(sensor_scale(rate) for rate in "pqr"),
+    sensor_delay("p"), sensor_delay("psi"),
+)  # fmt: skip
 AHEAD = (vane_position("alpha"), vane_position("beta"))  # air data taken ahead of the c.g., as on a nose boom
 LATE = (sensor_delay("alpha"), sensor_delay("beta"))  # or late: nearly the same, since alpha-dot is nearly q
 _FIRST_DELAY = 0.05  # s: a delay has no slope at zero
