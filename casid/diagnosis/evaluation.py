@@ -121,8 +121,10 @@ class Fit:
 
     @property
     def filter_held(self) -> bool:
-        """Whether derivatives are fitted that decide how moving air moves the aircraft."""
-        return bool(self.noise.coloured and self.derivatives)
+        """Whether there are disturbances and what decides how they move the aircraft is fitted: derivatives, or
+        offsets, one of which is that of the airspeed."""
+        offsets = any(slot.name.startswith(OFFSET) for slot in self.slots)
+        return bool(self.noise.coloured and (offsets or self.derivatives))
 
     @property
     def noise_held(self) -> bool:
@@ -145,7 +147,7 @@ class Fit:
     @property
     def derivatives(self) -> dict[str, float]:
         """Fitted derivatives and terms of the aircraft file."""
-        given = set(self.flight.model().parameters)
+        given = {name for name in self.flight.model().parameters if not name.startswith(OFFSET)}
         return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
 
 

@@ -24,18 +24,16 @@ _RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left; of wha
 
 def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
     """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence."""
-    none = kinematics.still_air(flight)
     if not kinematics.available(flight):
-        return None, [], none
+        return None, [], kinematics.still_air(flight)
     of_the_file = [one for one in known if one.effect.kinematic]
     calm = kinematics.reconstruct(flight, of_the_file)
     evidence = weigh(calm, discrepancy=False)
     effects = _observable(flight, of_the_file)
     ranked = screen(evidence, effects)
     turbulent = kinematics.turbulence(flight, calm)
-    if turbulent.named and drifts(evidence)[0].gain > ONE_READING * turbulent.gain:
-        return evidence, ranked, none  # one drifting instrument tells more than all moving air
-    turbulent = _beside_faults(flight, turbulent, calm, effects, ranked)
+    if turbulent.named:
+        turbulent = _beside_faults(flight, turbulent, calm, effects)
     if not turbulent.named:
         return evidence, ranked, turbulent
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
@@ -66,34 +64,38 @@ def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
     return [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
 
 
-def _beside_faults(
-    flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect], ranked: Sequence[Candidate]
-) -> Turbulence:
+def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect]) -> Turbulence:
     """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
 
     Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
-    no turbulence, or when they explain much in moving air too.
+    no turbulence, or when they explain much in moving air too; and one drifting instrument that tells more than all
+    moving air is one. All beside small offsets of all instruments.
     """
-    if not turbulent.named:
-        return turbulent
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
-    faulty, moved = calm, kinematics.reconstruct(flight, calm.attached, moving, calm).deviance
-    both, left = moved, calm.deviance - moved
+
+    def moved(faulty: Fit) -> float:
+        air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
+        return kinematics.beside_offsets(air).deviance
+
+    faulty, before = calm, weigh(kinematics.beside_offsets(calm), discrepancy=False)
+    if drifts(before)[0].gain > ONE_READING * turbulent.gain:
+        return kinematics.still_air(flight)
+    evidence, in_moving_air = before, [moved(calm)]
     for _ in range(_REPAIRS):
-        ranked = [one for one in ranked if plausible(one.attached)]
-        if not ranked or ranked[0].net < _RIVAL * left:
+        taken = {a.effect.key for a in faulty.attached}
+        ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
+        if not ranked or ranked[0].net < _RIVAL * (evidence.deviance - in_moving_air[-1]):
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
             other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
-        if faulty.deviance - other.deviance < CONFIRMED * ranked[0].net:
+        rested = weigh(kinematics.beside_offsets(other), discrepancy=False)
+        if evidence.deviance - rested.deviance < CONFIRMED * ranked[0].net:
             break  # it does not keep what it promised: turbulence looks like an instrument fault too
-        faulty, both = other, kinematics.reconstruct(flight, other.attached, moving, other).deviance
-        left = faulty.deviance - both
-        taken = {a.effect.key for a in faulty.attached}
-        ranked = screen(weigh(faulty, discrepancy=False), [e for e in effects if e.key not in taken])
+        faulty, evidence = other, rested
+        in_moving_air.append(moved(faulty))
     if faulty is calm:
         return turbulent
     beside = kinematics.turbulence(flight, faulty)
-    alone, in_moving_air = calm.deviance - faulty.deviance, moved - both
-    return turbulent if beside.named and in_moving_air < _RIVAL * alone else beside
+    alone, together = before.deviance - evidence.deviance, in_moving_air[0] - in_moving_air[-1]
+    return turbulent if beside.named and together < _RIVAL * alone else beside

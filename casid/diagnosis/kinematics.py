@@ -12,11 +12,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit, Free
+from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.fit import fit, relaxed
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.missing_input import moving_air
 from casid.estimation.processors import side_by_side
 from casid.model.path import MOMENTS, coefficient_names
 
@@ -26,7 +27,7 @@ _PEAK = 2.0  # times its root mean square: manoeuvres take a part of the time
 _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 WIND = ("wind_x", "wind_y", "wind_z")
 _SCALE_LENGTH = 300.0  # m, of turbulence at altitude
-_TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES = 150.0, 0.15, 0.1
+_TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES, _SLOW = 150.0, 0.15, 0.1, 0.8
 # moment that the air's own rotation makes: the derivative by which it does, and what that is of an aircraft without one
 _DAMPING = MappingProxyType({"dCl": ("Cl_p", 0.4), "dCm": ("Cm_q", 10.0), "dCn": ("Cn_r", 0.15)})
 _ROLLING, _SCALES = ("dCl",), (0.3, 1.0, 3.0)  # and scales of it that are tried
@@ -41,10 +42,15 @@ _SIGMAS, _FIRST = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), 2  # m/s, and the one th
 
 @dataclass(frozen=True, kw_only=True)
 class Turbulence:
-    """r.m.s. gust velocity [m/s] and scale length [m] by maximum likelihood of the kinematics, 1-sigma of the velocity,
-    the drop of the deviance against calm air, and how much of it one axis of moving air alone does not reach: air is
-    turbulent along all axes, a drifting vane moves one; and what it gains beside small offsets of all instruments, for
-    moving air imitates them all at once."""
+    """Turbulent air: r.m.s. velocity [m/s], its 1-sigma, and scale length [m] by maximum likelihood of the kinematics.
+
+    gain             drop of the deviance against calm air, beside small offsets of all instruments, which moving air
+                     imitates all at once
+    beyond_one_axis  how much of it one axis of moving air alone does not reach: air is turbulent along all axes, a
+                     drifting vane moves one
+    as_histories     what unknown time histories of moving air gain together; they are too slow for coloured noise, to
+                     which a process is quick enough, and follow nearly all of turbulence
+    """
 
     sigma: float
     std: float
@@ -52,12 +58,13 @@ class Turbulence:
     records: tuple[str, ...]
     length: float = _SCALE_LENGTH
     beyond_one_axis: float = 0.0
-    beyond_offsets: float = 0.0
+    as_histories: float = 0.0
 
     @property
     def named(self) -> bool:
-        alone = min(self.beyond_one_axis, self.beyond_offsets) > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
-        return self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE and alone
+        moving = self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE
+        along_all = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
+        return moving and along_all and self.as_histories > _SLOW * self.gain
 
 
 def still_air(flight: Flight) -> Turbulence:
@@ -173,11 +180,18 @@ def _turned(*axes: str) -> Mapping[str, float]:
 
 def reconstruct(
     flight: Flight, attached: Sequence[Attached] = (), moving: Mapping[str, tuple[float, float]] = _CALM,
-    start: Fit | None = None, iterations: int = 5, free: Free = "effects",
+    start: Fit | None = None, iterations: int = 5,
 ) -> Fit:  # fmt: skip
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
     noise = flight.noise(free_forces(flight) | dict(moving))
-    return fit(flight, attached, noise, start, free=free, iterations=iterations, tolerance=2.0)
+    return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
+
+
+def beside_offsets(reconstructed: Fit) -> Fit:
+    """The same with small offsets of all instruments fitted too. Not for judging instruments: a bias would share its
+    evidence with the offset."""
+    given = reconstructed
+    return fit(given.flight, given.attached, given.noise, given, free="offsets", iterations=3, tolerance=2.0)
 
 
 def again(before: Fit, attached: Sequence[Attached]) -> Fit:
@@ -228,16 +242,13 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     sigma, narrow = _lowest(sigmas, by_velocity)
     found = at(sigma, length, found)
     moved = [axis for axis in WIND if axis in found.model.disturbances]
-    alone = min(side_by_side(lambda axis: at(sigma, length, found, (axis,)).deviance, moved))
-    lowest, air = found.deviance, gusts(flight, sigma, length=length)
-    still, moving = side_by_side(
-        lambda case: reconstruct(flight, calm.attached, case[0], case[1], free="offsets").deviance,
-        ((_CALM, calm), (air, found)),
-    )
+    cases = [calm, found, *side_by_side(lambda axis: at(sigma, length, found, (axis,)), moved)]
+    still, moving, *along_one = side_by_side(beside_offsets, cases)
     return Turbulence(
         sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
-        gain=calm.deviance - lowest, records=flight.names, length=length, beyond_one_axis=alone - lowest,
-        beyond_offsets=still - moving,
+        gain=still.deviance - moving.deviance, records=flight.names, length=length,
+        beyond_one_axis=min(one.deviance for one in along_one) - moving.deviance,
+        as_histories=sum(one.gain for one in moving_air(weigh(still, discrepancy=False))),
     )  # fmt: skip
 
 

@@ -55,6 +55,11 @@ def stations(fit: Fit) -> list[str]:
     return [f"d{c}" for c in moved_coefficients(fit.flight.aircraft, fit.flight.axes)] + winds
 
 
+def moving_air(evidence: Evidence) -> list[MissingInput]:
+    """An unknown velocity of the air along each axis, largest gain first."""
+    return _each(evidence, [station for station in stations(evidence.fit) if station.startswith("wind_")])
+
+
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
     return _each(evidence, [*stations(evidence.fit), *_readings(evidence.fit)])
