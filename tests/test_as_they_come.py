@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_flights import flights
+from diagnosis_flights import NOISE, flights
+from scipy import signal
 from small_flight import HIDDEN, aircraft_file, records
 
 from casid.diagnosis.diagnose import attached_effects, diagnose
@@ -23,7 +24,7 @@ from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import EffectValue
 from casid.model.applied import apply_effects
-from casid.model.causes import aero_term
+from casid.model.causes import aero_term, structural_mode
 from casid.model.operators import TURNING, turned
 from casid.model.simulate import simulate
 from casid.records.record import Record
@@ -172,12 +173,13 @@ def test_a_late_heading_is_found_though_it_passes_north() -> None:
     assert cause.value == pytest.approx(0.3, rel=0.05)
 
 
-def test_a_hum_has_its_frequency_whatever_the_rates_of_the_records() -> None:
-    """Truth: 3.3 Hz in the pitching moment of records at 50 and at 25 Hz."""
+@pytest.mark.parametrize("size", [0.01, 0.2])
+def test_a_hum_has_its_frequency_whatever_the_rates_of_the_records(size: float) -> None:
+    """Truth: 3.3 Hz in the pitching moment of records at 50 and at 25 Hz; also one that is beyond any chance."""
     found = []
     for rate, name in ((50.0, "fast"), (25.0, "slow")):
         t = np.arange(0.0, 20.0, 1.0 / rate)
-        (record,) = flights(seed=3, count=1, rate_hz=rate, disturbance={"dCm": 0.01 * np.sin(2.0 * np.pi * 3.3 * t)})
+        (record,) = flights(seed=3, count=1, rate_hz=rate, disturbance={"dCm": size * np.sin(2.0 * np.pi * 3.3 * t)})
         found.append(replace(record, name=name))
     flight = prepare(do328(), found)
     hum = missing_oscillation(weigh(fit(flight, (), flight.noise())))[0]
@@ -194,3 +196,21 @@ def test_a_term_that_the_file_has_at_zero_is_free() -> None:
     )
     assert loose[0] > 2.0 * HIDDEN and loose[0] == stated[0], "0 has no relative uncertainty"
     assert stated[1] == pytest.approx(0.05 * abs(plane.derivatives["Cm_alpha"])) and loose[1] > 10.0 * stated[1]
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 100.0])
+def test_an_angular_acceleration_computed_from_the_rate_is_left_out(rate_hz: float) -> None:
+    """Truth: differences of the measured rate, smoothed and rounded, tell nothing that the rate does not; an instrument
+    of its own does, though it measures the same motion, of an aircraft that shakes as well."""
+    shaken = Attached(effect=structural_mode("q"), values={"value": 0.05, "frequency_hz": 5.0, "damping": 0.03})
+    noise = NOISE | dict.fromkeys(("pdot", "qdot", "rdot"), 0.005)
+    measured = flights([shaken], seed=2, count=3, rate_hz=rate_hz, noise=noise)
+
+    def differentiated(record: Record) -> Record:
+        slope = np.gradient(record["q"], record.t)
+        return record.with_channels(qdot=np.round(signal.savgol_filter(slope, 7, 2), 4))
+
+    assert {"pdot", "qdot", "rdot"} <= set(prepare(do328(), measured).outputs)
+    flight = prepare(do328(), [differentiated(record) for record in measured])
+    assert "qdot" not in flight.outputs and {"pdot", "rdot"} <= set(flight.outputs)
+    assert "qdot: computed from q, whose noise it has, and nothing new, so it is left out" in flight.records[0].notes

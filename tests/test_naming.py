@@ -249,6 +249,26 @@ def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(was: float, left:
     assert (doubt(missing(140.0, was), missing(1.0, left), trial, evidence) == "") == explains  # pyright: ignore
 
 
+@pytest.mark.parametrize(("largest", "believed"), [(0.8, True), (1.3, False)])
+def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float, believed: bool) -> None:
+    """A speed that hardly varies, by 0.5 m/s, and drifts besides a cause; a bias of it matters from 1 m/s on."""
+    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 4000.0)
+    before = [
+        SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": 3000.0, "reading_V": 0.0}.items()
+    ]
+    drifting = SimpleNamespace(station="reading_V", gain=500.0, rms=0.5 * largest, largest=largest)
+    read, live = np.linspace(-0.9, 0.9, 200)[:, None, None], np.ones((200, 1), dtype=bool)
+    model, batch, flight = (
+        SimpleNamespace(outputs=("V",)),
+        SimpleNamespace(live=live),
+        SimpleNamespace(aircraft=do328()),
+    )
+    fitted = SimpleNamespace(slots=(), attached=(), read=read, model=model, batch=batch, flight=flight)
+    after = [SimpleNamespace(station="dCl", gain=1.0), drifting]
+    why = doubt(before, after, trial, SimpleNamespace(fit=fitted))  # pyright: ignore
+    assert why == ("" if believed else "makes more missing elsewhere")
+
+
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
     """With the stability of another sign and a million times as strong nothing can be filtered."""
     wild = do328().with_derivatives({"Cm_alpha": 1e9, "Cn_beta": -1e9})

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from casid.diagnosis.evidence import Evidence, is_sure
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput
 from casid.diagnosis.result import Trial
+from casid.diagnosis.size import SHARE, missing_share
 from casid.model.effect import Effect
 
 _EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
@@ -31,9 +33,7 @@ def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: T
     it gains more than an input of any shape could where it enters, or anywhere; or kinematics, which know no
     aerodynamics, find it too. Never when one of `_AGAINST` holds.
     """
-    seen = _Seen(
-        was={m.station: m.gain for m in before}, left={m.station: m.gain for m in after}, last=last, evidence=evidence
-    )
+    seen = _Seen(was={m.station: m.gain for m in before}, after=after, last=last, evidence=evidence)
     for words, holds in _AGAINST.items():
         if holds(seen):
             return words
@@ -52,12 +52,17 @@ def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Seen:
-    """Gains of anonymous inputs by station, before a cause and beside it."""
+    """Gains of anonymous inputs by station before a cause, and what is missing beside it."""
 
     was: dict[str, float]
-    left: dict[str, float]
+    after: Sequence[MissingInput]
     last: Trial
     evidence: Evidence
+
+    @cached_property
+    def left(self) -> dict[str, float]:
+        """Gains beside it."""
+        return {m.station: m.gain for m in self.after}
 
     @property
     def effect(self) -> Effect:
@@ -75,7 +80,8 @@ class _Seen:
     @property
     def makes_more_missing(self) -> bool:
         more = max(_NOTICEABLE, _BESIDE * self.last.gain)
-        return any(self.left[s] > _WORSE * was + more for s, was in self.was.items())
+        worse = (m for m in self.after if m.gain > _WORSE * self.was[m.station] + more)
+        return any(missing_share(self.evidence.fit, m) > SHARE for m in worse)
 
     @property
     def is_not_sure(self) -> bool:

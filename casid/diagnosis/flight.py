@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
 
+from casid.diagnosis.redundant import RATE_OF, is_derived
 from casid.errors import InputError
 from casid.estimation.compiler import BUILDING, Compilable
 from casid.estimation.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
@@ -40,6 +42,7 @@ from casid.signals import SURFACES
 
 # with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
 _NOT_JUDGED = ("altitude",)
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 _CLEARLY = 1.2  # ratio above which a noise density is more than a high band within its scatter
 _COMMON = 0.7  # part of the outputs that a filter common to all channels shows in
 _LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
@@ -174,9 +177,14 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     ready = [flight_inputs(aircraft, record, axes) for record in records]
     moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
     outputs = tuple(o for o in moved if _moves(ready, o))
-    constant = [o for o in moved if o not in outputs]
-    ready = tuple(_with_all(record, outputs, constant) for record in ready)
     sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in _that_have(ready, o)]) for o in outputs}
+    left_out = {o: "constant in all records" for o in moved if o not in outputs}
+    for acceleration, rate in RATE_OF.items():
+        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma[rate]):
+            del sigma[acceleration]
+            left_out[acceleration] = f"computed from {rate}, whose noise it has, and nothing new"
+    outputs = tuple(sigma)
+    ready = tuple(_with_all(record, outputs, left_out) for record in ready)
     inputs = {f"d_{name}": [r[name] for r in ready] for name in (*SURFACES, "thrust")}
     input_sigma = {
         name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
@@ -208,9 +216,9 @@ def _moves(records: Sequence[Record], name: str) -> bool:
     return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
 
 
-def _with_all(record: Record, outputs: Sequence[str], constant: Sequence[str] = ()) -> Record:
+def _with_all(record: Record, outputs: Sequence[str], left_out: Mapping[str, str] = _NOTHING) -> Record:
     """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
-    channels that are `constant`. Raises InputError when it measures less than two."""
+    channels that are `left_out`, with the reason. Raises InputError when it measures less than two."""
     shown = [name for name in outputs if _has(record, name)]
     if len(shown) < 2:
         raise InputError(
@@ -219,7 +227,7 @@ def _with_all(record: Record, outputs: Sequence[str], constant: Sequence[str] = 
         )
     absent = {name: np.full(len(record), np.nan) for name in outputs if name not in shown}
     notes = [f"{name}: not measured here, so the other records alone tell of it" for name in absent]
-    notes += [f"{name}: constant in all records, so it is left out" for name in constant if name in record]
+    notes += [f"{name}: {why}, so it is left out" for name, why in left_out.items() if name in record]
     return replace(record.with_channels(**absent), notes=(*record.notes, *notes)) if notes else record
 
 

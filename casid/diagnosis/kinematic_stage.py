@@ -19,7 +19,7 @@ from casid.model.effect import Effect
 from casid.model.effects import catalogue
 
 _REPAIRS = 3
-_RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left; of what faults gain alone, in moving air
+_RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left
 
 
 def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
@@ -68,8 +68,8 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Se
     """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
 
     Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
-    no turbulence, or when they explain much in moving air too; and one drifting instrument that tells more than all
-    moving air is one. All beside small offsets of all instruments.
+    no turbulence, or when they explain more in moving air than it does beside them; and one drifting instrument that
+    tells more than all moving air is one. All beside small offsets of all instruments.
     """
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
 
@@ -97,5 +97,4 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Se
     if faulty is calm:
         return turbulent
     beside = kinematics.turbulence(flight, faulty)
-    alone, together = before.deviance - evidence.deviance, in_moving_air[0] - in_moving_air[-1]
-    return turbulent if beside.named and together < _RIVAL * alone else beside
+    return turbulent if beside.named and in_moving_air[0] - in_moving_air[-1] < beside.gain else beside

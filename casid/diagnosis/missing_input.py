@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of, gram_of
@@ -46,6 +46,11 @@ class MissingInput:
     def rms(self) -> float:
         """Root mean square about the mean, in the unit of the station."""
         return float(np.std(np.concatenate([mean for _, mean, _ in self.history.values()])))
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation from the mean of its record, in the unit of the station."""
+        return max(float(np.max(np.abs(mean - np.mean(mean)))) for _, mean, _ in self.history.values())
 
 
 def stations(fit: Fit) -> list[str]:
@@ -110,9 +115,17 @@ def _peak_frequency(fit: Fit) -> float | None:
         at = np.clip(np.rint(frequency[below] / nodes[1]).astype(int), 0, len(nodes) - 1)
         power[below] += own[at]  # chi-square, two degrees of freedom
         dof[below] += 2.0
-    chance = stats.chi2.logsf(power, dof[:, None]) + np.log(power.size)
+    chance = _log_chance(power, dof[:, None]) + np.log(power.size)
     at, _ = np.unravel_index(np.argmin(chance), chance.shape)
     return float(frequency[at]) if chance.min() < np.log(_BY_CHANCE) else None
+
+
+def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
+    """Logarithm of the chance that a chi-square is larger; far out, where scipy has nothing left of it, by the leading
+    term of its expansion."""
+    near, half = stats.chi2.logsf(power, dof), np.maximum(power, 1.0) / 2.0
+    far = (dof / 2.0 - 1.0) * np.log(half) - half - special.gammaln(dof / 2.0)
+    return np.where(np.isfinite(near), near, far)
 
 
 def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingInput:

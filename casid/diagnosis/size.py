@@ -10,6 +10,7 @@ from casid.diagnosis.coefficients import coefficient_series, unlike_derivatives,
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.missing_input import READING, MissingInput
+from casid.model.causes import sensor_bias
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
@@ -84,12 +85,15 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
 
 
 def missing_share(fitted: Fit, missing: MissingInput) -> float:
-    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over `_WIND`."""
+    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over `_WIND`. A drift of
+    a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
     station = missing.station
     if station in _WIND:
         return missing.rms / _WIND[station]
-    if station.startswith(READING):
-        series = fitted.read[..., fitted.model.outputs.index(station.removeprefix(READING))]
-    else:
+    if not station.startswith(READING):
         series = coefficient_series(fitted)[station[1:]]
-    return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
+        return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
+    channel = station.removeprefix(READING)
+    series = fitted.read[..., fitted.model.outputs.index(channel)]
+    as_bias = missing.largest / (sensor_bias(channel).smallest_that_matters(fitted.flight.aircraft) or np.inf)
+    return min(missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12), SHARE * as_bias)
