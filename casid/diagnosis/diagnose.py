@@ -88,8 +88,7 @@ def diagnose(
     stages.begin("held-out records")
     kept = _kept(held, begun, naming)
     stages.begin("missing inputs")
-    same = kept.evidence is naming.evidence
-    left = naming.missing if same else tuple(missing_inputs(kept.evidence))
+    left = naming.missing if kept.evidence is naming.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
     causes, minor = causes_of(
@@ -97,7 +96,7 @@ def diagnose(
     )
     unexplained = still_missing(kept.evidence, left, causes, begun.least)
     small = too_small(naming, (*causes, *minor), unexplained)
-    if small and (same or not unexplained):
+    if small and (kept.has_all(naming) or not unexplained):  # they were tried beside all that was named
         minor, unexplained = (*minor, *small), []
     if not unexplained:
         slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
@@ -190,6 +189,12 @@ class _Kept:
     @property
     def fit(self) -> Fit:
         return self.evidence.fit
+
+    def has_all(self, naming: Naming) -> bool:
+        """Whether every cause that stands in the naming's last fit is in it."""
+        named = {round_.trials[0].effect.key for round_ in naming.named}
+        standing = {one.effect.key for one in naming.evidence.fit.attached}
+        return named & standing <= {one.effect.key for one in self.fit.attached}
 
 
 def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:

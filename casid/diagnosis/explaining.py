@@ -21,6 +21,7 @@ _BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of c
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
+_NEXT_TO_NOTHING = 0.02  # of what is still missing: a model that misses so much more bends small things
 
 
 def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence) -> str:
@@ -84,6 +85,10 @@ class _Seen:
         return any(missing_share(self.evidence.fit, m) > SHARE for m in worse)
 
     @property
+    def is_next_to_nothing(self) -> bool:
+        return self.last.total < _NEXT_TO_NOTHING * max(self.left.values())
+
+    @property
     def is_not_sure(self) -> bool:
         return not is_sure(self.evidence, self.last.candidate.name)
 
@@ -129,6 +134,7 @@ class _Seen:
 
 _AGAINST: dict[str, Callable[[_Seen], bool]] = {
     "makes more missing elsewhere": lambda seen: seen.makes_more_missing,
+    "is next to nothing beside what is still missing": lambda seen: seen.is_next_to_nothing,
     "is not sure to be there at all": lambda seen: seen.is_not_sure,
     "is steady, but the reading drifts": lambda seen: seen.has_a_bias_that_drifts,
     "moves the air, but one reading that drifts tells more": lambda seen: seen.is_air_where_one_reading_drifts,
