@@ -280,7 +280,7 @@ def test_attas_script(flight_data, run_in_process, tmp_path):
         assert ratio["std"] > 3.0 and ratio["std_corrected"] < 0.5 * ratio["std"]
     once, again = (one["found"] for one in result["instruments"].values())
     close = {"sensor_bias": {"rel": 0.15}, "vane_position": {"rel": 0.15}, "sensor_scale": {"abs": 0.01}}
-    close["sensor_delay"] = {"abs": 0.005}  # s, an eighth of a sample
+    close["sensor_delay"] = {"abs": 0.01}  # s, a quarter of a sample
     for name in once:
         assert once[name][0] == pytest.approx(again[name][0], **close[name.partition("(")[0]]), name
     for name in ("vane_position(alpha)", "vane_position(beta)"):  # a nose boom of an aircraft 20.6 m long
