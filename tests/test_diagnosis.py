@@ -366,3 +366,13 @@ def test_an_expected_term_is_no_cause_beside_something_larger_at_its_coefficient
     named = [(c.target, c.term) for c in found.causes]
     assert found.verdict == ("unexplained" if unknown else "explained"), str(found)
     assert named == ([] if unknown else [("Cl", "alpha*r")])
+
+
+@pytest.mark.parametrize(("value", "named"), [(14.0, False), (28.0, True)])
+def test_an_expected_term_is_a_cause_beside_another_when_it_matters_much(value: float, named: bool) -> None:
+    """14 % of Cl, which every aircraft may have, is not what is wrong where beta comes late; 28 % is, too."""
+    term = Attached(effect=aero_term("Cl", "alpha*r"), values={"value": value})
+    late = Attached(effect=sensor_delay("beta"), values={"value": 0.12})
+    found = diagnose(rough_file(), flights([term, late], seed=23, count=4))
+    assert {(c.kind, c.target) for c in found.causes} == {("sensor_delay", "beta"), *[("aero_term", "Cl")] * named}
+    assert ("Cl" in {c.target for c in found.minor}) != named
