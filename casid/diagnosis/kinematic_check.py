@@ -17,6 +17,7 @@ KINEMATIC_GAIN = 50.0  # that a cause must promise before kinematics can judge i
 _REFUTED, CONFIRMED = 0.3, 0.7
 _LARGER = 1.5  # part above which kinematics find another, larger size
 _CONTRADICTION = 30.0  # chi-square of the size by kinematics against that of the full model, before they contradict it
+_SEEN, _OPPOSED = 9.0, 8.0  # statistic from which a cause shows in kinematics at all, and the same chi-square there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +39,9 @@ class KinematicCheck:
 
     @property
     def refuted(self) -> bool:
-        """Whether they clearly do not find it."""
-        return self._elsewhere and self.achieved < _REFUTED * self.predicted
+        """Whether they clearly do not find it, or find less than half of the little that they should see."""
+        opposed = self.achieved < 0.0 and _SEEN < self.predicted <= KINEMATIC_GAIN and self._contradiction > _OPPOSED
+        return opposed or (self._elsewhere and self.achieved < _REFUTED * self.predicted)
 
     @property
     def confirmed(self) -> bool:
@@ -60,7 +62,12 @@ class KinematicCheck:
     @property
     def _elsewhere(self) -> bool:
         """Whether the size by kinematics is clearly another one."""
-        return self.judges and (self.predicted - self.achieved) ** 2 > 4.0 * self.predicted * _CONTRADICTION
+        return self.judges and self._contradiction > _CONTRADICTION
+
+    @property
+    def _contradiction(self) -> float:
+        """Chi-square of the size by kinematics against that of the full model."""
+        return (self.predicted - self.achieved) ** 2 / (4.0 * self.predicted)
 
 
 def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck:
