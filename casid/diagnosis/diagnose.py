@@ -96,10 +96,10 @@ def diagnose(
     )
     unexplained = still_missing(kept.evidence, left, causes, begun.least)
     small = too_small(naming, (*causes, *minor), unexplained)
-    if small and (kept.has_all(naming) or not unexplained):  # they were tried beside all that was named
+    slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
+    if small and (not unexplained or _nothing_beside(kept, slight, naming, causes, begun.least)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
-        slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
         unexplained = _missing_on_held(kept, slight, causes, begun.least)
     verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
@@ -196,6 +196,10 @@ class _Kept:
         standing = {one.effect.key for one in naming.evidence.fit.attached}
         return named & standing <= {one.effect.key for one in self.fit.attached}
 
+    def beside(self, slight: Sequence[Attached]) -> Fit:
+        """The fit with further effects."""
+        return fit(self.fit.flight, [*self.fit.attached, *slight], self.fit.noise, self.fit)
+
 
 def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
     named, turbulence = naming.named, begun.turbulence
@@ -232,10 +236,20 @@ def _missing_on_held(
 
     found = missing(kept.fit, kept.held_fit)
     if found and slight:
-        beside = fit(kept.fit.flight, [*kept.fit.attached, *slight], kept.fit.noise, kept.fit)
+        beside = kept.beside(slight)
         if not missing(beside, judge_on(kept.held_fit.flight.records, beside)):
             return []
     return found
+
+
+def _nothing_beside(
+    kept: _Kept, slight: Sequence[Attached], naming: Naming, causes: Sequence[Cause], least: float
+) -> bool:
+    """Whether nothing is missing in the fitted records beside a `slight` cause, which was tried beside all others."""
+    if not kept.has_all(naming):
+        return False
+    evidence = weigh(kept.beside(slight))
+    return not still_missing(evidence, missing_inputs(evidence), causes, least)
 
 
 def attached_effects(flight: Flight) -> list[Attached]:
