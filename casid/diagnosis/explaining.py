@@ -16,7 +16,10 @@ from casid.diagnosis.result import Trial
 from casid.diagnosis.size import SHARE, missing_share
 from casid.model.effect import Effect
 
-_EXPLAINED, _NOTICEABLE = 0.35, 150.0  # part of a missing input's gain that may stay, and what is little anyway
+# part of a missing input's gain that may stay: what truly acts leaves a hundredth, or a third where it is excited by what
+# is not recorded, imitations from a fifth on; and what is little anyway
+_EXPLAINED, _NOTICEABLE = 0.25, 150.0
+_HELPED = 0.35  # part of a cause's gain that an input must lose to be looked at
 _BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of coefficients that switch together
 _STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
@@ -127,7 +130,7 @@ class _Seen:
         too little for an anonymous input to do what the cause does."""
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        if self.was[helped] - self.left[helped] > max(_EXPLAINED * self.last.gain, _NOTICEABLE):
+        if self.was[helped] - self.left[helped] > max(_HELPED * self.last.gain, _NOTICEABLE):
             found.add(helped)
         return found
 
