@@ -16,8 +16,8 @@ from casid.diagnosis.result import Trial
 from casid.diagnosis.size import SHARE, missing_share
 from casid.model.effect import Effect
 
-# part of a missing input's gain that may stay: what truly acts leaves a hundredth, or a third where it is excited by what
-# is not recorded, imitations from a fifth on; and what is little anyway
+# part of a missing input's gain that may stay: of what truly acts hardly any does, of imitations a fifth and more; and
+# what is little anyway
 _EXPLAINED, _NOTICEABLE = 0.25, 150.0
 _HELPED = 0.35  # part of a cause's gain that an input must lose to be looked at
 _BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of coefficients that switch together
