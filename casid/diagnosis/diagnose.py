@@ -95,8 +95,9 @@ def diagnose(
         naming, kept.evidence, begun.turbulence, kept.gains, kept.structure, kept.structure_gain, begun.least, left
     )
     unexplained = still_missing(kept.evidence, left, causes, begun.least)
-    small = too_small(naming, (*causes, *minor), unexplained)
-    slight = [trial.candidate.attached for trial in minor_trials(naming, causes)][:1]
+    seen = (*causes, *minor)
+    small = too_small(naming, seen, unexplained)
+    slight = [trial.candidate.attached for trial in minor_trials(naming, seen)][:1]
     if small and (not unexplained or _nothing_beside(kept, slight, naming, causes, begun.least)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
