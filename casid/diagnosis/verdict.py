@@ -31,7 +31,8 @@ from casid.model.vocabulary import effect_sentence
 MISSING_GAIN = 150.0
 _DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
 _LASTING = ("length", "duration")  # values that say how long an event takes
-_NOTABLE = 2.0  # times what matters, from which structure that every aircraft has is a cause, if nothing else is
+# times what matters, from which structure that every aircraft has is a cause, and times that beside what gains more
+_NOTABLE, _BESIDE = 2.0, 1.5
 _HINT = 0.5  # part of the gain of a name from which a cause that is none is worth a look
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
@@ -56,7 +57,7 @@ def causes_of(
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   terms expected of any aircraft that were put into the model beforehand, which together gained
                 `structure_gain` on the held-out records: minor, unless they gain more than `least` and matter twice
-                as much as a term must that is named, four times beside what else is wrong, and little is `left`
+                as much as a term must that is named, three times beside what gains more, and little is `left`
                 missing at their coefficient. What is expected of some aircraft, and was named, is minor unless it
                 cannot be told from another cause
     """
@@ -88,10 +89,11 @@ def causes_of(
         ),
     ]
     missing = {m.station: m.gain for m in left}
-    share = _NOTABLE * (2.0 if causes or still_missing(evidence, left, causes, least) else 1.0)
+    unexplained = still_missing(evidence, left, causes, least)
+    strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
     for one in structure:
         left_there = missing.get(f"d{one.effect.target}", 0.0)
-        put_in = _expected(one.name, evidence, structure_gain, least, left_there, share)
+        put_in = _expected(one.name, evidence, structure_gain, least, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
@@ -161,11 +163,12 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
-def _expected(name: str, evidence: Evidence, held: float | None, least: float, left: float, notable: float) -> Cause:
+def _expected(name: str, evidence: Evidence, held: float | None, least: float, left: float, strongest: float) -> Cause:
     fit = evidence.fit
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
+    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0)
     meaningful = share > notable and statistic > least and matters(share, statistic) and is_sure(evidence, name)
     meaningful = meaningful and (held is None or held >= 0.0) and mostly_gone(statistic, left)
     return Cause(
