@@ -18,6 +18,7 @@ from casid.model.path import STATES
 from casid.model.system import Model
 
 _MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
+_NOTHING_KNOWN = 1e-30  # information: less is rounding, as of the end of what outlasts the records
 _HELD = 0.1  # relative change of its strength from which noise counts as held
 
 # what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
@@ -328,7 +329,8 @@ def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
 
 def scaled_inverse(information: np.ndarray) -> np.ndarray:
     """Inverse of an information matrix, scaled to unit diagonal; directions without information get none."""
-    scale = 1.0 / np.sqrt(np.diag(information) + 1e-300)
+    diagonal = np.diag(information)
+    scale = np.where(diagonal > _NOTHING_KNOWN, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING_KNOWN)), 0.0)
     return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
 
 

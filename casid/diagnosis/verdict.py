@@ -156,8 +156,10 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
 
 
 def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> Intervals:
-    """95 % intervals of onsets with room for how long the event takes: what the data tell of it is its middle."""
-    lasting = {f"{one.name}.{value}" for value in one.values if value in _LASTING}
+    """95 % intervals of onsets with room for how long the event takes: what the data tell of it is its middle, unless
+    it outlasts the records."""
+    longest = max(record.duration for record in evidence.fit.flight.records)
+    lasting = {f"{one.name}.{key}" for key, value in one.values.items() if key in _LASTING and value < longest}
     half = [0.5 * deviation(evidence, slot.name) for slot in evidence.fit.slots if slot.name in lasting]
     room = 1.96 * sum(half)
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
