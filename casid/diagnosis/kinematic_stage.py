@@ -77,10 +77,10 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Se
         air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
         return kinematics.beside_offsets(air).deviance
 
-    faulty, before = calm, weigh(kinematics.beside_offsets(calm), discrepancy=False)
-    if drifts(before)[0].gain > ONE_READING * turbulent.gain:
+    faulty, evidence = calm, weigh(kinematics.beside_offsets(calm), discrepancy=False)
+    if drifts(evidence)[0].gain > ONE_READING * turbulent.gain:
         return kinematics.still_air(flight)
-    evidence, in_moving_air = before, [moved(calm)]
+    in_moving_air = [moved(calm)]
     for _ in range(_REPAIRS):
         taken = {a.effect.key for a in faulty.attached}
         ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
