@@ -7,7 +7,7 @@ only (flight path reconstruction); no derivative, actuator, mass or propulsion c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -62,9 +62,16 @@ class Turbulence:
 
     @property
     def named(self) -> bool:
-        moving = self.gain > _TURBULENCE_GAIN and self.sigma > _LEAST_TURBULENCE
-        along_all = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
-        return moving and along_all and self.as_histories > _SLOW * self.gain
+        return self.sigma > _LEAST_TURBULENCE and self.along_all_axes and self.slow
+
+    @property
+    def along_all_axes(self) -> bool:
+        one_is_not_enough = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
+        return self.gain > _TURBULENCE_GAIN and one_is_not_enough
+
+    @property
+    def slow(self) -> bool:
+        return self.as_histories > _SLOW * self.gain
 
 
 def still_air(flight: Flight) -> Turbulence:
@@ -191,7 +198,7 @@ def beside_offsets(reconstructed: Fit) -> Fit:
     """The same with small offsets of all instruments fitted too. Not for judging instruments: a bias would share its
     evidence with the offset."""
     given = reconstructed
-    return fit(given.flight, given.attached, given.noise, given, free="offsets", iterations=3, tolerance=2.0)
+    return fit(given.flight, given.attached, given.noise, given, free="offsets", iterations=2, tolerance=2.0)
 
 
 def again(before: Fit, attached: Sequence[Attached]) -> Fit:
@@ -229,6 +236,24 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     gain = max(calm.deviance - found.deviance, 0.0)
     if gain < _TURBULENCE_GAIN:
         return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
+    axes = [axis for axis in WIND if axis in found.model.disturbances]
+    along = sorted(
+        side_by_side(lambda axis: at(best, _SCALE_LENGTH, found, (axis,)), axes), key=lambda one: one.deviance
+    )
+    still, moving, *beside = side_by_side(beside_offsets, [calm, found, *along[:1]])
+    judged = Turbulence(
+        sigma=best, std=best, gain=still.deviance - moving.deviance, records=flight.names,
+        beyond_one_axis=beside[0].deviance - moving.deviance,
+    )  # fmt: skip
+    if not judged.along_all_axes:
+        return judged
+    beside += side_by_side(beside_offsets, along[1:])
+    judged = replace(
+        judged, beyond_one_axis=min(one.deviance for one in beside) - moving.deviance,
+        as_histories=sum(one.gain for one in moving_air(weigh(still, discrepancy=False))),
+    )  # fmt: skip
+    if not (judged.along_all_axes and judged.slow):
+        return judged
     # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
     # What the records feel is the strength of the process at short times, sigma^2 / length
     factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
@@ -240,16 +265,8 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, iterations=1).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity)
-    found = at(sigma, length, found)
-    moved = [axis for axis in WIND if axis in found.model.disturbances]
-    cases = [calm, found, *side_by_side(lambda axis: at(sigma, length, found, (axis,)), moved)]
-    still, moving, *along_one = side_by_side(beside_offsets, cases)
-    return Turbulence(
-        sigma=sigma, std=sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2)),
-        gain=still.deviance - moving.deviance, records=flight.names, length=length,
-        beyond_one_axis=min(one.deviance for one in along_one) - moving.deviance,
-        as_histories=sum(one.gain for one in moving_air(weigh(still, discrepancy=False))),
-    )  # fmt: skip
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2))
+    return replace(judged, sigma=sigma, std=std, length=length)
 
 
 def _lowest(points: np.ndarray, deviance: Sequence[float]) -> tuple[float, float]:
