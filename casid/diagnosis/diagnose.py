@@ -13,6 +13,7 @@ from casid.diagnosis.fit import fit, from_elsewhere, without
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.input_timing import NOTABLE, as_inputs_run
 from casid.diagnosis.kinematic_stage import judge_kinematics, without_turbulence
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
@@ -79,10 +80,13 @@ def diagnose(
     flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
     known = attached_effects(flight)
     flight = with_noise_level(flight, known)
+    stages.begin("baseline fit")
+    calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
+    flight = calm.flight
     stages.begin("kinematics")
     kinematic, instruments, turbulence = judge_kinematics(flight, known)
     stages.begin("baseline fit")
-    begun = _begun(fit(flight, known, flight.noise(), iterations=20), turbulence)
+    begun = _begun(calm, turbulence)
     stages.begin("naming")
     begun, naming = _named(begun, kinematic, instruments, known, report)
     stages.begin("held-out records")
@@ -151,11 +155,16 @@ def _named(
     begun: _Begun, kinematic: Evidence | None, instruments: Sequence[Candidate], known: Sequence[Attached],
     report: Callable[[str], None],
 ) -> tuple[_Begun, Naming]:  # fmt: skip
-    """The naming, and where it began: without turbulence, if that is not there any more beside what was named; and from
-    another minimum of the baseline, if nothing could be named that far from the data."""
+    """The naming, and where it began: with inputs that run otherwise between samples, if they show to beside what was
+    named; without turbulence, if that is not there any more; and from another minimum of the baseline, if nothing could
+    be named that far from the data."""
     flight = begun.calm.flight
     effects = catalogue(flight.aircraft, flight.outputs)
     naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
+    held = as_inputs_run(naming.evidence.fit, least=NOTABLE).flight
+    if held is not flight:
+        begun = _begun(fit(held, known, held.noise(), begun.calm, iterations=20), begun.turbulence)
+        naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
     if begun.turbulence.named:
         calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
         if calm_air is not None:

@@ -57,6 +57,7 @@ class Flight:
     doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
                    to be raised by `with_noise_above`
     turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
+    held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
     """
 
     aircraft: Aircraft
@@ -67,6 +68,7 @@ class Flight:
     input_sigma: dict[str, float]
     doubted: tuple[str, ...] = ()
     turning: Mapping[str, float] = field(default_factory=dict)
+    held: float = 0.0
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
@@ -106,7 +108,8 @@ class Flight:
         return self._regressors[model]
 
     def batch(self, model: Model) -> Batch:
-        return make_batch(model, self.records)
+        batch = make_batch(model, self.records)
+        return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held)) if self.held else batch
 
     def measured(self, model: Model) -> np.ndarray:
         """(N, R, states) motion as it was measured, what is not measured by the trim."""
@@ -157,6 +160,15 @@ class Flight:
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
         """The same records in a model that moving air turns, too."""
         return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
+
+    def with_inputs_held(self, share: float) -> Flight:
+        """This flight with inputs held over a share of the sample interval (`Batch.held`), and a note of it."""
+        late = 0.5e3 * share * float(np.median([record.dt for record in self.records]))
+        note = f"inputs: taken to act {abs(late):.2g} ms {'after' if late > 0.0 else 'before'} the straight line"
+        note += f" between their samples, as the surfaces agree: held over {share:.0%} of an interval"
+        others = (tuple(n for n in record.notes if not n.startswith("inputs: ")) for record in self.records)
+        noted = zip(self.records, others, strict=True)
+        return replace(self, held=share, records=tuple(replace(r, notes=(*notes, note)) for r, notes in noted))
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than

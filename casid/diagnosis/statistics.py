@@ -45,11 +45,11 @@ def free_simulation(fit: Fit) -> Simulated:
     N, R = batch.live.shape
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
     X = np.empty((N, R, len(model.states)))
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances)
     for r in range(R):
-        U, W = batch.U[:, r], fit.disturbances[:, r]
-        U1, W1 = (U[:-1], W[:-1]) if batch.held[r] else (U[1:], W[1:])
         P = np.tile(fit.parameters[r][:, None], (1, N - 1))
-        states = chain(fit.linear.X[0, r], U[:-1].T, U1.T, P, W[:-1].T, W1.T, batch.dt[:, r][None])
+        given = (one[:, r].T for one in (U0, U1))
+        states = chain(fit.linear.X[0, r], *given, P, W0[:, r].T, W1[:, r].T, batch.dt[:, r][None])
         X[:, r] = np.vstack([fit.linear.X[0, r][None], states.full().T])
     output = fit.output_along(X)
     output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)

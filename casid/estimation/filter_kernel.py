@@ -38,7 +38,7 @@ class FilterKernel:
         shapes = [(nx, nx), (nx, n_p), (nx, nw), (nx, nw), (ny, nx), (ny, n_p), (ny, nw)]
         made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
         given = [part.swapaxes(2, 3) for part in (by_x, by_p, by_w)]  # as CasADi wrote them
-        flags = [flag.astype(np.uint8) for flag in (live, held, seen)]
+        flags = live.astype(np.uint8), held.astype(float), seen.astype(np.uint8)
         _call(self._interval, N, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
         return tuple(made)
 

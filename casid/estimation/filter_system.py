@@ -55,9 +55,9 @@ class FilterSystem:
         key = ("compiled derivatives", tuple(index), names)
         kernel = cached(model, key, lambda: Compilable(sample_derivatives(model, index, names)))
         steps, records, n = linear.defect.shape
-        following = np.where(batch.held[None, :, None], batch.U[:-1], batch.U[1:])
+        beginning, following = batch.ends(batch.U)
         values = np.broadcast_to(P, (steps, *P.shape))
-        found = kernel.mapped(steps * records)(linear.X[:-1], batch.U[:-1], following, batch.dt, values)
+        found = kernel.mapped(steps * records)(linear.X[:-1], beginning, following, batch.dt, values)
         a, b, g = (found[i].reshape(steps, records, n, -1).copy() for i in range(3))
         inside = batch.live[1:, :, None, None]
         stations = [model.disturbances.index(name) for name in names]

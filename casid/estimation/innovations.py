@@ -46,7 +46,8 @@ class NoiseModel:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Batch:
     """Records side by side, padded to the longest: t (N, R), dt (N-1, R), U (N, R, nu), Z (N, R, ny) with NaN where a
-    sample is missing, live (N, R) true inside the record, held (R,) inputs constant over the sample that follows."""
+    sample is missing, live (N, R) true inside the record. held (R,) says how inputs run between samples: 0 linearly, 1
+    held until the next, -1 as the next from the beginning, and shares of these."""
 
     names: tuple[str, ...]
     t: np.ndarray
@@ -59,6 +60,13 @@ class Batch:
     @property
     def samples(self) -> int:
         return int(self.live.sum())
+
+    def ends(self, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N-1, R, n) values of (N, R, n) inputs at the beginning and at the end of each interval."""
+        share, change = self.held[None, :, None], series[1:] - series[:-1]
+        first = np.where(share < 0.0, series[:-1] - share * change, series[:-1])
+        last = np.where(share > 0.0, series[1:] - share * change, series[1:])
+        return first, np.where(share == 1.0, first, last)
 
 
 def make_batch(model: Model, records: Sequence[Record]) -> Batch:
@@ -75,7 +83,7 @@ def make_batch(model: Model, records: Sequence[Record]) -> Batch:
         for i, name in enumerate(model.outputs):
             if name in record:
                 Z[:n, j, i] = record[name]
-    held = np.array([record.hold == "held" for record in records])
+    held = np.array([1.0 if record.hold == "held" else 0.0 for record in records])
     return Batch(names=tuple(r.name for r in records), t=t, dt=np.diff(t, axis=0), U=U, Z=Z, live=live, held=held)
 
 
@@ -146,7 +154,7 @@ class Linear:
 
     residual (N, R, ny) is Z - output, NaN-free with `seen` telling the samples that count; defect (N-1, R, nx) is the
     model's next state minus the nominal next state. A, Bp, Bw0, Bw1 act over a sample interval (w linear between
-    samples, or held), C, Dp, Dw at a sample.
+    samples, or as `Batch.held` says), C, Dp, Dw at a sample.
     """
 
     model: Model
@@ -177,9 +185,8 @@ def linearise(
     nx = len(model.states)
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
     by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
-    U1 = np.where(batch.held[None, :, None], batch.U[:-1], batch.U[1:])
-    W1 = np.where(batch.held[None, :, None], W[:-1], W[1:])
-    after = functions.step(X[:-1], batch.U[:-1], U1, P, W[:-1], W1, batch.dt)
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W)
+    after = functions.step(X[:-1], U0, U1, P, W0, W1, batch.dt)
     output = functions.output(X, batch.U, P, W)
     seen = np.isfinite(batch.Z)
     kernel = filter_kernel(nx, len(model.outputs))
@@ -202,8 +209,8 @@ def _interval(by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
     Bp = h / 2 * (Fp0 + Fp1) + h**2 / 2 * (K @ Fp0)
     Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw0)
-    still = held[None, :, None, None]
-    Bw0, Bw1 = np.where(still, Bw0 + Bw1, Bw0), np.where(still, 0.0, Bw1)
+    late, early = np.maximum(held, 0.0)[None, :, None, None], np.maximum(-held, 0.0)[None, :, None, None]
+    Bw0, Bw1 = (1.0 - early) * Bw0 + late * Bw1, (1.0 - late) * Bw1 + early * Bw0
     intervals = (np.where(inside, A, np.eye(nx)), *(np.where(inside, B, 0.0) for B in (Bp, Bw0, Bw1)))
     return (*intervals, *(np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_p, by_w)))
 

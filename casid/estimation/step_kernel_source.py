@@ -24,7 +24,7 @@ static void outputs(long nx, long ny, long columns, const double *by, const unsi
 /* Step matrices of `innovations.linearise` from Jacobians (N,R,columns,nx+ny) of state and output equations. */
 void interval(long from, long to, long N, long R, long nx, long ny, long np, long nw, const double *by_x,
               const double *by_p, const double *by_w, const double *dt, const unsigned char *live,
-              const unsigned char *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
+              const double *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
               double *C, double *Dp, double *Dw)
 {
     long rows = nx + ny;
@@ -62,8 +62,8 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
             along(nx, rows, K, x0, moved);
             for (long i = 0; i < nx; i++) {
                 double first = h / 2 * x0[i] + h * h / 3 * moved[i], second = h / 2 * x1[i] + h * h / 6 * moved[i];
-                b0[i * nw + j] = held[r] ? first + second : first;
-                b1[i * nw + j] = held[r] ? 0.0 : second;
+                b0[i * nw + j] = held[r] > 0.0 ? first + held[r] * second : (1.0 + held[r]) * first;
+                b1[i * nw + j] = held[r] > 0.0 ? (1.0 - held[r]) * second : second - held[r] * first;
             }
         }
     }
