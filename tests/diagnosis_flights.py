@@ -57,9 +57,10 @@ def flights(
     noise: Mapping[str, float] = NOISE,
     surface_noise: float = SURFACE_NOISE,
     size: float = 1.0,
+    hold: str = "linear",
 ) -> list[Record]:
     """`count` records m1, m2, ... with the hidden effects and any further `disturbance` flown, white noise added;
-    `size` scales the manoeuvres.
+    `size` scales the manoeuvres. How inputs run between samples, `hold`, is not in the records.
 
     The recorded surfaces are what was commanded: an actuator effect acts between them and the aircraft.
     """
@@ -80,7 +81,7 @@ def flights(
             "thrust": THRUST + sign * 2e3 * multistep(t, 8.0, _DOUBLET, 3.0),
             "rho": np.full(len(t), level.rho),
         }  # fmt: skip
-        commanded = Record(name=name, t=t, channels=channels)
+        commanded = Record(name=name, t=t, channels=channels, hold=hold)
         known = {key: series[:, None] for key, series in channels.items()}
         for _ in range(_PICARD if any(a.effect.enters in _AIR for a in hidden) else 1):
             W = disturbance_series(hidden, [name], t[:, None], known, model.disturbances)[:, 0]

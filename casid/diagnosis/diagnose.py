@@ -23,7 +23,7 @@ from casid.diagnosis.result import Cause, Diagnosis, View
 from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE
 from casid.diagnosis.statistics import channel_fits, free_simulation
-from casid.diagnosis.structure import demanded_structure
+from casid.diagnosis.structure import demanded_offsets, demanded_structure
 from casid.diagnosis.verdict import (
     causes_of,
     extended_aircraft,
@@ -82,13 +82,13 @@ def diagnose(
     flight = with_noise_level(flight, known)
     stages.begin("baseline fit")
     calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
-    flight = calm.flight
+    flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
-    kinematic, instruments, turbulence = judge_kinematics(flight, known)
+    kinematic, instruments, turbulence = judge_kinematics(flight, [*known, *offsets])
     stages.begin("baseline fit")
-    begun = _begun(calm, turbulence)
+    begun = _begun(calm, turbulence, offsets)
     stages.begin("naming")
-    begun, naming = _named(begun, kinematic, instruments, known, report)
+    begun, naming = _named(begun, kinematic, instruments, [*known, *offsets], report)
     stages.begin("held-out records")
     kept = _kept(held, begun, naming)
     stages.begin("missing inputs")
@@ -124,8 +124,8 @@ def diagnose(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Begun:
-    """Where the naming begins: the baseline in calm air, the terms that its structure demands, the fit with these, and
-    the same in the air as it moves."""
+    """Where the naming begins: the baseline in calm air, terms that its structure demands and `offsets` of instruments,
+    the fit with these, and the same in the air as it moves."""
 
     calm: Fit
     structure: list[Attached]
@@ -144,8 +144,8 @@ class _Begun:
         return self.calm if of_structure and not self.turbulence.named else self.start
 
 
-def _begun(calm: Fit, turbulence: Turbulence) -> _Begun:
-    structure = demanded_structure(calm)
+def _begun(calm: Fit, turbulence: Turbulence, offsets: Sequence[Attached]) -> _Begun:
+    structure = [*demanded_structure(calm), *offsets]
     structured = fit(calm.flight, [*calm.attached, *structure], calm.noise, calm) if structure else calm
     start = kinematics.in_turbulence(calm.flight, turbulence, structured) if turbulence.named else structured
     return _Begun(calm=calm, structure=structure, structured=structured, start=start, turbulence=turbulence)
@@ -163,7 +163,8 @@ def _named(
     naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
     held = as_inputs_run(naming.evidence.fit, least=NOTABLE).flight
     if held is not flight:
-        begun = _begun(fit(held, known, held.noise(), begun.calm, iterations=20), begun.turbulence)
+        again = fit(held, begun.calm.attached, held.noise(), begun.calm, iterations=20)
+        begun = _begun(again, begun.turbulence, demanded_offsets(again))
         naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
     if begun.turbulence.named:
         calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
@@ -171,7 +172,7 @@ def _named(
             begun = replace(begun, start=begun.structured, turbulence=kinematics.still_air(flight))
             naming = name_causes(weigh(begun.start), effects, *calm_air, begun.least, report)
     elif not naming.named and (other := from_elsewhere(begun.calm)) is not None:
-        again = _begun(other, begun.turbulence)
+        again = _begun(other, begun.turbulence, demanded_offsets(other))
         second = name_causes(weigh(again.start), effects, kinematic, instruments, again.least, report)
         if second.named:
             return again, second

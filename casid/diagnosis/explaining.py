@@ -13,7 +13,7 @@ from functools import cached_property
 from casid.diagnosis.evidence import Evidence, is_sure
 from casid.diagnosis.missing_input import ONE_READING, READING, MissingInput
 from casid.diagnosis.result import Trial
-from casid.diagnosis.size import SHARE, missing_share
+from casid.diagnosis.size import SHARE, meaningful_share, missing_share
 from casid.model.effect import Effect
 
 # part of a missing input's gain that may stay: of what truly acts hardly any does, of imitations a fifth and more; and
@@ -97,7 +97,9 @@ class _Seen:
 
     @property
     def has_a_bias_that_drifts(self) -> bool:
-        biased = [READING + a.effect.target for a in self.evidence.fit.attached if a.effect.constant]
+        fit = self.evidence.fit
+        biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
+        biased = [READING + a.effect.target for a in biases]
         return not self.gone([s for s in biased if s in self.was], _STEADY)
 
     @property

@@ -55,10 +55,10 @@ def causes_of(
                 minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside
                 others, or that never mattered
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
-    structure   terms expected of any aircraft that were put into the model beforehand, which together gained
-                `structure_gain` on the held-out records: minor, unless they gain more than `least` and matter twice
-                as much as a term must that is named, three times beside what gains more, and little is `left`
-                missing at their coefficient. What is expected of some aircraft, and was named, is minor unless it
+    structure   what is expected of any aircraft and was put into the model beforehand, which together gained
+                `structure_gain` on the held-out records: minor, unless it gains more than `least`, matters (a term
+                twice as much as one that is named, three times beside what gains more), and little is `left` missing
+                at its coefficient. What is expected of some aircraft, and was named, is minor unless it
                 cannot be told from another cause
     """
     named, final = naming.named, evidence.fit
@@ -170,7 +170,8 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0)
+    expected = not effect.of_an_instrument
+    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0) if expected else 1.0
     meaningful = share > notable and statistic > least and matters(share, statistic) and is_sure(evidence, name)
     meaningful = meaningful and (held is None or held >= 0.0) and mostly_gone(statistic, left)
     return Cause(
@@ -178,7 +179,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
         unit=effect.unit, records=fit.batch.names, onset_s=None, statistic=statistic, dof=1,
         p_value=float(stats.chi2.sf(statistic, 1)), held_out_gain=held, indistinguishable_from=(), parameters={},
         meaningful=meaningful, share=share,
-        sentence=sentence if meaningful else f"Expected of any aircraft, and added: {sentence}",
+        sentence=f"Expected of any aircraft, and added: {sentence}" if expected and not meaningful else sentence,
     )  # fmt: skip
 
 
