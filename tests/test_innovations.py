@@ -268,7 +268,7 @@ def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     functions = PointFunctions(model, model.parameters)
     linear = linearise(functions, batch, P, X)
     jacobians = functions.jacobians(X, batch.U, P, np.zeros((60, 2, len(model.disturbances))))
-    plain = _interval(*jacobians, batch.dt, batch.live, batch.held, linear.seen)
+    plain = _interval(*jacobians, batch.dt, batch.live, batch.held_at(model), linear.seen)
     for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
         np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)
 

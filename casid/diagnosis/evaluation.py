@@ -177,6 +177,10 @@ class Work:
         )
         names = [slot.name if slot.attached is None else None for slot in self.slots]
         self.mean, self.weight = prior(flight, self.model, names)
+        slight = {a.name: a.effect.smallest_that_matters(flight.aircraft) or np.inf for a in attached if a.slight}
+        for i, slot in enumerate(self.slots):
+            if slot.name in slight:
+                self.weight[i] = slight[slot.name] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
 

@@ -45,7 +45,7 @@ def free_simulation(fit: Fit) -> Simulated:
     N, R = batch.live.shape
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
     X = np.empty((N, R, len(model.states)))
-    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances)
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances, batch.held_at(model))
     for r in range(R):
         P = np.tile(fit.parameters[r][:, None], (1, N - 1))
         given = (one[:, r].T for one in (U0, U1))

@@ -66,7 +66,7 @@ def demanded_offsets(base: Fit) -> list[Attached]:
         chosen.append(others[int(np.argmax(gains))])
         sizes = _sizes(information, match, chosen)
     return [
-        Attached(effect=effects[i], values={"value": float(size)})
+        Attached(effect=effects[i], values={"value": float(size)}, slight=True)
         for i, size in zip(chosen, sizes, strict=True)
         if abs(size) < (matters[i] or 0.0)
     ]

@@ -34,6 +34,7 @@ _LASTING = ("length", "duration")  # values that say how long an event takes
 # times what matters, from which structure that every aircraft has is a cause, and times that beside what gains more
 _NOTABLE, _BESIDE = 2.0, 1.5
 _HINT = 0.5  # part of the gain of a name from which a cause that is none is worth a look
+_MOST = 0.75  # of what is missing, that something too small to matter explains if it is what is missing
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
@@ -56,9 +57,9 @@ def causes_of(
                 others, or that never mattered
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   what is expected of any aircraft and was put into the model beforehand, which together gained
-                `structure_gain` on the held-out records: minor, unless it gains more than `least`, matters (a term
-                twice as much as one that is named, three times beside what gains more), and little is `left` missing
-                at its coefficient. What is expected of some aircraft, and was named, is minor unless it
+                `structure_gain` on the held-out records: minor, unless it is a term that gains more than `least`,
+                matters twice as much as one that is named must, three times beside what gains more, and little is
+                `left` missing at its coefficient. What is expected of some aircraft, and was named, is minor unless it
                 cannot be told from another cause
     """
     named, final = naming.named, evidence.fit
@@ -105,11 +106,11 @@ def _still_matters(fit: Fit, name: str) -> bool:
 
 def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
     """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
-    small terms. What is missing distorts small things: while something is, only a cause that gains more than any of the
-    inputs `missing`, of whatever shape, could; then it is what is missing."""
+    small terms. What is missing distorts small things: while something is, only a cause that gains `_MOST` of what any
+    of the inputs `missing`, of whatever shape, does; then it may be what is missing."""
     found = [_cause(trial, naming, (), None) for trial in minor_trials(naming, seen)]
     if missing:
-        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > missing[0].gain)
+        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > _MOST * missing[0].gain)
     return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
 
@@ -170,16 +171,15 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    expected = not effect.of_an_instrument
-    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0) if expected else 1.0
+    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0)
     meaningful = share > notable and statistic > least and matters(share, statistic) and is_sure(evidence, name)
-    meaningful = meaningful and (held is None or held >= 0.0) and mostly_gone(statistic, left)
+    meaningful = meaningful and not one.slight and (held is None or held >= 0.0) and mostly_gone(statistic, left)
     return Cause(
         kind=effect.kind, target=effect.target, term=effect.term, value=value, std=deviation(evidence, name),
         unit=effect.unit, records=fit.batch.names, onset_s=None, statistic=statistic, dof=1,
         p_value=float(stats.chi2.sf(statistic, 1)), held_out_gain=held, indistinguishable_from=(), parameters={},
         meaningful=meaningful, share=share,
-        sentence=f"Expected of any aircraft, and added: {sentence}" if expected and not meaningful else sentence,
+        sentence=sentence if meaningful or one.slight else f"Expected of any aircraft, and added: {sentence}",
     )  # fmt: skip
 
 

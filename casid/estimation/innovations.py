@@ -61,9 +61,15 @@ class Batch:
     def samples(self) -> int:
         return int(self.live.sum())
 
-    def ends(self, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N-1, R, n) values of (N, R, n) inputs at the beginning and at the end of each interval."""
-        share, change = self.held[None, :, None], series[1:] - series[:-1]
+    def held_at(self, model: Model) -> np.ndarray:
+        """(R, nw) the same of disturbances: those of recorded inputs run as these do, and all others linearly."""
+        recorded = [name.startswith("d_") and name[2:] in model.inputs for name in model.disturbances]
+        return self.held[:, None] * np.array(recorded, dtype=float)
+
+    def ends(self, series: np.ndarray, held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(N-1, R, n) values of (N, R, n) inputs, or of disturbances that are `held_at`, at the beginning and at the
+        end of each interval."""
+        share, change = self.held[None, :, None] if held is None else held[None], series[1:] - series[:-1]
         first = np.where(share < 0.0, series[:-1] - share * change, series[:-1])
         last = np.where(share > 0.0, series[1:] - share * change, series[1:])
         return first, np.where(share == 1.0, first, last)
@@ -154,7 +160,7 @@ class Linear:
 
     residual (N, R, ny) is Z - output, NaN-free with `seen` telling the samples that count; defect (N-1, R, nx) is the
     model's next state minus the nominal next state. A, Bp, Bw0, Bw1 act over a sample interval (w linear between
-    samples, or as `Batch.held` says), C, Dp, Dw at a sample.
+    samples, or as `Batch.held_at` says), C, Dp, Dw at a sample.
     """
 
     model: Model
@@ -185,13 +191,14 @@ def linearise(
     nx = len(model.states)
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
     by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
-    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W)
+    held = batch.held_at(model)
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W, held)
     after = functions.step(X[:-1], U0, U1, P, W0, W1, batch.dt)
     output = functions.output(X, batch.U, P, W)
     seen = np.isfinite(batch.Z)
     kernel = filter_kernel(nx, len(model.outputs))
     interval = _interval if kernel is None else kernel.interval
-    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(by_x, by_p, by_w, batch.dt, batch.live, batch.held, seen)
+    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(by_x, by_p, by_w, batch.dt, batch.live, held, seen)
     return Linear(
         model=model, free=functions.free, X=X, output=output, seen=seen,
         residual=np.where(seen, batch.Z - output, 0.0),
@@ -209,7 +216,7 @@ def _interval(by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
     Bp = h / 2 * (Fp0 + Fp1) + h**2 / 2 * (K @ Fp0)
     Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw0)
-    late, early = np.maximum(held, 0.0)[None, :, None, None], np.maximum(-held, 0.0)[None, :, None, None]
+    late, early = np.maximum(held, 0.0)[None, :, None], np.maximum(-held, 0.0)[None, :, None]
     Bw0, Bw1 = (1.0 - early) * Bw0 + late * Bw1, (1.0 - late) * Bw1 + early * Bw0
     intervals = (np.where(inside, A, np.eye(nx)), *(np.where(inside, B, 0.0) for B in (Bp, Bw0, Bw1)))
     return (*intervals, *(np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_p, by_w)))

@@ -62,8 +62,9 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
             along(nx, rows, K, x0, moved);
             for (long i = 0; i < nx; i++) {
                 double first = h / 2 * x0[i] + h * h / 3 * moved[i], second = h / 2 * x1[i] + h * h / 6 * moved[i];
-                b0[i * nw + j] = held[r] > 0.0 ? first + held[r] * second : (1.0 + held[r]) * first;
-                b1[i * nw + j] = held[r] > 0.0 ? (1.0 - held[r]) * second : second - held[r] * first;
+                double share = held[r * nw + j];
+                b0[i * nw + j] = share > 0.0 ? first + share * second : (1.0 + share) * first;
+                b1[i * nw + j] = share > 0.0 ? (1.0 - share) * second : second - share * first;
             }
         }
     }
