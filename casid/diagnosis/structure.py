@@ -55,13 +55,13 @@ def demanded_offsets(base: Fit) -> list[Attached]:
     effects = [e for e in map(sensor_bias, base.model.outputs) if e.key not in taken]
     matters = [e.smallest_that_matters(base.flight.aircraft) for e in effects]
     information, match = _normal_equations(base, [base.model.outputs.index(e.target) for e in effects])
-    enough = _DEMANDED * max(1.0, float(np.sum(base.white**2)) / base.readings)
-    chosen: list[int] = []
-    sizes = np.zeros(0)
+    squares, chosen, sizes = float(np.sum(base.white**2)), list[int](), np.zeros(0)
     while len(chosen) < len(effects):
+        gained = float(sizes @ match[chosen])
         others = [i for i in range(len(effects)) if i not in chosen]
-        gains = [_sizes(information, match, [*chosen, i]) @ match[[*chosen, i]] for i in others]
-        if max(gains) - sizes @ match[chosen] < enough:
+        gains = [float(_sizes(information, match, [*chosen, i]) @ match[[*chosen, i]]) for i in others]
+        misfit = max(1.0, (squares - max(gains)) / base.readings)
+        if max(gains) - gained < _DEMANDED * misfit:
             break
         chosen.append(others[int(np.argmax(gains))])
         sizes = _sizes(information, match, chosen)
