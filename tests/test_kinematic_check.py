@@ -103,6 +103,19 @@ def test_what_kinematics_confirm_goes_before_what_they_find_otherwise() -> None:
     assert in_order([vane, accelerometer], {accelerometer}) == [accelerometer, vane]
 
 
+def test_what_kinematics_find_smaller_but_clearer_than_another_stays_first() -> None:
+    """Figures of a simulated fighter: an accelerometer 1.4 m ahead, smaller to kinematics because of the noise of the
+    angular acceleration, beside the vane of alpha, which imitates part of it."""
+
+    def trial(effect: Effect, total: float, predicted: float, achieved: float) -> Trial:
+        check = KinematicCheck(predicted=predicted, achieved=achieved)
+        return trial_of(Attached(effect=effect, values={"value": 1.0}), total, check=check)
+
+    accelerometer = trial(accelerometer_position("x"), 1463.0, 2554.0, 930.0)
+    vane = trial(vane_position("alpha"), 930.0, 827.0, 914.0)
+    assert in_order([vane, accelerometer], {accelerometer, vane}) == [accelerometer, vane]
+
+
 def test_of_two_that_kinematics_confirm_the_one_that_explains_more_to_both_goes_first() -> None:
     """Figures of the ATTAS records: the vane of the sideslip, 12 m ahead, beside a lag of it in two flights."""
     lag = trial_of(

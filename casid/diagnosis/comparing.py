@@ -37,13 +37,14 @@ def small_first(trials: Sequence[Trial], fits: Collection[Trial]) -> list[Trial]
 def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
     """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
     kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
-    stays behind what they confirm, unless it explains more to them too. It owes its gain to the aerodynamics'
-    structure, of which they know nothing."""
+    stays behind what they confirm: it owes its gain to the aerodynamics' structure, of which they know nothing. Not
+    what they find smaller, as noise in what makes it does, and what still explains more to them too."""
     ranked = sorted(trials, key=lambda t: (t not in nameable, -t.total))
     confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
     if confirmed and ranked[0].check.judges:
         first = max(confirmed, key=lambda t: t.total + t.check.gain)
-        if ranked[0].check.gain < first.check.gain:
+        leader = ranked[0].check
+        if not (leader.smaller and leader.gain > first.check.gain):
             ranked.remove(first)
             ranked.insert(0, first)
     return ranked

@@ -50,6 +50,11 @@ class KinematicCheck:
         return self.judges and self.achieved > CONFIRMED * self.predicted and not larger
 
     @property
+    def smaller(self) -> bool:
+        """Whether they find it of a smaller size."""
+        return self.achieved < self.predicted
+
+    @property
     def doubtful(self) -> bool:
         """Whether they could see it, and do not find it of its size."""
         return self.judges and not self.confirmed
