@@ -31,26 +31,28 @@ def as_inputs_run(fitted: Fit, least: float = _STEP) -> Fit:
 
 def held_share(fitted: Fit) -> float:
     """Share of a sample interval over which inputs are held (`Batch.held`) to `_STEP`, on which two surfaces agree that
-    move enough to tell, if there are two; as it is where they do not: one alone may be late for other reasons."""
+    move enough to tell; as it is where they do not. A surface that moves alone may be late for other reasons, and tells
+    only of inputs that are wholly held."""
     shares, stds, gains = surface_shares(fitted)
     clear, needed = stds < _CLEAR, min(2, len(shares))
     if clear.sum() < max(needed, 1):
         return fitted.flight.held
     share = float(np.clip(round(float(np.median(shares[clear])) / _STEP) * _STEP, -1.0, 1.0))
     agree = clear & (np.abs(shares - share) < _APART)
-    if agree.sum() < needed or gains[agree].sum() < _LEAST_GAIN:
+    if agree.sum() < needed or (needed == 1 and share != 1.0) or gains[agree].sum() < _LEAST_GAIN:
         return fitted.flight.held
     return share
 
 
 def surface_shares(fitted: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each surface the share that linearisation predicts, its 1-sigma, and the drop of the deviance.
+    """Of each surface that moves the share that linearisation predicts, its 1-sigma, and the drop of the deviance.
 
     What the fit leaves of each channel is taken as a first-order autoregressive process, whitened once more: timing
     shows in quick movements, and most of what a model may miss is slower.
     """
     linear, batch = fitted.linear, fitted.batch
-    inputs = [name for name in SURFACES if name in fitted.model.inputs]
+    moving = dict(zip(fitted.model.inputs, np.ptp(batch.U, axis=(0, 1)), strict=True))
+    inputs = [name for name in SURFACES if moving.get(name, 0.0) > 0.0]
     stations = [fitted.model.disturbances.index(f"d_{name}") for name in inputs]
     columns = [fitted.model.inputs.index(name) for name in inputs]
     last = batch.U[:-1, :, columns] - batch.U[1:, :, columns]
