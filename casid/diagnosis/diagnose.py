@@ -85,6 +85,9 @@ def diagnose(
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
     kinematic, instruments, turbulence = judge_kinematics(flight, [*known, *offsets])
+    if turbulence.named and offsets:  # in calm air they stand for what the air does
+        offsets = []
+        kinematic, instruments, turbulence = judge_kinematics(flight, known)
     stages.begin("baseline fit")
     begun = _begun(calm, turbulence, offsets)
     stages.begin("naming")
