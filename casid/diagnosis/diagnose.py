@@ -164,10 +164,11 @@ def _named(
     flight = begun.calm.flight
     effects = catalogue(flight.aircraft, flight.outputs)
     naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
-    held = as_inputs_run(naming.evidence.fit, least=NOTABLE).flight
-    if held is not flight:
-        again = fit(held, begun.calm.attached, held.noise(), begun.calm, iterations=20)
-        begun = _begun(again, begun.turbulence, demanded_offsets(again))
+    share = as_inputs_run(naming.evidence.fit, least=NOTABLE).flight.held
+    if share != flight.held:
+        flight = flight.with_inputs_held(share)
+        again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, iterations=20)
+        begun = _begun(again, begun.turbulence, [] if begun.turbulence.named else demanded_offsets(again))
         naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
     if begun.turbulence.named:
         calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
