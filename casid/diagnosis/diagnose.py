@@ -84,10 +84,8 @@ def diagnose(
     calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
-    kinematic, instruments, turbulence = judge_kinematics(flight, [*known, *offsets])
-    if turbulence.named and offsets:  # in calm air they stand for what the air does
-        offsets = []
-        kinematic, instruments, turbulence = judge_kinematics(flight, known)
+    kinematic, instruments, turbulence = judge_kinematics(flight, known, offsets)
+    offsets = [] if turbulence.named else offsets
     stages.begin("baseline fit")
     begun = _begun(calm, turbulence, offsets)
     stages.begin("naming")

@@ -22,23 +22,26 @@ _REPAIRS = 3
 _RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left
 
 
-def judge_kinematics(flight: Flight, known: Sequence[Attached]) -> tuple[Evidence | None, list[Candidate], Turbulence]:
-    """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence."""
+def judge_kinematics(
+    flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]
+) -> tuple[Evidence | None, list[Candidate], Turbulence]:
+    """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence.
+    Small `offsets` of instruments are put in in calm air only: in turbulence they stand for what the air does."""
     if not kinematics.available(flight):
         return None, [], kinematics.still_air(flight)
     of_the_file = [one for one in known if one.effect.kinematic]
     calm = kinematics.reconstruct(flight, of_the_file)
-    evidence = weigh(calm, discrepancy=False)
-    effects = _observable(flight, of_the_file)
-    ranked = screen(evidence, effects)
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named:
-        turbulent = _beside_faults(flight, turbulent, calm, effects)
-    if not turbulent.named:
-        return evidence, ranked, turbulent
-    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
-    evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
-    return evidence, screen(evidence, effects), turbulent
+        turbulent = _beside_faults(flight, turbulent, calm, _observable(flight, of_the_file))
+    if turbulent.named:
+        moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+        evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
+    else:
+        of_the_file += offsets
+        rested = kinematics.reconstruct(flight, of_the_file, start=calm) if offsets else calm
+        evidence = weigh(rested, discrepancy=False)
+    return evidence, screen(evidence, _observable(flight, of_the_file)), turbulent
 
 
 def without_turbulence(
