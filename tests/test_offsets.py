@@ -6,6 +6,7 @@ import numpy as np
 from diagnosis_flights import DEG, NOISE, flights, rough_file
 
 from casid.diagnosis import diagnose as stages
+from casid.diagnosis import naming
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
@@ -63,5 +64,6 @@ def test_a_good_model_is_adequate_beside_small_offsets(monkeypatch):
         flights(seed=11, count=4, duration_s=30.0, noise={k: 0.3 * s for k, s in NOISE.items()}), SMALL
     )
     assert stages.diagnose(rough_file(), records).verdict == "adequate"
-    monkeypatch.setattr(stages, "demanded_offsets", lambda base: [])
+    for stage in (stages, naming):
+        monkeypatch.setattr(stage, "demanded_offsets", lambda base: [])
     assert stages.diagnose(rough_file(), records).verdict == "unexplained"

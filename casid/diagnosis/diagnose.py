@@ -14,13 +14,12 @@ from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.input_timing import NOTABLE, as_inputs_run
-from casid.diagnosis.kinematic_stage import judge_kinematics, without_turbulence
+from casid.diagnosis.kinematic_stage import KinematicFindings, judge_kinematics, without_turbulence
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.naming import Naming, name_causes
 from casid.diagnosis.noise_level import with_noise_level
 from casid.diagnosis.result import Cause, Diagnosis, View
-from casid.diagnosis.screening import Candidate
 from casid.diagnosis.size import SHARE
 from casid.diagnosis.statistics import channel_fits, free_simulation
 from casid.diagnosis.structure import demanded_offsets, demanded_structure
@@ -84,12 +83,11 @@ def diagnose(
     calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
-    kinematic, instruments, turbulence = judge_kinematics(flight, known, offsets)
-    offsets = [] if turbulence.named else offsets
+    found = judge_kinematics(flight, known, offsets)
     stages.begin("baseline fit")
-    begun = _begun(calm, turbulence, offsets)
+    begun = _begun(calm, found.turbulence, found.slight)
     stages.begin("naming")
-    begun, naming = _named(begun, kinematic, instruments, [*known, *offsets], report)
+    begun, naming = _named(begun, found, known, report)
     stages.begin("held-out records")
     kept = _kept(held, begun, naming)
     stages.begin("missing inputs")
@@ -118,15 +116,15 @@ def diagnose(
         verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
         ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
         held_out_baseline=views[2], held_out_extended=views[3], bare=bare, missing_before=tuple(first),
-        missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(instruments),
+        missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(found.ranked),
         turbulence=begun.turbulence, detectable=smallest_detectable(candidates), seconds=stages.seconds,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Begun:
-    """Where the naming begins: the baseline in calm air, terms that its structure demands and `offsets` of instruments,
-    the fit with these, and the same in the air as it moves."""
+    """Where the naming begins: the baseline in calm air, terms that its structure demands and slight errors of
+    instruments, the fit with these, and the same in the air as it moves."""
 
     calm: Fit
     structure: list[Attached]
@@ -145,37 +143,38 @@ class _Begun:
         return self.calm if of_structure and not self.turbulence.named else self.start
 
 
-def _begun(calm: Fit, turbulence: Turbulence, offsets: Sequence[Attached]) -> _Begun:
-    structure = [*demanded_structure(calm), *offsets]
+def _begun(calm: Fit, turbulence: Turbulence, slight: Sequence[Attached]) -> _Begun:
+    structure = [*demanded_structure(calm), *slight]
     structured = fit(calm.flight, [*calm.attached, *structure], calm.noise, calm) if structure else calm
     start = kinematics.in_turbulence(calm.flight, turbulence, structured) if turbulence.named else structured
     return _Begun(calm=calm, structure=structure, structured=structured, start=start, turbulence=turbulence)
 
 
 def _named(
-    begun: _Begun, kinematic: Evidence | None, instruments: Sequence[Candidate], known: Sequence[Attached],
-    report: Callable[[str], None],
-) -> tuple[_Begun, Naming]:  # fmt: skip
+    begun: _Begun, found: KinematicFindings, known: Sequence[Attached], report: Callable[[str], None]
+) -> tuple[_Begun, Naming]:
     """The naming, and where it began: with inputs that run otherwise between samples, if they show to beside what was
     named; without turbulence, if that is not there any more; and from another minimum of the baseline, if nothing could
     be named that far from the data."""
-    flight = begun.calm.flight
+    flight, skews = begun.calm.flight, [one for one in found.slight if one.effect.late]
     effects = catalogue(flight.aircraft, flight.outputs)
-    naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
+    by_kinematics = found.evidence, found.ranked
+    naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
     share = as_inputs_run(naming.evidence.fit, least=NOTABLE).flight.held
     if share != flight.held:
         flight = flight.with_inputs_held(share)
         again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, iterations=20)
-        begun = _begun(again, begun.turbulence, [] if begun.turbulence.named else demanded_offsets(again))
-        naming = name_causes(weigh(begun.start), effects, kinematic, instruments, begun.least, report)
+        slight = [] if begun.turbulence.named else [*demanded_offsets(again), *skews]
+        begun = _begun(again, begun.turbulence, slight)
+        naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
     if begun.turbulence.named:
         calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
         if calm_air is not None:
             begun = replace(begun, start=begun.structured, turbulence=kinematics.still_air(flight))
             naming = name_causes(weigh(begun.start), effects, *calm_air, begun.least, report)
     elif not naming.named and (other := from_elsewhere(begun.calm)) is not None:
-        again = _begun(other, begun.turbulence, demanded_offsets(other))
-        second = name_causes(weigh(again.start), effects, kinematic, instruments, again.least, report)
+        again = _begun(other, begun.turbulence, [*demanded_offsets(other), *skews])
+        second = name_causes(weigh(again.start), effects, *by_kinematics, again.least, report)
         if second.named:
             return again, second
     return begun, naming
@@ -225,15 +224,22 @@ def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
     gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.trials[0] for r in named], moving)
     final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
     evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
-    unsure = {one.name for one in begun.structure if not is_sure(evidence, one.name)}
+    structure = [*begun.structure, *_put_in_later(begun, final)]
+    unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
     if unsure:  # records that do not tell a term from the others give it any size
         final = without(final, unsure)
         evidence, held_final = weigh(final), judge_on(held, final)
     return _Kept(
         evidence=evidence, held_fit=held_final, held_calm=held_calm,
-        structure=[one for one in begun.structure if one.name not in unsure],
+        structure=[one for one in structure if one.name not in unsure],
         structure_gain=held_gains([held_calm, on_held[0]])[0], gains=gains if coloured else [None, *gains],
     )  # fmt: skip
+
+
+def _put_in_later(begun: _Begun, final: Fit) -> list[Attached]:
+    """Slight errors of instruments that the data asked for beside what was named."""
+    before = {one.name for one in begun.structure}
+    return [one for one in final.attached if one.slight and one.name not in before]
 
 
 def _missing_on_held(

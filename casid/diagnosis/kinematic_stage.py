@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
@@ -15,6 +16,7 @@ from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import ONE_READING, drifts
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.size import plausible
+from casid.diagnosis.structure import demanded_skews
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
 
@@ -22,26 +24,46 @@ _REPAIRS = 3
 _RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left
 
 
-def judge_kinematics(
-    flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]
-) -> tuple[Evidence | None, list[Candidate], Turbulence]:
-    """Evidence with forces free, in the air as it moves; its ranking of instrument and air causes; and turbulence.
-    Small `offsets` of instruments are put in in calm air only: in turbulence they stand for what the air does."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KinematicFindings:
+    """What the stage hands on.
+
+    evidence, ranked  with forces free, in the air as it moves, and its ranking of instrument and air causes; None where
+                      the records cannot free the forces
+    turbulence        whether the air moves
+    slight            errors of instruments that are too small to matter, to be put in beforehand. None in turbulence,
+                      where they stand for what the air does
+    """
+
+    evidence: Evidence | None
+    ranked: list[Candidate]
+    turbulence: Turbulence
+    slight: list[Attached]
+
+
+def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]) -> KinematicFindings:
+    """The kinematics beside effects that are `known` and the small `offsets` of instruments that a baseline asks for,
+    and beside the skews that the kinematics ask for themselves."""
     if not kinematics.available(flight):
-        return None, [], kinematics.still_air(flight)
-    of_the_file = [one for one in known if one.effect.kinematic]
+        return KinematicFindings(
+            evidence=None, ranked=[], turbulence=kinematics.still_air(flight), slight=list(offsets)
+        )  # fmt: skip
+    of_the_file, slight = [one for one in known if one.effect.kinematic], list[Attached]()
     calm = kinematics.reconstruct(flight, of_the_file)
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named:
         turbulent = _beside_faults(flight, turbulent, calm, _observable(flight, of_the_file))
     if turbulent.named:
         moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
-        evidence = weigh(kinematics.reconstruct(flight, of_the_file, moving, calm), discrepancy=False)
+        found = kinematics.reconstruct(flight, of_the_file, moving, calm)
     else:
-        of_the_file += offsets
-        rested = kinematics.reconstruct(flight, of_the_file, start=calm) if offsets else calm
-        evidence = weigh(rested, discrepancy=False)
-    return evidence, screen(evidence, _observable(flight, of_the_file)), turbulent
+        found = kinematics.again(calm, [*of_the_file, *offsets]) if offsets else calm
+        skews = demanded_skews(found)
+        found = kinematics.again(found, [*found.attached, *skews]) if skews else found
+        slight = [*offsets, *skews]
+    evidence = weigh(found, discrepancy=False)
+    ranked = screen(evidence, _observable(flight, found.attached))
+    return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, slight=slight)
 
 
 def without_turbulence(

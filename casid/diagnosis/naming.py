@@ -13,11 +13,12 @@ from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.explaining import doubt
-from casid.diagnosis.fit import relaxed, without
+from casid.diagnosis.fit import fit, relaxed, without
 from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
+from casid.diagnosis.structure import demanded_offsets
 from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
 from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
@@ -125,7 +126,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         return replace(state, rounds=(*state.rounds, this))
     best, evidence, moved = settled(best, fits[best])
     evidence = without_superseded(state.rounds, best, evidence)
-    evidence = _relaxed(evidence)
+    evidence = _beside_offsets(_relaxed(evidence))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.trials[1:]))
     kinematic, observed = _kinematics_beside(state.kinematic, evidence.fit, best.effect), state.observed
@@ -194,6 +195,14 @@ def _relaxed(evidence: Evidence) -> Evidence:
     """Evidence of the fit by its own noise, where it was compared under that of another."""
     held = evidence.fit.filter_held or evidence.fit.noise_held
     return weigh(relaxed(evidence.fit)) if held else evidence
+
+
+def _beside_offsets(evidence: Evidence) -> Evidence:
+    """Evidence of the fit with small offsets of instruments that what was named before had hidden; none in moving air,
+    which they imitate."""
+    fitted = evidence.fit
+    offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
+    return weigh(fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted)) if offsets else evidence
 
 
 def _is_needed(evidence: Evidence, name: str) -> bool:

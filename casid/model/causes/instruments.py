@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from casid.model import operators
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
 from casid.signals import unit_of
+
+if TYPE_CHECKING:
+    from casid.model.aircraft import Aircraft
 
 SENSOR_CHANNELS = (
     "V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", "altitude",
@@ -24,13 +28,17 @@ _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdo
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
 _LIGHT = 0.03  # damping ratio of a structure
 _DEG = np.pi / 180.0
-# what the better instruments of flight test keep to anyway
+# what the better instruments of flight test keep to anyway; nor does what drowns in the noise of a reading
 _BIAS_MATTERS = {
     "m/s": 1.0, "rad": 0.25 * _DEG, "rad/s": 0.1 * _DEG, "m/s2": 0.05, "rad/s2": 0.2 * _DEG, "m": 5.0,
 }  # fmt: skip
 _BIAS_LIMIT = {
     "m/s": 15.0, "rad": 10.0 * _DEG, "rad/s": 3.0 * _DEG, "m/s2": 3.0, "rad/s2": 10.0 * _DEG, "m": 500.0,
 }  # fmt: skip
+
+
+def _bias_matters(channel: str, aircraft: Aircraft) -> float:
+    return max(_BIAS_MATTERS[unit_of(channel)], aircraft.noise.get(channel, 0.0))
 
 
 def group_channels(target: str) -> tuple[str, ...]:
@@ -48,7 +56,7 @@ def sensor_bias(channel: str) -> Effect:
 
     return Effect(
         kind="sensor_bias", target=channel, reads=(channel,), kinematic=True, by_record=True, station="sensors",
-        change=change, meaningful=_BIAS_MATTERS[unit_of(channel)], limit=_BIAS_LIMIT[unit_of(channel)], constant=True,
+        change=change, meaningful=partial(_bias_matters, channel), limit=_BIAS_LIMIT[unit_of(channel)], constant=True,
     )  # fmt: skip
 
 
