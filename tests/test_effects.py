@@ -264,6 +264,10 @@ def test_rate_limit_dead_zone_and_backlash():
     turned = (past_peak > 0.0) & (past_peak < np.arccos(0.6))  # the free play is taken up after the peak
     assert np.ptp(played[turned]) < 1e-3
     assert played.max() == pytest.approx(0.8, abs=1e-3)
+    for rest in (-1.0, 0.5):
+        begun = operators.backlash(wave, 0.2, rest)
+        assert begun[0] == wave[0] + 0.2 * rest
+        np.testing.assert_array_equal(begun[past_peak > 0.0], played[past_peak > 0.0])  # the stops forget where it was
 
 
 def test_a_rate_limit_follows_what_lies_between_the_samples():

@@ -44,6 +44,19 @@ def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linea
     assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
 
 
+@pytest.mark.parametrize("rest", [-0.8, 0.5])
+def test_a_play_is_found_wherever_in_it_the_surface_begins(rest: float) -> None:
+    """Truth: the place that was flown. Held in the middle, the fit misses what the first movement takes up."""
+    hidden = Attached(effect=backlash("delta_e"), values={"value": 0.01, "rest": rest})
+    flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
+    base = fit(flight, (), flight.noise())
+    begin = [replace(hidden, values={"value": 0.007, "rest": 0.0}), replace(hidden, values={"value": 0.007})]
+    free, middle = (fit(flight, [one], flight.noise(), base, iterations=20) for one in begin)
+    assert free[hidden.name] == pytest.approx(0.01, rel=0.03)  # noise pushes a play open
+    assert hidden.effect.in_words(free.attached[0].values)["rest"] == pytest.approx(rest, abs=0.1)
+    assert middle.deviance > free.deviance + 500.0
+
+
 def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> None:
     """Truth: a limited elevator is all that is wrong. Without it the elevator seems to do a quarter of what it does;
     held at that, its noise left 470 in 2 ln L to an unknown pitching moment."""

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.model.operators import folded
 from casid.model.path import SignalPath
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import unit_of
@@ -45,6 +46,7 @@ class Effect:
     grid         values of the further parameters (and of "value" when not linear) that a screening tries
     defaults     further parameters that an aircraft file may leave out
     unsigned     values of which only the size counts: a fit may come out on either side of zero
+    folded       values between -1 and 1 that a fit may leave: they run back there (`operators.folded`)
     timed        it begins at an onset [s] of its own in every record concerned
 
     How its size is judged:
@@ -91,6 +93,7 @@ class Effect:
     grid: tuple[Mapping[str, float], ...] = ({},)
     defaults: Mapping[str, float] = field(default_factory=dict)
     unsigned: tuple[str, ...] = ()
+    folded: tuple[str, ...] = ()
     timed: bool = False
     meaningful: float | Callable[[Aircraft], float] | None = None
     limit: float = np.inf
@@ -168,7 +171,8 @@ class Effect:
 
     def in_words(self, values: Values) -> dict[str, float]:
         """Fitted values as they are told and written into a file."""
-        return {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
+        told = {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
+        return told | {name: folded(told[name]) for name in self.folded if name in told}
 
     def smallest_that_matters(self, aircraft: Aircraft) -> float | None:
         """`meaningful` for this aircraft."""

@@ -67,13 +67,20 @@ def dead_zone(y: np.ndarray, width: float, centre: float) -> np.ndarray:
     return centre + np.sign(z) * np.maximum(np.abs(z) - abs(width), 0.0)
 
 
-def backlash(y: np.ndarray, width: float) -> np.ndarray:
-    """Play of half-width `width`: the output moves only when pushed by an end stop."""
+def backlash(y: np.ndarray, width: float, rest: float = 0.0) -> np.ndarray:
+    """Play of half-width `width`: the output moves only when pushed by an end stop. It begins at `rest` within the
+    play, from -1, the lower stop, to 1 (`folded`)."""
     out = y.copy()
     half = abs(width)
+    out[0] += folded(rest) * half
     for k in range(1, len(y)):
         out[k] = min(max(out[k - 1], y[k] - half), y[k] + half)
     return out
+
+
+def folded(x: float) -> float:
+    """x between -1 and 1, beyond which it runs back, so that a fit that steps too far still has a slope."""
+    return 1.0 - abs((x + 1.0) % 4.0 - 2.0)
 
 
 def one_minus_cosine(t: np.ndarray, onset: float, length: float) -> np.ndarray:

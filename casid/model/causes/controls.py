@@ -71,14 +71,20 @@ def dead_zone(surface: str) -> Effect:
 
 
 @cause(
-    "backlash", targets=SURFACES, unit="rad", quantity="half the free play",
+    "backlash", targets=SURFACES, unit="rad",
+    quantity="half the free play; where in it a record begins, from -1 to 1, stands in the parameters",
     sentence="The {label} has a free play of plus and minus {size}.",
 )  # fmt: skip
 def backlash(surface: str) -> Effect:
-    def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
-        return operators.backlash(y, width)
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        recorded = known[surface]
+        return {f"d_{surface}": operators.backlash(recorded, values["value"], values.get("rest", 0.0)) - recorded}
 
-    return _surface_operator("backlash", surface, _PLAY, operate, 0.1 * _DEG, 8.0 * _DEG)
+    return Effect(
+        kind="backlash", target=surface, linear=False, grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
+        defaults={"rest": 0.0}, series=series, unsigned=("value",), folded=("rest",), meaningful=0.1 * _DEG,
+        limit=8.0 * _DEG,
+    )  # fmt: skip
 
 
 @cause(
