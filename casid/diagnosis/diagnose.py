@@ -13,7 +13,7 @@ from casid.diagnosis.fit import fit, from_elsewhere, without
 from casid.diagnosis.flight import Flight, prepare
 from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.input_timing import NOTABLE, as_inputs_run
+from casid.diagnosis.input_timing import as_inputs_run
 from casid.diagnosis.kinematic_stage import KinematicFindings, judge_kinematics, without_turbulence
 from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
@@ -160,7 +160,7 @@ def _named(
     effects = catalogue(flight.aircraft, flight.outputs)
     by_kinematics = found.evidence, found.ranked
     naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
-    share = as_inputs_run(naming.evidence.fit, least=NOTABLE).flight.held
+    share = as_inputs_run(naming.evidence.fit, named=True).flight.held
     if share != flight.held:
         flight = flight.with_inputs_held(share)
         again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, iterations=20)

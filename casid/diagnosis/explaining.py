@@ -20,8 +20,8 @@ from casid.model.effect import Effect
 # what is little anyway
 _EXPLAINED, _NOTICEABLE = 0.25, 150.0
 _HELPED = 0.35  # part of a cause's gain that an input must lose to be looked at
-_BENDS = 0.1  # the same of a term, which may bend to imitate anything, and of coefficients that switch together
-_STEADY, _HALF = 0.1, 0.5  # the same at the reading that has a bias, which a drift imitates, or another fault
+_BENDS = 0.1  # `_EXPLAINED` of a term, which may bend to imitate anything, and of coefficients that switch together
+_STEADY, _HALF = 0.1, 0.5  # and at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
 _WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
 _NEXT_TO_NOTHING = 0.02  # of what is still missing: a model that misses so much more bends small things
@@ -114,7 +114,8 @@ class _Seen:
     @property
     def bends_and_leaves_too_much(self) -> bool:
         bends = self.effect.quasi_steady or bool(self.effect.members)
-        return bends and not self.effect.improbable and not self.gone(self.own, _BENDS)
+        gone = (mostly_gone(max(self.was[s], self.last.total), self.left[s], _BENDS) for s in self.own)
+        return bends and not self.effect.improbable and not all(gone)
 
     @property
     def gains_more_than_any_input(self) -> bool:

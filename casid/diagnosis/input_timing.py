@@ -13,33 +13,37 @@ from casid.diagnosis.evaluation import Fit, scaled_inverse
 from casid.diagnosis.fit import fit
 from casid.signals import SURFACES
 
-_STEP, NOTABLE = 0.25, 0.5  # of a sample interval: in which shares are told, and what is worth another naming
+_STEP = 0.25  # of a sample interval: in which shares are told
+_WORTH, _WORTH_S = 0.5, 0.005  # another naming: a change of the share, or of how late inputs come [s], if that is less
 _CLEAR, _APART = 0.15, 0.25  # 1-sigma of a surface's share, and how far it may be from what they agree on
 _LEAST_GAIN = 150.0
 
 
-def as_inputs_run(fitted: Fit, least: float = _STEP) -> Fit:
-    """The fit with inputs that run between samples as the surfaces agree that they do, if that is no less than `least`
-    from what it has and gains enough."""
-    share = held_share(fitted)
-    if abs(share - fitted.flight.held) < least:
+def as_inputs_run(fitted: Fit, *, named: bool = False) -> Fit:
+    """The fit with inputs that run between samples as the surfaces agree that they do, if that is another way and gains
+    enough; and, beside causes that are `named` already, if it is worth another naming."""
+    share = held_share(fitted, named=named)
+    worth = min(_WORTH, 2.0 * _WORTH_S / float(np.median(fitted.batch.dt))) if named else _STEP
+    if abs(share - fitted.flight.held) < worth:
         return fitted
     flight = fitted.flight.with_inputs_held(share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, iterations=20)
     return other if other.deviance < fitted.deviance - _LEAST_GAIN else fitted
 
 
-def held_share(fitted: Fit) -> float:
+def held_share(fitted: Fit, *, named: bool = False) -> float:
     """Share of a sample interval over which inputs are held (`Batch.held`) to `_STEP`, on which two surfaces agree that
-    move enough to tell; as it is where they do not. A surface that moves alone may be late for other reasons, and tells
-    only of inputs that are wholly held."""
+    move enough to tell; as it is where they do not. One that tells alone may be late for other reasons: it does so of
+    inputs that are wholly held, and beside causes that are `named` already."""
     shares, stds, gains = surface_shares(fitted)
-    clear, needed = stds < _CLEAR, min(2, len(shares))
+    clear = stds < _CLEAR
+    needed = min(2, int(clear.sum()) if named else len(shares))
     if clear.sum() < max(needed, 1):
         return fitted.flight.held
     share = float(np.clip(round(float(np.median(shares[clear])) / _STEP) * _STEP, -1.0, 1.0))
     agree = clear & (np.abs(shares - share) < _APART)
-    if agree.sum() < needed or (needed == 1 and share != 1.0) or gains[agree].sum() < _LEAST_GAIN:
+    alone = needed == 1 and not named
+    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < _LEAST_GAIN:
         return fitted.flight.held
     return share
 

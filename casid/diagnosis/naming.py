@@ -71,9 +71,10 @@ def name_causes(
         state = _one_round(state, catalogue, least)
         if not state.rounds[-1].named:
             break
-        last = state.rounds[-1]
-        why = doubt(firm.missing, state.missing, last.trials[0], state.evidence) if last.trials[0].meaningful else ""
-        state = replace(state, rounds=(*state.rounds[:-1], replace(last, doubt=why)))
+        why = _doubt(firm, state)
+        if why and (other := _all_reconsidered(state, least)) is not state:
+            state, why = other, _doubt(firm, other)
+        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
         if not why:
             firm = state
         elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
@@ -82,9 +83,14 @@ def name_causes(
             bent = state.evidence.bent
             catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
-    for at in range(len(firm.rounds) - 1):
-        firm = _reconsidered(firm, at, least)
+    firm = _all_reconsidered(firm, least)
     return replace(firm, rounds=(*firm.rounds, *refused))
+
+
+def _doubt(firm: Naming, state: Naming) -> str:
+    """Why the last cause is not believed; what is too small to matter is."""
+    last = state.rounds[-1].trials[0]
+    return doubt(firm.missing, state.missing, last, state.evidence) if last.meaningful else ""
 
 
 def _standing(
@@ -255,6 +261,13 @@ def _acts(event: Attached, fit: Fit) -> np.ndarray:
         first, last = t[series[:, r], r][[0, -1]]
         acts[:, r] = (t[:, r] > first - _BEFORE) & (t[:, r] < last + _AFTER)
     return acts
+
+
+def _all_reconsidered(state: Naming, least: float) -> Naming:
+    """The naming with every cause but the last compared once more with its rivals."""
+    for at in range(len(state.rounds) - 1):
+        state = _reconsidered(state, at, least)
+    return state
 
 
 def _reconsidered(state: Naming, at: int, least: float) -> Naming:

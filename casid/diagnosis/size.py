@@ -16,6 +16,7 @@ from casid.signals import SURFACES
 
 SHARE = 0.05  # of the variation of a coefficient: smaller is real but minor; linear structure commonly leaves 2 to 4 %
 _SWITCH = 0.1  # of it, for coefficients that change in mid-record: a bend in a curve looks like a small one
+_KNOWN = 0.5  # sampling intervals
 _CONSEQUENCE = 0.02  # of the variation of a coefficient or channel
 # m/s, of which `SHARE` matters: of the speed, as of a bias of V, and across it, where it is an angle
 _WIND = MappingProxyType({"wind_x": 20.0, "wind_y": 3.0, "wind_z": 3.0})
@@ -34,15 +35,16 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
     in in mid-record.
 
     What stands between a record and a surface, or a channel and its reading, must besides make `_CONSEQUENCE` of
-    difference to a coefficient or a channel: a surface that hardly moves may be slow without any consequence. What is
-    expected matters at any size: left out, it looks like a fault."""
+    difference to a coefficient or a channel: a surface that hardly moves may be slow without any consequence; and a
+    surface that is late by less than half a sample may be in time, because how it runs between samples is not known.
+    What is expected matters at any size: left out, it looks like a fault."""
     effect, value = one.effect, one.values["value"]
     if effect.amplitude is not None:
         return _consequence(fitted, one) / _CONSEQUENCE
     smallest = effect.smallest_that_matters(fitted.flight.aircraft)
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
-        return min(own, _consequence(fitted, one) / _CONSEQUENCE)
+        return min(own, _consequence(fitted, one) / _CONSEQUENCE, _lateness(fitted, one) / _KNOWN)
     share = _coefficient_share(fitted, one) / (_SWITCH if effect.members else SHARE)
     return max(share, 1.0) if effect.expected else share
 
@@ -59,14 +61,27 @@ def _consequence(fitted: Fit, one: Attached) -> float:
         return float(np.max(change / np.maximum(size, 1e-12)))
     if one.effect.target not in SURFACES or one.effect.series is None:
         return np.inf
-    W = disturbance_series([one], names, t, fitted.known, fitted.model.disturbances)
-    moved = W[..., fitted.model.disturbances.index(f"d_{one.effect.target}")]
-    shares = [0.0]
+    moved, shares = _moved(fitted, one), [0.0]
     for coefficient, size in variation(fitted).items():
         slope = fitted.derivatives.get(f"{coefficient}_{one.effect.target}", 0.0)
         left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # of a model with the bare surface
         shares.append(float(np.std(left[live])) / max(size, 1e-12))
     return max(shares)
+
+
+def _lateness(fitted: Fit, one: Attached) -> float:
+    """By how much a surface comes late at most, in sampling intervals; infinite for what does not make it late."""
+    size = max(abs(one.values["value"]), 1e-12)
+    if one.effect.target not in SURFACES or one.effect.unit not in ("s", "rad/s"):
+        return np.inf
+    late = size if one.effect.unit == "s" else float(np.max(np.abs(_moved(fitted, one)))) / size
+    return late / float(np.median(fitted.batch.dt))
+
+
+def _moved(fitted: Fit, one: Attached) -> np.ndarray:
+    """(N, R) by how much an operator moves its surface from the record."""
+    W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
+    return W[..., fitted.model.disturbances.index(f"d_{one.effect.target}")]
 
 
 def _coefficient_share(fitted: Fit, one: Attached) -> float:

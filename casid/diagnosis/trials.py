@@ -59,8 +59,8 @@ def _same(one: Attached, other: Attached) -> bool:
 
 
 def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    """`count` of them, no more than `_TERMS` terms of one coefficient; and beside these such terms as promise the same,
-    for they may be one set."""
+    """`count` of them, no more than `_TERMS` terms of one coefficient; and beside these such as promise the same, for
+    they may be one set."""
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
     for candidate in candidates:
@@ -79,7 +79,16 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
                 alike.append(candidate)
             continue
         chosen.append(candidate)
+    names = {one.name for one in (*chosen, *alike)}
+    alike += [c for c in candidates if c.name not in names and any(_promise_the_same(c, one) for one in chosen)]
     return [*chosen, *alike]
+
+
+def _promise_the_same(one: Candidate, other: Candidate) -> bool:
+    """Whether two causes that are no terms act at the same place, as a lag and a delay do, and neither leads."""
+    effect, beside = one.attached.effect, other.attached.effect
+    of_one_place = effect.target == beside.target and not (effect.quasi_steady or beside.quasi_steady)
+    return of_one_place and abs(one.net - other.net) < equivalence(other.net)
 
 
 def equivalence(gain: float) -> float:

@@ -58,9 +58,9 @@ def causes_of(
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   what is expected of any aircraft and was put into the model beforehand, which together gained
                 `structure_gain` on the held-out records: minor, unless it is a term that gains more than `least`,
-                matters twice as much as one that is named must, three times beside what gains more, and little is
-                `left` missing at its coefficient. What is expected of some aircraft, and was named, is minor unless it
-                cannot be told from another cause
+                matters twice as much as one that is named must, three times beside what gains more, nothing is
+                unexplained, which distorts it, and little is `left` missing at its coefficient. What is expected of
+                some aircraft, and was named, is minor unless it cannot be told from another cause
     """
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
@@ -93,7 +93,7 @@ def causes_of(
     unexplained = still_missing(evidence, left, causes, least)
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
     for one in structure:
-        left_there = missing.get(f"d{one.effect.target}", 0.0)
+        left_there = np.inf if unexplained else missing.get(f"d{one.effect.target}", 0.0)
         put_in = _expected(one.name, evidence, structure_gain, least, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
