@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from diagnosis_flights import DEG, NOISE, flights, rough_file
 
 from casid.diagnosis import diagnose as stages
-from casid.diagnosis import naming
+from casid.diagnosis import kinematics, naming
+from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.structure import demanded_offsets
-from casid.model.causes import actuator_lag
+from casid.diagnosis.structure import demanded_offsets, demanded_skews
+from casid.model import operators
+from casid.model.causes import (
+    actuator_lag,
+    effectiveness_change,
+    sensor_bias,
+    sensor_delay,
+    sensor_lag,
+    vane_position,
+)
 from casid.records.record import Record
+from problems.do328 import do328
 
 SMALL = {"az": -0.03, "p": 0.05 * DEG, "q": -0.04 * DEG, "r": 0.05 * DEG, "ay": 0.02, "theta": 0.12 * DEG}
 
@@ -46,6 +57,55 @@ def test_what_matters_is_left_for_the_naming():
 def test_instruments_without_offsets_get_none():
     for seed in (8, 9):
         assert demanded(flights(seed=seed)) == []
+
+
+def late(records: list[Record], seconds: dict[str, float]) -> list[Record]:
+    """Channels as they were so much before, or after, if negative."""
+    return [r.with_channels(**{c: operators.delay(r.t, r[c], tau) for c, tau in seconds.items()}) for r in records]
+
+
+def skews(records: list[Record]) -> dict[str, float]:
+    flight = prepare(do328(), records)
+    return {one.effect.target: one.values["value"] for one in demanded_skews(kinematics.reconstruct(flight))}
+
+
+QUIET = {name: 0.2 * sigma for name, sigma in NOISE.items()}
+ATTITUDES = dict.fromkeys(("phi", "theta"), 0.004)
+
+
+def test_milliseconds_between_attitudes_and_rates_are_found():
+    """Both attitudes 4 ms late; and the inertial unit 4 ms early, which is the same but for the air data."""
+    flown = flights(seed=12, count=4, rate_hz=50.0, noise=QUIET)
+    found = skews(late(flown, ATTITUDES))
+    assert set(found) == set(ATTITUDES) and np.allclose(list(found.values()), 0.004, atol=0.001)
+    unit = dict.fromkeys(("p", "q", "r", "ax", "ay", "az"), -0.004)
+    found = skews(late(flown, unit))
+    assert set(found) == {"inertial"} and np.isclose(found["inertial"], -0.004, atol=0.001)
+    assert skews(flown) == {}
+
+
+@pytest.mark.parametrize("fault", [
+    Attached(effect=vane_position("beta"), values={"value": 3.0}),
+    Attached(effect=vane_position("alpha"), values={"value": 3.0}),
+    Attached(effect=sensor_delay("inertial"), values={"value": 0.05}),
+    Attached(effect=sensor_lag("phi"), values={"value": 0.08}),
+])  # fmt: skip
+def test_a_fault_of_one_instrument_is_not_taken_for_milliseconds(fault):
+    """Some of a vane 23 ms ahead may be, until the vane is in the model."""
+    assert all(abs(size) < 0.004 for size in skews(flights([fault], seed=13, count=4, rate_hz=50.0)).values())
+
+
+def test_offsets_that_a_fault_had_hidden_are_put_in_beside_it():
+    """While the surfaces' loss is not in the model nothing is told of them."""
+    hidden = [Attached(effect=effectiveness_change("delta_e"), values={"value": -0.5}, onsets={"m1": 7.0, "m2": 9.0})]
+    records = with_offsets(flights(hidden, seed=14), {"q": 0.04 * DEG})
+    flight = prepare(rough_file(), records)
+    blind = fit(flight, [], flight.noise(), iterations=20)
+    beside = weigh(fit(flight, hidden, flight.noise(), iterations=20))
+    assert not demanded_offsets(blind)
+    (found,) = naming._beside_offsets(beside).fit.attached[1:]
+    assert found.effect.key == sensor_bias("q").key and found.slight
+    assert np.isclose(found.values["value"], 0.04 * DEG, rtol=0.2)
 
 
 def test_a_fault_is_named_beside_small_offsets_of_all_instruments():

@@ -1,0 +1,43 @@
+"""What matters: sizes in units of the smallest that an engineer would call a fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from diagnosis_flights import flights
+
+from casid.diagnosis.fit import fit
+from casid.diagnosis.flight import prepare
+from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.size import meaningful_share
+from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias
+from casid.model.effect import Effect
+from problems.do328 import do328
+
+
+@pytest.mark.parametrize(("effect", "size", "known"), [
+    (input_delay("delta_a"), 0.015, False), (input_delay("delta_a"), 0.025, True),
+    (actuator_lag("delta_a"), 0.015, False), (actuator_lag("delta_a"), 0.025, True),
+    (rate_limit("delta_a"), 0.50, False), (rate_limit("delta_a"), 0.40, True),
+])  # fmt: skip
+def test_a_surface_that_is_late_by_less_than_half_a_sample_may_be_in_time(
+    effect: Effect, size: float, known: bool
+) -> None:
+    """At 25 Hz half a sample is 0.020 s; at 100 Hz 0.015 s are three times that. A limit holds back the quickest edge,
+    of 0.6 rad/s, by as much as it takes to catch up."""
+    shares = []
+    for rate in (25.0, 100.0):
+        flight = prepare(do328(), flights(seed=1, count=1, rate_hz=rate, surface_noise=0.0))
+        base = fit(flight, [], flight.noise(), iterations=2)
+        shares.append(meaningful_share(base, Attached(effect=effect, values={"value": size})))
+    assert (shares[0] >= 1.0) == known
+    assert effect.kind == "rate_limit" or shares[1] >= 1.0
+
+
+def test_a_bias_within_the_noise_of_its_reading_does_not_matter() -> None:
+    """A cheap gyro whose noise is 0.3 deg/s may be off by as much; by 0.1 deg/s, which matters of others, it is."""
+    bias, aircraft = sensor_bias("q"), do328()
+    precise, cheap = (replace(aircraft, noise={**aircraft.noise, "q": sigma}) for sigma in (1e-4, 0.0052))
+    assert bias.smallest_that_matters(precise) == pytest.approx(0.001745, rel=1e-3)
+    assert bias.smallest_that_matters(cheap) == 0.0052
