@@ -34,7 +34,7 @@ def test_every_effect_has_unit_and_sentence(kind, target, term):
     check_effect(kind, target, term)
     assert effect_unit(kind, target, term)
     sentence = effect_sentence(kind, target, term, 0.15)
-    assert sentence.endswith(".") and "{" not in sentence
+    assert sentence.endswith(".") and not set("{[|]}") & set(sentence)
 
 
 @pytest.mark.parametrize(("kind", "target", "term"), list(every_effect()))
@@ -99,6 +99,10 @@ def test_angles_are_told_in_degrees_and_shares_in_percent():
     assert "off by 0.57 deg." in effect_sentence("sensor_bias", "alpha", None, 0.01)
     assert "by -30 % " in effect_sentence("effectiveness_change", "delta_r", None, -0.3)
     assert "by 840 kg " in effect_sentence("mass", None, None, 840.0)
+    for value, which in ((0.7, "0.7 m to the right "), (-0.7, "0.7 m to the left ")):
+        assert which in effect_sentence("thrust_asymmetry", None, None, value)
+    for value, which in ((0.05, "0.05 s late."), (-0.05, "0.05 s early.")):
+        assert effect_sentence("sensor_delay", "alpha", None, value).endswith(which)
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ class Kind:
     targets     valid targets; empty: it has none
     quantity    what its value is, with sign
     unit        SI unit of the value; fields channel and term stand for the units of those
-    sentence    template; fields label, term, size, percent, target
+    sentence    template; fields label, term, size, percent, target; [late|early] for either sign, then without it
     title       template of its short name; fields words (the kind), label, term, target
     joined      the target is a set of `targets` that change together, written `CL+CD`
     optional    the target may be left out

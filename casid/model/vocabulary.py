@@ -7,6 +7,7 @@ effect is absent (a rate limit is absent when it is infinite).
 from __future__ import annotations
 
 import math
+import re
 
 from casid.errors import InputError, unknown
 from casid.model.causes import KINDS
@@ -55,14 +56,20 @@ def effect_unit(kind: str, target: str | None, term: str | None = None) -> str:
     return KINDS[kind].unit_for(target, term)
 
 
+_EITHER = re.compile(r"\[([^|\]]*)\|([^\]]*)\]")  # words for a positive value, and for a negative one
+
+
 def effect_sentence(kind: str, target: str | None, term: str | None, value: float) -> str:
-    """What the effect means, for a person: size to two digits, angles in degrees. Raises InputError when not valid."""
+    """What the effect means, for a person: size to two digits, angles in degrees; where the words say which way,
+    without a sign. Raises InputError when not valid."""
     unit = effect_unit(kind, target, term)
     entry = KINDS[kind]
     label = " and ".join(_label(part) for part in entry.parts(target))
+    sentence = _EITHER.sub(lambda words: words[1 if value >= 0.0 else 2], entry.sentence)
+    value = value if sentence == entry.sentence else abs(value)
     percent = f"{_digits(100.0 * value)} %"
     first = (target or "").split("+")[0]
-    return entry.sentence.format(label=label, term=term, size=_size(value, unit), percent=percent, target=first)
+    return sentence.format(label=label, term=term, size=_size(value, unit), percent=percent, target=first)
 
 
 def effect_title(kind: str, target: str | None, term: str | None) -> str:

@@ -44,7 +44,7 @@ def actuator_lag(surface: str) -> Effect:
 
 @cause(
     "input_delay", targets=SURFACES, unit="s", quantity="delay of the surface behind its record",
-    sentence="The {label} follows its command {size} late.",
+    sentence="The {label} follows its command {size} [late|early].",
 )  # fmt: skip
 def input_delay(surface: str) -> Effect:
     return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay, 0.01, 0.5, ())

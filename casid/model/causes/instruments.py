@@ -96,7 +96,7 @@ def _slow_reading(
 
 @cause(
     "sensor_delay", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="s", quantity="delay",
-    sentence="The measured {label} comes {size} late.",
+    sentence="The measured {label} comes {size} [late|early].",
 )  # fmt: skip
 def sensor_delay(target: str) -> Effect:
     return _slow_reading("sensor_delay", target, operators.delay)
@@ -146,7 +146,7 @@ def structural_mode(channel: str) -> Effect:
 @cause(
     "vane_position", targets=("alpha", "beta"), unit="m",
     quantity="true minus assumed position of the vane, forward positive",
-    sentence="The vane of the {label} stands {size} further forward than it is corrected for.",
+    sentence="The vane of the {label} stands {size} further [forward|aft] than it is corrected for.",
 )  # fmt: skip
 def vane_position(channel: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:

@@ -63,7 +63,7 @@ def inertia(component: str) -> Effect:
 
 @cause(
     "thrust_asymmetry", unit="m", quantity="y at which the total thrust acts, right positive",
-    sentence="The thrust acts {size} to the right of the plane of symmetry.",
+    sentence="The thrust acts {size} to the [right|left] of the plane of symmetry.",
 )  # fmt: skip
 def thrust_asymmetry(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
@@ -76,7 +76,7 @@ def thrust_asymmetry(target: str = "") -> Effect:
 
 @cause(
     "thrust_line", unit="m", quantity="true minus assumed z of the thrust line, down positive",
-    sentence="The thrust line lies {size} lower than the aircraft file has it.",
+    sentence="The thrust line lies {size} [lower|higher] than the aircraft file has it.",
 )  # fmt: skip
 def thrust_line(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
