@@ -82,6 +82,7 @@ def test_milliseconds_between_attitudes_and_rates_are_found():
     found = skews(late(flown, unit))
     assert set(found) == {"inertial"} and np.isclose(found["inertial"], -0.004, atol=0.001)
     assert skews(flown) == {}
+    assert skews([record.without("phi", "theta") for record in late(flown, unit)]) == {}
 
 
 @pytest.mark.parametrize("fault", [

@@ -60,15 +60,17 @@ def demanded_offsets(base: Fit) -> list[Attached]:
 
 def demanded_skews(reconstructed: Fit) -> list[Attached]:
     """The same of milliseconds by which kinematics find the inertial unit late behind all else, or attitudes behind the
-    rates of which they are the integrals; whichever explains more."""
+    rates of which they are the integrals; whichever explains more. Without attitudes nothing tells them from vanes that
+    stand elsewhere: then there are none."""
     fit, outputs = reconstructed, reconstructed.model.outputs
+    attitudes = [c for c in _ATTITUDES if c in outputs]
     step, found = 0.1 * float(np.median(fit.batch.dt)), []
-    for group in (_UNIT, [c for c in _ATTITUDES if c in outputs]):
+    for group in (_UNIT, attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]
         read = [readings([a], fit.batch.names, fit.batch.t, fit.linear.output, outputs, fit.known) for a in late]
         enter = (np.stack(read, axis=3) - fit.linear.output[..., None]) / step
         found.append(_demanded(fit, [a.effect for a in late], enter))
-    return max(found, key=lambda one: one[1])[0]
+    return max(found, key=lambda one: one[1], default=([], 0.0))[0]
 
 
 def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[list[Attached], float]:
@@ -78,6 +80,8 @@ def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[
     naming."""
     taken = {a.effect.key for a in base.attached}
     offered = [i for i, e in enumerate(effects) if e.key not in taken]
+    if not offered:
+        return [], 0.0
     information, match = _normal_equations(base, enter[..., offered])
     squares, chosen, sizes, gained = float(np.sum(base.white**2)), list[int](), np.zeros(0), 0.0
     while len(chosen) < len(offered):
