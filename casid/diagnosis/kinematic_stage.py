@@ -16,7 +16,7 @@ from casid.diagnosis.kinematics import Turbulence
 from casid.diagnosis.missing_input import ONE_READING, drifts
 from casid.diagnosis.screening import Candidate, screen
 from casid.diagnosis.size import plausible
-from casid.diagnosis.structure import demanded_skews
+from casid.diagnosis.structure import SKEWED, demanded_skews
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
 
@@ -58,12 +58,21 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequenc
         found = kinematics.reconstruct(flight, of_the_file, moving, calm)
     else:
         found = kinematics.again(calm, [*of_the_file, *offsets]) if offsets else calm
-        skews = demanded_skews(found)
+        skews = _leading_skews(flight, found)
         found = kinematics.again(found, [*found.attached, *skews]) if skews else found
         slight = [*offsets, *skews]
     evidence = weigh(found, discrepancy=False)
     ranked = screen(evidence, _observable(flight, found.attached))
     return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, slight=slight)
+
+
+def _leading_skews(flight: Flight, found: Fit) -> list[Attached]:
+    """Skews that explain more than any cause elsewhere does: a vane that stands metres off has some of them, too."""
+    skews, gained = demanded_skews(found)
+    if not skews:
+        return []
+    elsewhere = [e for e in _observable(flight, found.attached) if e.target not in SKEWED]
+    return skews if gained > max(c.net for c in screen(weigh(found, discrepancy=False), elsewhere)) else []
 
 
 def without_turbulence(

@@ -27,6 +27,7 @@ _EXPECTED = {
     "Cn": ("alpha*p",),
 }
 _UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
+SKEWED = (*_UNIT, *_ATTITUDES)  # what may come milliseconds late without being at fault
 _DEMANDED = 50.0  # drop of the deviance that one of them must predict
 
 
@@ -58,19 +59,19 @@ def demanded_offsets(base: Fit) -> list[Attached]:
     return _demanded(base, [sensor_bias(c) for c in channels], enter)[0]
 
 
-def demanded_skews(reconstructed: Fit) -> list[Attached]:
+def demanded_skews(reconstructed: Fit) -> tuple[list[Attached], float]:
     """The same of milliseconds by which kinematics find the inertial unit late behind all else, or attitudes behind the
-    rates of which they are the integrals; whichever explains more. Without attitudes nothing tells them from vanes that
-    stand elsewhere: then there are none."""
+    rates of which they are the integrals, whichever explains more; and the drop of the deviance. Without attitudes
+    nothing tells them from vanes that stand elsewhere: then there are none."""
     fit, outputs = reconstructed, reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
-    step, found = 0.1 * float(np.median(fit.batch.dt)), []
+    step, found = 0.1 * float(np.median(fit.batch.dt)), [(list[Attached](), 0.0)]
     for group in (_UNIT, attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]
         read = [readings([a], fit.batch.names, fit.batch.t, fit.linear.output, outputs, fit.known) for a in late]
         enter = (np.stack(read, axis=3) - fit.linear.output[..., None]) / step
         found.append(_demanded(fit, [a.effect for a in late], enter))
-    return max(found, key=lambda one: one[1], default=([], 0.0))[0]
+    return max(found, key=lambda one: one[1])
 
 
 def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[list[Attached], float]:
