@@ -88,7 +88,7 @@ def name_causes(
 
 
 def _doubt(firm: Naming, state: Naming) -> str:
-    """Why the last cause is not believed; what is too small to matter is."""
+    """Why the last cause is not believed; "" when it is, and of what is too small to matter."""
     last = state.rounds[-1].trials[0]
     return doubt(firm.missing, state.missing, last, state.evidence) if last.meaningful else ""
 
