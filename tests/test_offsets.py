@@ -9,12 +9,11 @@ import pytest
 from diagnosis_flights import DEG, NOISE, flights, rough_file
 
 from casid.diagnosis import diagnose as stages
-from casid.diagnosis import kinematics, naming
+from casid.diagnosis import kinematic_stage, kinematics, naming
 from casid.diagnosis.evidence import weigh
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.kinematic_stage import _leading_skews
 from casid.diagnosis.structure import demanded_offsets
 from casid.model import operators
 from casid.model.causes import (
@@ -69,11 +68,15 @@ def late(records: list[Record], seconds: Mapping[str, float]) -> list[Record]:
 
 def skews(records: list[Record]) -> dict[str, float]:
     flight = prepare(do328(), records)
-    return {one.effect.target: one.values["value"] for one in _leading_skews(flight, kinematics.reconstruct(flight))}
+    return {
+        one.effect.target: one.values["value"]
+        for one in kinematic_stage._leading_skews(flight, kinematics.reconstruct(flight))
+    }
 
 
 QUIET = {name: 0.2 * sigma for name, sigma in NOISE.items()}
 ATTITUDES: Mapping[str, float] = {"phi": 0.004, "theta": 0.004}
+UNIT: Mapping[str, float] = dict.fromkeys(("p", "q", "r", "ax", "ay", "az"), -0.004)
 
 
 def test_milliseconds_between_attitudes_and_rates_are_found():
@@ -81,11 +84,20 @@ def test_milliseconds_between_attitudes_and_rates_are_found():
     flown = flights(seed=12, count=4, rate_hz=50.0, noise=QUIET)
     found = skews(late(flown, ATTITUDES))
     assert set(found) == set(ATTITUDES) and np.allclose(list(found.values()), 0.004, atol=0.001)
-    unit: Mapping[str, float] = dict.fromkeys(("p", "q", "r", "ax", "ay", "az"), -0.004)
-    found = skews(late(flown, unit))
+    found = skews(late(flown, UNIT))
     assert set(found) == {"inertial"} and np.isclose(found["inertial"], -0.004, atol=0.001)
     assert skews(flown) == {}
-    assert skews([record.without("phi", "theta") for record in late(flown, unit)]) == {}
+    assert skews([record.without("phi", "theta") for record in late(flown, UNIT)]) == {}
+
+
+def test_milliseconds_are_minor_and_no_displaced_vane(monkeypatch):
+    """The inertial unit 4 ms early; left out, a vane stands half a metre off, and more is missing."""
+    records = late(flights(seed=12, count=4, rate_hz=50.0, noise=QUIET), UNIT)
+    found = stages.diagnose(rough_file(), records)
+    assert found.verdict == "adequate"
+    assert ("sensor_delay", "inertial") in {(c.kind, c.target) for c in found.minor}
+    monkeypatch.setattr(kinematic_stage, "_leading_skews", lambda flight, found: [])
+    assert "vane_position" in {c.kind for c in stages.diagnose(rough_file(), records).causes}
 
 
 @pytest.mark.parametrize("fault", [
