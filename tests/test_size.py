@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from diagnosis_flights import flights
+from diagnosis_flights import NOISE, flights
 
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.size import meaningful_share
-from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias
+from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias, sensor_lag
 from casid.model.effect import Effect
 from problems.do328 import do328
 
@@ -33,6 +33,16 @@ def test_a_surface_that_is_late_by_less_than_half_a_sample_may_be_in_time(
         shares.append(meaningful_share(base, Attached(effect=effect, values={"value": size})))
     assert (shares[0] >= 1.0) == known
     assert effect.kind == "rate_limit" or shares[1] >= 1.0
+
+
+@pytest.mark.parametrize(("noise", "matters"), [(0.3, False), (0.005, True)])
+def test_an_instrument_that_is_off_by_more_than_its_noise_matters(noise: float, matters: bool) -> None:
+    """A speed that varies slowly is hardly changed, 0.7 % of its variation, by a lag of 0.03 s; but a precise reading
+    shows it. (A bank angle that lagged by 0.08 s, 150 sigmas, was too small to matter.)"""
+    flight = prepare(do328(), flights(seed=1, count=1, noise={**NOISE, "V": noise}))
+    base = fit(flight, [], flight.noise(), iterations=2)
+    share = meaningful_share(base, Attached(effect=sensor_lag("V"), values={"value": 0.03}))
+    assert (share >= 1.0) == matters
 
 
 def test_a_bias_within_the_noise_of_its_reading_does_not_matter() -> None:

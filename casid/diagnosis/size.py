@@ -35,37 +35,38 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
     in in mid-record.
 
     What stands between a record and a surface, or a channel and its reading, must besides make `_CONSEQUENCE` of
-    difference to a coefficient or a channel: a surface that hardly moves may be slow without any consequence; and a
-    surface that is late by less than half a sample may be in time, because how it runs between samples is not known.
-    What is expected matters at any size: left out, it looks like a fault."""
+    difference to a coefficient or a channel, or as much as the noise of that channel: a surface that hardly moves may
+    be slow without any consequence; and a surface that is late by less than half a sample may be in time, because how
+    it runs between samples is not known. What is expected matters at any size: left out, it looks like a fault."""
     effect, value = one.effect, one.values["value"]
     if effect.amplitude is not None:
-        return _consequence(fitted, one) / _CONSEQUENCE
+        return _consequence(fitted, one)
     smallest = effect.smallest_that_matters(fitted.flight.aircraft)
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
-        return min(own, _consequence(fitted, one) / _CONSEQUENCE, _lateness(fitted, one) / _KNOWN)
+        return min(own, _consequence(fitted, one), _lateness(fitted, one) / _KNOWN)
     share = _coefficient_share(fitted, one) / (_SWITCH if effect.members else SHARE)
     return max(share, 1.0) if effect.expected else share
 
 
 def _consequence(fitted: Fit, one: Attached) -> float:
     """Largest r.m.s. difference that an operator on a surface makes to a coefficient, or one on a reading to a channel,
-    over its variation; infinite for other effects."""
+    over `_CONSEQUENCE` of its variation, or of a channel over its noise; infinite for other effects."""
     names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
     if one.effect.output is not None:
         outputs, read = fitted.model.outputs, fitted.linear.output
         without = [a for a in fitted.attached if a.name != one.name]
         plain, seen = (readings(a, names, t, read, outputs, fitted.known) for a in (without, [*without, one]))
         change, size = np.std((seen - plain)[live], axis=0), np.std(plain[live], axis=0)
-        return float(np.max(change / np.maximum(size, 1e-12)))
+        noise = np.array([fitted.noise.measurement[name] for name in outputs])
+        return float(np.max(change / np.maximum(np.minimum(_CONSEQUENCE * size, noise), 1e-12)))
     if one.effect.target not in SURFACES or one.effect.series is None:
         return np.inf
     moved, shares = _moved(fitted, one), [0.0]
     for coefficient, size in variation(fitted).items():
         slope = fitted.derivatives.get(f"{coefficient}_{one.effect.target}", 0.0)
         left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # of a model with the bare surface
-        shares.append(float(np.std(left[live])) / max(size, 1e-12))
+        shares.append(float(np.std(left[live])) / max(_CONSEQUENCE * size, 1e-12))
     return max(shares)
 
 
