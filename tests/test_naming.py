@@ -292,3 +292,18 @@ def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
     flight = prepare(wild, flights(seed=1, count=1))
     with pytest.raises(InputError, match="diverges along the records"):
         fit(flight, [], flight.noise())
+
+
+@pytest.mark.parametrize(("gain", "angle", "kept"), [(500.0, 1.0, True), (500.0, 0.5, False), (100.0, 1.0, False)])
+def test_what_came_near_and_has_nothing_in_common_is_tried_again(gain: float, angle: float, kept: bool) -> None:
+    """A change of lift and drag, found in the first round behind a late rudder that gained 1000, was not found again
+    beside it: another screening looked elsewhere. A cause that resembles what was named was its rival only."""
+    named = Attached(effect=input_delay("delta_r"), values={"value": 0.08})
+    other = Attached(effect=effectiveness_change("thrust"), values={"value": -0.3}, onsets={"m1": 7.0})
+    trials = (
+        trial_of(named, 1000.0, fingerprint=[1.0, 0.0]),
+        replace(trial_of(other, gain, fingerprint=[np.sqrt(1.0 - angle**2), angle]), meaningful=True),
+    )
+    state = SimpleNamespace(rounds=[SimpleNamespace(trials=trials)])
+    assert naming._left_behind(state) == ([trials[1].candidate] if kept else [])  # pyright: ignore
+    assert naming._left_behind(SimpleNamespace(rounds=[])) == []  # pyright: ignore

@@ -19,7 +19,7 @@ from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
 from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
 from casid.diagnosis.structure import demanded_offsets
-from casid.diagnosis.trials import GAIN, gain_asked, settled, try_cause, worth_trying
+from casid.diagnosis.trials import GAIN, gain_asked, is_same, settled, try_cause, worth_trying
 from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
 from casid.signals import SURFACES
@@ -36,6 +36,7 @@ _BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
 _AT_ONCE = 2  # trials
 # least part of a cause's gain, and sine of the angle between fingerprints, of a rival; and how many are tried again
 _RIVAL, _RESEMBLING, _RIVALS = 0.7, 0.8, 2
+_LEFT_BEHIND = 0.2  # of the gain of what was named before it
 _WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
@@ -117,6 +118,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
     chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
+    chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached) for one in chosen)]
     trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), least)
     nameable = [t for t in fits if t.meaningful]
     trials = small_first(in_order(trials, nameable), fits) if nameable else in_order(trials, ())
@@ -165,6 +167,16 @@ def _tried(
             if can_be_named(trial, price(trial, state, least)):
                 fits[trial] = fitted
     return trials, fits, intervals
+
+
+def _left_behind(state: Naming) -> list[Candidate]:
+    """The best trial of the round before that has nothing in common with what it named: it is still there, and found,
+    where a screening beside what else is missing may look for it elsewhere."""
+    if not state.rounds:
+        return []
+    best, *others = state.rounds[-1].trials
+    apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key != best.effect.key]
+    return [t.candidate for t in apart if t.total > _LEFT_BEHIND * best.total and sine(best, t) > _RESEMBLING][:1]
 
 
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:

@@ -46,11 +46,13 @@ def worth_trying(
     chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
     for ranking in (cautious, observed):
         before = tuple(chosen)
-        chosen += [c for c in _best_few(base, ranking, _FEW) if not any(_same(c.attached, b.attached) for b in before)]
+        chosen += [
+            c for c in _best_few(base, ranking, _FEW) if not any(is_same(c.attached, b.attached) for b in before)
+        ]
     return [c for c in chosen if c.net > _REACHED * least or c.attached.effect.kinematic]
 
 
-def _same(one: Attached, other: Attached) -> bool:
+def is_same(one: Attached, other: Attached) -> bool:
     """Whether two candidates are one: an event at another time, or the other way, is another."""
     if one.name != other.name or not one.effect.timed:
         return one.name == other.name
