@@ -230,11 +230,13 @@ def test_compiled_recursions_equal_the_plain_ones_to_rounding() -> None:
     for name in ("gain", "inverse_root", "P", "log_determinant"):
         np.testing.assert_allclose(getattr(fast, name), getattr(plain, name), rtol=1e-9, atol=1e-12, err_msg=name)
     column, gusts = residual_column(linear), np.random.default_rng(4).standard_normal((400, 3, 37))
-    stations = [0, 1] * 18 + [0]
+    stations, first = [0, 1] * 18 + [0], [0, 1, 4, 20, 21, 36]
+    gusts[:150, :, 21:] = 0.0  # a tile of columns that begin later
     for got, expected in (
         (fast.whiten(*column), plain.whiten(*column)),
         (fast.whiten(linear.Dp, linear.Bp), plain.whiten(linear.Dp, linear.Bp)),
         (fast.whiten_histories(stations, gusts), plain.whiten_histories(stations, gusts)),
+        (fast.whiten_histories(stations, gusts, first), plain.whiten_histories(stations, gusts, first)),
         (fast.smooth(*column)[0], plain.smooth(*column)[0]),
     ):
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10 * np.abs(expected).max())

@@ -72,6 +72,19 @@ def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> 
     return replace(noise, inputs=inputs, coloured=coloured)
 
 
+def station_series(
+    one: Attached, names: Sequence[str], t: np.ndarray, known: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Station -> (N, R) time history that an attached effect puts on it."""
+    found: dict[str, np.ndarray] = {}
+    for j, record in enumerate(names):
+        if one.effect.series is not None and one.concerns(record):
+            here = {name: series[:, j] for name, series in known.items()}
+            for station, series in one.effect.series(t[:, j], here, one.in_record(record)).items():
+                found.setdefault(station, np.zeros(t.shape))[:, j] = series
+    return found
+
+
 def disturbance_series(
     attached: Sequence[Attached], names: Sequence[str], t: np.ndarray, known: Mapping[str, np.ndarray],
     disturbances: Sequence[str],
@@ -79,13 +92,8 @@ def disturbance_series(
     """(N, R, nw) time histories that attached effects put on the disturbance stations."""
     W = np.zeros((*t.shape, len(disturbances)))
     for one in attached:
-        if one.effect.series is None:
-            continue
-        for j, record in enumerate(names):
-            if one.concerns(record):
-                here = {name: series[:, j] for name, series in known.items()}
-                for station, series in one.effect.series(t[:, j], here, one.in_record(record)).items():
-                    W[:, j, disturbances.index(station)] += series
+        for station, series in station_series(one, names, t, known).items():
+            W[..., disturbances.index(station)] += series
     return W
 
 

@@ -17,7 +17,7 @@ from scipy import stats
 
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, cross_of
-from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.estimation.innovations import linearise
 from casid.estimation.processors import side_by_side
 from casid.model.effect import Effect
@@ -136,6 +136,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
                 continue
             at = onset_grid(evidence, ONSET_STEP, values.get("length", np.inf)) if onsets is None else onsets
             rows += [(effect, values, float(onset)) for onset in at]
+    rows.sort(key=lambda row: row[2] or 0.0)  # what has not begun yet needs no work
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     direct = [row for row in rows if not _a_history(row[0])]
     known = [row for row in rows if _a_history(row[0])]
@@ -163,11 +164,12 @@ def _a_history(effect: Effect) -> bool:
 
 
 def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
-    """Of the whitened responses (N, R, ny, rows)."""
+    """Of the whitened responses to the rows (last samples, R, ny, rows), zero before."""
+    before = evidence.fit.white[: len(evidence.fit.white) - len(white), 0].size
     parts = [white[:, r].reshape(-1, len(rows)) for r in range(white.shape[1])]
     square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
-    cross = np.stack([cross_of(c, w) for c, w in zip(evidence.by_record, parts, strict=True)])
-    match = np.stack([evidence.fit.white[:, r].reshape(-1) @ w for r, w in enumerate(parts)])
+    cross = np.stack([cross_of(c[before:], w) for c, w in zip(evidence.by_record, parts, strict=True)])
+    match = np.stack([evidence.fit.white[:, r].reshape(-1)[before:] @ w for r, w in enumerate(parts)])
     return [
         Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
         for j, (e, v, o) in enumerate(rows)
@@ -189,15 +191,15 @@ def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[n
 
 
 def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
-    """(N, R, ny, rows) whitened responses to a unit of effects that are time histories."""
-    histories = []
+    """`_whitened` responses to a unit of effects that are time histories."""
+    histories, index = [], base.model.disturbances.index
     for effect, values, onset in rows:
         if effect.quasi_steady:
             term = parse_term(effect.regressor or "0").evaluate(base.regressors)
-            station = base.model.disturbances.index(f"d{effect.target}")
-            histories.append({station: np.broadcast_to(term, base.batch.live.shape)})
+            found = {f"d{effect.target}": np.broadcast_to(term, base.batch.live.shape)}
         else:
-            histories.append(_by_station(history(base, _unit(effect, values, onset, base))))
+            found = station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
+        histories.append({index(station): series for station, series in found.items()})
     return _whitened(base, histories)
 
 
@@ -213,13 +215,13 @@ def _by_station(W: np.ndarray) -> dict[int, np.ndarray]:
 
 
 def _whitened(base: Fit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
-    """(N, R, ny, histories) whitened responses to time histories by station."""
+    """(last samples, R, ny, histories) whitened responses to time histories by station, from where the first of them
+    begins."""
     stations = [station for one in histories for station in one]
-    white = base.filter.whiten_histories(stations, np.stack([h for one in histories for h in one.values()], axis=2))
+    series = np.stack([h for one in histories for h in one.values()], axis=2)
     parts = np.array([len(one) for one in histories])
-    if (parts == parts[0]).all():  # the same, in a quarter of the time
-        return sum((white[..., i :: parts[0]] for i in range(1, parts[0])), white[..., :: parts[0]])
-    return np.add.reduceat(white, np.cumsum(parts) - parts, axis=3)
+    begins = int(np.argmax(series.any(axis=(1, 2))))
+    return base.filter.whiten_histories(stations, series, np.cumsum(parts) - parts)[begins:]
 
 
 def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:

@@ -82,7 +82,8 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
             continue
         chosen.append(candidate)
     names = {one.name for one in (*chosen, *alike)}
-    alike += [c for c in candidates if c.name not in names and any(_promise_the_same(c, one) for one in chosen)]
+    others = [c for c in candidates if c.name not in names and c.net > _REACHED * GAIN]
+    alike += [c for c in others if any(_promise_the_same(c, one) for one in chosen)]
     return [*chosen, *alike]
 
 

@@ -72,16 +72,18 @@ class FilterKernel:
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
-        columns = (Y, F, first, ctypes.c_long(0), *[None] * 5)
+        columns = (Y, F, first, ctypes.c_long(0), *[None] * 6)
         _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *columns, white, kept)
         return white, states
 
-    def whiten_histories(self, A, C, gain, root, stations, series, Dw, B0, B1) -> np.ndarray:
-        """Innovations (R, N, ny, nc) of time histories (N, R, nc) at disturbance `stations`."""
-        (N, R, ny, n), nc = C.shape, series.shape[2]
+    def whiten_histories(self, A, C, gain, root, stations, first, series, Dw, B0, B1) -> np.ndarray:
+        """Innovations (R, N, ny, nc) of columns that are sums of time histories (N, R, histories) at disturbance
+        `stations`, from number `first` (nc,) on to that of the next column."""
+        (N, R, ny, n), nc = C.shape, len(first)
         white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
+        begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
-        histories = (None, None, None, nw, index, series, Dw, B0, B1)
+        histories = (None, None, None, nw, index, begin, series, Dw, B0, B1)
         _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *histories, white, None)
         return white
 

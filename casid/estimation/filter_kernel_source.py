@@ -265,60 +265,110 @@ static void load(long rows, long stride, long width, const double *from, tile *t
     for (long i = 0; i < rows; i++) memcpy(to[i].d, from + i * stride, width * sizeof(double));
 }
 
-/* to = (added to) what time histories put into `rows` equations through column station[l] of by (rows, nw) */
-static void enter(long rows, long nw, long width, const long *station, const double *by, const double *series, tile *to,
-                  int add)
+/* Time histories that enter a tile: numbers `from` to `to`, at the `few` disturbances `used`; of each history which of
+   these it enters at and the column that it is in. */
+typedef struct { long from, to, few; const long *used, *enters, *column; } histories;
+
+/* Of each tile of nc columns, whose histories begin at number begin[nc + 1]; room: twice that many and tiles * nw. */
+static void sort_histories(long tiles, long nc, long nw, const long *station, const long *begin, long *room,
+                           histories *of)
 {
-    for (long i = 0; i < rows; i++) for (int l = 0; l < width; l++) {
-        double value = by[i * nw + station[l]] * series[l];
-        to[i].d[l] = add ? to[i].d[l] + value : value;
+    long *enters = room, *column = enters + begin[nc], *used = column + begin[nc];
+    for (long b = 0; b < tiles; b++, used += nw) {
+        long first = b * TILE, last = first + TILE < nc ? first + TILE : nc, few = 0;
+        for (long l = first; l < last; l++) for (long h = begin[l]; h < begin[l + 1]; h++) {
+            long s = 0;
+            while (s < few && used[s] != station[h]) s++;
+            if (s == few) used[few++] = station[h];
+            enters[h] = s;
+            column[h] = l - first;
+        }
+        of[b] = (histories){begin[first], begin[last], few, used, enters, column};
+    }
+}
+
+/* the histories of a tile at a sample, summed by disturbance and column; whether any is not zero */
+static int gather(const histories *of, const double *series, tile *to)
+{
+    int any = 0;
+    memset(to, 0, of->few * sizeof(tile));
+    for (long h = of->from; h < of->to; h++) {
+        to[of->enters[h]].d[of->column[h]] += series[h];
+        any |= series[h] != 0.0;
+    }
+    return any;
+}
+
+/* to (rows) += what they put in through columns `used` of by (rows, nw) */
+static void enter(long rows, long nw, const histories *of, const double *by, const tile *gathered, tile *to)
+{
+    for (long i = 0; i < rows; i++) for (long s = 0; s < of->few; s++) {
+        double f = by[i * nw + of->used[s]];
+        to[i].v[0] += f * gathered[s].v[0];
+        to[i].v[1] += f * gathered[s].v[1];
     }
 }
 
 /* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc), or, when Y is
-   null, as time histories series (N,R,nc) that enter at disturbance number station[nc] through Dw, B0, B1.
+   null, as time histories: column l is the sum of series (N,R,begin[nc]) from number begin[l] to begin[l + 1], which
+   enter at disturbance number `station` through Dw, B0, B1; it is zero as long as these are.
    white (R,N,ny,nc); states (N,R,n,nc). A part is a tile of columns, of the first record, the second, ... */
 void whiten(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
             const double *gain, const double *root, const double *Y, const double *F, const double *E0, long nw,
-            const long *station, const double *series, const double *Dw, const double *B0, const double *B1,
-            double *white, double *states)
+            const long *station, const long *begin, const double *series, const double *Dw, const double *B0,
+            const double *B1, double *white, double *states)
 {
     tile e[MOST], out[MOST], next[MOST];
-    long tiles = (nc + TILE - 1) / TILE;
-    tile *all = aligned_alloc(sizeof(tile), tiles * n * sizeof(tile));
+    long tiles = (nc + TILE - 1) / TILE, many = Y ? 0 : begin[nc];
+    tile *all = aligned_alloc(sizeof(tile), (tiles * n + 2 * nw) * sizeof(tile));
+    tile *now = all + tiles * n, *after = now + nw;
+    histories *of = calloc(tiles, sizeof(histories));
+    long *room = malloc((2 * many + tiles * nw + tiles) * sizeof(long)), *begun = room + 2 * many + tiles * nw;
     BEGIN
     memset(e, 0, sizeof e); memset(next, 0, sizeof next);
+    if (!Y) sort_histories(tiles, nc, nw, station, begin, room, of);
     for (long r = from / tiles; r * tiles < to; r++) {
         long low = from > r * tiles ? from - r * tiles : 0, high = to < (r + 1) * tiles ? to - r * tiles : tiles;
         memset(all, 0, tiles * n * sizeof(tile));
+        for (long b = 0; b < tiles; b++) begun[b] = Y != 0;
         if (E0) for (long b = low; b < high; b++)
             load(n, nc, nc - b * TILE < TILE ? nc - b * TILE : TILE, E0 + r * n * nc + b * TILE, all + b * n);
         for (long k = 0; k < N; k++) for (long b = low; b < high; b++) {
             long at = k * R + r, first = b * TILE, width = nc - first < TILE ? nc - first : TILE;
             tile *E = all + b * n;
+            double *to_white = white + (r * N + k) * ny * nc + first;
             if (states) for (long i = 0; i < n; i++)
                 memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
-            if (Y) load(ny, nc, width, Y + at * ny * nc + first, e);
-            else enter(ny, nw, width, station + first, Dw + at * ny * nw, series + at * nc + first, e, 0);
+            memset(next, 0, n * sizeof(tile));
+            if (Y) {
+                load(ny, nc, width, Y + at * ny * nc + first, e);
+                if (k < N - 1) load(nx, nc, width, F + at * nx * nc + first, next);
+            } else {
+                begun[b] |= gather(of + b, series + at * many, now);
+                if (k < N - 1) begun[b] |= gather(of + b, series + (at + R) * many, after);
+                if (!begun[b]) {
+                    for (long i = 0; i < ny; i++) memset(to_white + i * nc, 0, width * sizeof(double));
+                    continue;
+                }
+                memset(e, 0, ny * sizeof(tile));
+                enter(ny, nw, of + b, Dw + at * ny * nw, now, e);
+                if (k < N - 1) {
+                    enter(nx, nw, of + b, B0 + at * nx * nw, now, next);
+                    enter(nx, nw, of + b, B1 + at * nx * nw, after, next);
+                }
+            }
             product(ny, n, 2, C + at * ny * n, E->v, e->v, 1.0, 0);
             memset(out, 0, ny * sizeof(tile));
             product(ny, ny, 2, root + at * ny * ny, e->v, out->v, 1.0, 1);
-            for (long i = 0; i < ny; i++)
-                memcpy(white + ((r * N + k) * ny + i) * nc + first, out[i].d, width * sizeof(double));
+            for (long i = 0; i < ny; i++) memcpy(to_white + i * nc, out[i].d, width * sizeof(double));
             if (k == N - 1) continue;
-            if (F) load(nx, nc, width, F + at * nx * nc + first, next);
-            else {
-                enter(nx, nw, width, station + first, B0 + at * nx * nw, series + at * nc + first, next, 0);
-                enter(nx, nw, width, station + first, B1 + at * nx * nw, series + (at + R) * nc + first, next, 1);
-            }
-            memset(next + nx, 0, (n - nx) * sizeof(tile));
             product(n, ny, 2, gain + at * n * ny, e->v, next->v, -1.0, 0);
             product(n, n, 2, A + at * n * n, E->v, next->v, 1.0, 0);
             memcpy(E, next, n * sizeof(tile));
         }
     }
     END
-    free(all);
+    free(all); free(of); free(room);
 }
 
 /* Bryson-Frazier: costates (N,R,n) of the predicted states, from white (R,N,ny) of one column */

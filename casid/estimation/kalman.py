@@ -75,19 +75,25 @@ class Filter:
         `residual_column`. In memory the records are apart."""
         return self._columns(Y, F, first)[0].swapaxes(0, 1)
 
-    def whiten_histories(self, stations: Sequence[int], series: np.ndarray) -> np.ndarray:
-        """`whiten` of time histories (N, R, nc) that enter at disturbance `stations` (nc indices)."""
+    def whiten_histories(
+        self, stations: Sequence[int], series: np.ndarray, first: Sequence[int] | None = None
+    ) -> np.ndarray:
+        """`whiten` of time histories (N, R, nh) that enter at disturbance `stations` (nh indices): of each, or of sums,
+        from history number `first` (nc,) of each sum to that of the next."""
         linear, index = self.linear, np.asarray(stations, dtype=int)
+        begin = np.arange(len(index)) if first is None else np.asarray(first, dtype=int)
         if self.kernel is not None:
             parts = (linear.Dw, linear.Bw0, linear.Bw1)
-            white = self.kernel.whiten_histories(self.A, self.C, self.gain, self.inverse_root, index, series, *parts)
-            return white.swapaxes(0, 1)
+            of_filter = (self.A, self.C, self.gain, self.inverse_root)
+            return self.kernel.whiten_histories(*of_filter, index, begin, series, *parts).swapaxes(0, 1)
+
+        def entering(by: np.ndarray, at: int) -> np.ndarray:
+            return np.add.reduceat(by[..., index] * series[at][:, None, :], begin, axis=2)
 
         def forced(k: int) -> np.ndarray:
-            now, after = linear.Bw0[k][..., index], linear.Bw1[k][..., index]
-            return now * series[k][:, None, :] + after * series[k + 1][:, None, :]
+            return entering(linear.Bw0[k], k) + entering(linear.Bw1[k], k + 1)
 
-        white, _ = self._run(len(index), lambda k: linear.Dw[k][..., index] * series[k][:, None, :], forced)
+        white, _ = self._run(len(begin), lambda k: entering(linear.Dw[k], k), forced)
         return white.swapaxes(0, 1)
 
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
