@@ -159,13 +159,24 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
 @pytest.mark.parametrize(("loss", "kept"), [(17.0, ["cause"]), (60.0, [])])
 def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float, kept: list[str]) -> None:
     """A cause that gains 600 in the fitted records and loses less than a twentieth of it, 30, in the others stays."""
-    cause = SimpleNamespace(name="cause")
+    cause = SimpleNamespace(name="cause", slight=False)
     noise = SimpleNamespace(coloured={})
     bare = SimpleNamespace(attached=[], data_deviance=0.0, readings=1000, noise=noise)
     more = SimpleNamespace(attached=[cause], data_deviance=loss, readings=1000, noise=noise)
     gains = held_gains([bare, more])  # pyright: ignore
     final, _ = best_on_held([], [bare, more], [bare, more], gains, [600.0])  # pyright: ignore
     assert [one.name for one in final.attached] == kept
+
+
+def test_an_event_that_is_not_in_the_held_out_records_is_not_judged_there() -> None:
+    """Nor by the offset that was put in beside it: a shear in other records, and a bias that loses with it."""
+    bias, scale = SimpleNamespace(name="bias", slight=True), SimpleNamespace(name="scale", slight=False)
+    noise = SimpleNamespace(coloured={})
+    bare, event, cause = (
+        SimpleNamespace(attached=attached, data_deviance=deviance, readings=1000, noise=noise)
+        for attached, deviance in (([], 0.0), ([bias], 600.0), ([bias, scale], 500.0))
+    )
+    assert held_gains([bare, event, cause]) == [None, pytest.approx(0.05)]  # pyright: ignore
 
 
 @pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (60.0, False)])

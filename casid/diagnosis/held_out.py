@@ -161,10 +161,11 @@ def gains_by_kinematics(
 
 
 def held_gains(on_held: Sequence[Fit]) -> list[float | None]:
-    """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat."""
+    """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat,
+    whatever slight errors of instruments were put in beside it."""
     gains: list[float | None] = []
     for before, after in pairwise(on_held):
-        new = {a.name for a in after.attached} - {a.name for a in before.attached}
+        new = {a.name for a in after.attached if not a.slight} - {a.name for a in before.attached}
         gain = 0.5 * (before.data_deviance - after.data_deviance) / after.readings
         gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
     return gains
