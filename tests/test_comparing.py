@@ -21,6 +21,7 @@ from casid.diagnosis.kinematic_check import kinematic_check
 from casid.diagnosis.naming import Naming
 from casid.diagnosis.result import Round
 from casid.diagnosis.trials import try_cause
+from casid.diagnosis.verdict import minor_trials
 from casid.model.causes import (
     actuator_lag,
     aero_term,
@@ -149,3 +150,15 @@ def test_kinematics_beside_a_cause_do_not_know_it() -> None:
     check, own = (kinematic_check(one, late) for one in (without, kinematic))
     assert check.confirmed and not own.confirmed
     assert naming._kinematics_beside(kinematic, alone, thrust_line()) is kinematic
+
+
+def test_what_looks_alike_at_one_place_is_minor_once() -> None:
+    """A delay and a lag of the elevator that are one; a bias that has the same fingerprint acts elsewhere."""
+
+    def small(one: Attached, gain: float):
+        return replace(trial_of(one, gain, fingerprint=[1.0, 0.0]), meaningful=False)
+
+    trials = [small(LAGGED, 422.0), small(LATE, 424.0), small(BIAS, 300.0)]
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)])
+    found = [trial.candidate.name for trial in minor_trials(state, ())]  # pyright: ignore
+    assert found == ["input_delay(delta_e)", "sensor_bias(q)"]

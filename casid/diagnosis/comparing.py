@@ -10,7 +10,7 @@ from casid.diagnosis.result import Trial
 from casid.diagnosis.size import plausible
 from casid.diagnosis.trials import equivalence
 
-_ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
+ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
 
 
 def can_be_named(trial: Trial, least: float) -> bool:
@@ -67,7 +67,7 @@ def equivalents_of(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
             # other small terms explain most of what a term does, and little is left of its gain to compare with
             near = near or best.exact - trial.exact < equivalence(best.exact)
-        if (near and angle < _UNRELATED) or (angle < _ALIKE and behind < 4.0 * np.sqrt(best.total) * angle):
+        if (near and angle < _UNRELATED) or (angle < ALIKE and behind < 4.0 * np.sqrt(best.total) * angle):
             found.append(trial)
     return tuple(found)
 

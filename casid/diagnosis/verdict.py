@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from casid.diagnosis.coefficients import unlike_derivatives, variation
+from casid.diagnosis.comparing import ALIKE, sine
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals
 from casid.diagnosis.evidence import Evidence, deviation, is_sure
@@ -115,7 +116,8 @@ def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingIn
 
 
 def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
-    """Trials of the round that named nothing that gain enough, and are only too small; most gain first."""
+    """Trials of the round that named nothing that gain enough, and are only too small; most gain first, and of those
+    that look alike at one place the first."""
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
     for round_ in [r for r in naming.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.net):
@@ -126,6 +128,7 @@ def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
                 and not trial.meaningful
                 and plausible(trial.candidate.attached)
                 and effect.key not in known
+                and not any(t.effect.target == effect.target and sine(t, trial) < ALIKE for t in found)
             ):
                 found.append(trial)
                 known.add(effect.key)

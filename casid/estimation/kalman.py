@@ -76,7 +76,7 @@ class Filter:
         return self._columns(Y, F, first)[0].swapaxes(0, 1)
 
     def whiten_histories(
-        self, stations: Sequence[int], series: np.ndarray, first: Sequence[int] | None = None
+        self, stations: Sequence[int], series: np.ndarray, first: Sequence[int] | np.ndarray | None = None
     ) -> np.ndarray:
         """`whiten` of time histories (N, R, nh) that enter at disturbance `stations` (nh indices): of each, or of sums,
         from history number `first` (nc,) of each sum to that of the next."""

@@ -17,7 +17,7 @@ from casid.diagnosis.result import Cause, Diagnosis, Trial
 from casid.diagnosis.trials import GAIN, GAIN_OF_AN_INSTRUMENT
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
-from casid.report.words import effect_name, place, quantity
+from casid.report.words import effect_name, label, place, quantity
 
 _MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
 _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
@@ -50,7 +50,7 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     ax.axvline(GAIN, color=MEASURED, ls=":", lw=1.2)
     ax.set_xscale("log")
     ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain for _, t, _ in rows), *held_out))
-    ax.set_yticks(range(len(rows)), [_row_name(n, t, several) for n, t, _ in rows])
+    ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("gain 2 Δ ln L (log scale)")

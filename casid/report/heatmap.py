@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.statistics import band_energy
 from casid.report.style import Picture, blank
-from casid.report.words import effect_name
+from casid.report.words import effect_name, label
 
 _EDGES = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz
 _MOST = 1e4
@@ -62,14 +62,14 @@ def ambiguity(diagnosis: Diagnosis) -> Picture | None:
     names = [effect_name(t.effect) for t in trials]
     figure = blank(0.42 * len(names) + 1.7)
     ax = figure.subplots()
-    image = ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")
+    ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")
     for i, row in enumerate(cosine):
         for j, value in enumerate(row):
-            ax.text(j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 0.6 else "black")
-    ax.set_yticks(range(len(names)), [f"{n}  ({chr(65 + i)})" for i, n in enumerate(names)])
+            colour = "white" if value > 0.6 else "black"
+            ax.text(j, i, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=8)
+    ax.set_yticks(range(len(names)), [label(f"{n}  ({chr(65 + i)})") for i, n in enumerate(names)])
     ax.set_xticks(range(len(names)), [chr(65 + i) for i in range(len(names))])
     ax.grid(visible=False)
-    figure.colorbar(image, ax=ax, label="|cos|", shrink=0.9)
     off = cosine - np.eye(len(names))
     i, j = np.unravel_index(np.argmax(off), off.shape)
     return Picture(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 
 from casid.diagnosis.missing_input import READING
 from casid.model.effect import Effect
@@ -11,6 +12,7 @@ from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
+_LABEL = 40  # characters
 _PLACES = {"wind_x": "wind along x", "wind_y": "wind along y", "wind_z": "wind along z"}
 _COEFFICIENTS = {
     "CL": "lift", "CD": "drag", "CY": "side force", "CX": "longitudinal force", "CZ": "normal force",
@@ -28,8 +30,14 @@ def effect_name(effect: Effect) -> str:
     return cause_name(effect.kind, effect.target, effect.term)
 
 
+def label(name: str) -> str:
+    """A name beside an axis, in more than one line when it is long: what is left of the width is the figure's."""
+    return textwrap.fill(name, _LABEL)
+
+
 def pretty(sentence: str) -> str:
-    """Powers and units raised, products dotted: "alpha^2*beta", "1/rad2", "m/s2"."""
+    """Powers and units raised, products dotted, signs of numbers as long as a minus: "alpha^2*beta", "-1 m/s2"."""
+    sentence = re.sub(r"(?<!\w)-(?=\d)", "−", sentence)
     raised = re.sub(r"\^([2-9])", lambda m: m[1].translate(_POWERS), re.sub(r"(?<=\w)\*(?=\w)", "·", sentence))
     return re.sub(r"(?<=/)(rad|deg|s|m)([23])\b", lambda m: m[1] + m[2].translate(_POWERS), raised)
 
