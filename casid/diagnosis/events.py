@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.screening import (
     EDGE,
     ONSET_STEP,
+    STARTS,
     Candidate,
     Screen,
     fingerprints,
@@ -138,44 +140,39 @@ def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
 
 
 def configuration_changes(evidence: Evidence) -> list[Candidate]:
-    """Sets of coefficients that switch together: the record, onset and duration with the largest joint statistic.
-
-    One record is enough to find the set; `further_records` finds where else it switches.
-    """
+    """Sets of coefficients that switch together: the records, onsets and duration with the largest joint statistic less
+    its price, of one size in all of these records."""
     base, price = evidence.fit, Screen(evidence).price
-    coefficients = coefficient_names(base.flight.aircraft.force_axes)
+    names, coefficients = base.batch.names, coefficient_names(base.flight.aircraft.force_axes)
     onsets = onset_grid(evidence, ONSET_STEP)
     durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
-    best: tuple[float, int, float, float, np.ndarray, np.ndarray] | None = None
-    for duration in durations:
-        for at in range(0, len(onsets), _TOGETHER):
-            some = onsets[at : at + _TOGETHER]
-            white = _steps(evidence, coefficients, some, duration)
-            for r in range(len(base.flight.records)):
-                for onset, found in zip(some, _joint(evidence, r, white[:, r], len(coefficients)), strict=True):
-                    if best is None or found[0] > best[0]:
-                        best = (found[0], r, float(onset), duration, found[1], found[2])
-    if best is None:
-        return []
-    statistic, r, onset, duration, sizes, stds = best
-    strength = np.abs(sizes) / stds
-    order = np.argsort(-strength)
-    strong = [int(c) for c in order if strength[c] > max(4.0, _MEMBER * strength[order[0]])] or [int(order[0])]
-    members = sorted(strong)
-    values = {("value" if c == members[0] else coefficients[c]): float(sizes[c]) for c in members}
-    attached = Attached(
-        effect=configuration_change("+".join(coefficients[c] for c in members)),
-        values=values | {"duration": duration},
-        onsets={base.batch.names[r]: float(base.flight.records[r].t[0] + onset)},
-    )
-    tries = float(len(onsets) * len(base.flight.records) * len(durations))
-    dof = len(members) + 1
-    return [
-        Candidate(
-            attached=attached, statistic=statistic, net=statistic - dof * price - 2.0 * np.log(tries), dof=dof,
-            value=float(sizes[members[0]]), std=float(stds[members[0]]), surviving=1.0, tries=tries,
-        )
-    ]  # fmt: skip
+    best: Candidate | None = None
+    for duration in durations if len(onsets) else ():
+        steps = _steps(evidence, coefficients, onsets, duration)
+        for chosen in _onset_sets(evidence, steps):
+            statistic, sizes, stds = _joint(evidence, _Steps.sum([steps[r].at([o]) for r, o in chosen.items()]))
+            members = _members(np.abs(sizes[0]) / stds[0])
+            tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
+            net = float(statistic[0]) - (len(members) + 1) * price - 2.0 * np.log(tries)
+            if best is not None and net < best.net:
+                continue
+            values = {("value" if c == members[0] else coefficients[c]): float(sizes[0, c]) for c in members}
+            attached = Attached(
+                effect=configuration_change("+".join(coefficients[c] for c in members)),
+                values=values | {"duration": duration},
+                onsets={names[r]: float(base.flight.records[r].t[0] + onsets[o]) for r, o in chosen.items()},
+            )
+            best = Candidate(
+                attached=attached, statistic=float(statistic[0]), net=net, dof=len(members) + 1,
+                value=float(sizes[0, members[0]]), std=float(stds[0, members[0]]), surviving=1.0, tries=tries,
+            )  # fmt: skip
+    return [] if best is None else [best]
+
+
+def _members(strength: np.ndarray) -> list[int]:
+    """The coefficients that take part, by their size in 1-sigmas."""
+    strong = np.flatnonzero(strength > max(4.0, _MEMBER * strength.max()))
+    return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
 def is_sudden(evidence: Evidence, one: Attached) -> bool:
@@ -219,34 +216,92 @@ def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
 
 
 def _inverse(square: np.ndarray) -> np.ndarray:
-    """Of a symmetric matrix that may be singular, scaled to a diagonal of ones."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(square), 1e-300))
-    return np.linalg.pinv(square * scale[:, None] * scale, rcond=1e-8, hermitian=True) * scale[:, None] * scale
+    """Of symmetric matrices (..., n, n) that may be singular, scaled to a diagonal of ones."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(square, axis1=-2, axis2=-1), 1e-300))
+    scale = scale[..., :, None] * scale[..., None, :]
+    return np.linalg.pinv(square * scale, rcond=1e-8, hermitian=True) * scale
 
 
-def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> np.ndarray:
-    """(N, R, ny, onsets x coefficients) whitened responses to unit steps."""
-    base = evidence.fit
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Steps:
+    """Normal equations of unit steps of c coefficients at several onsets in one record: gram (onsets, c, c), cross
+    (onsets, k, c) with the fitted slots, and match (onsets, c) with what is left."""
+
+    gram: np.ndarray
+    cross: np.ndarray
+    match: np.ndarray
+
+    def at(self, onsets: Sequence[int]) -> _Steps:
+        return _Steps(gram=self.gram[onsets], cross=self.cross[onsets], match=self.match[onsets])
+
+    @staticmethod
+    def sum(parts: Sequence[_Steps]) -> _Steps:
+        """Of the same size in several records."""
+        return _Steps(
+            gram=reduce(np.add, [p.gram for p in parts]),
+            cross=reduce(np.add, [p.cross for p in parts]),
+            match=reduce(np.add, [p.match for p in parts]),
+        )
+
+
+def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> list[_Steps]:
+    """Of every record, at the same times after its first sample."""
+    base, c = evidence.fit, len(coefficients)
     since = base.batch.t - base.batch.t[0]
-    shapes = np.stack([operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in onsets], axis=2)
-    stations = [base.model.disturbances.index(f"d{c}") for _ in onsets for c in coefficients]
-    return base.filter.whiten_histories(stations, np.repeat(shapes, len(coefficients), axis=2))
+    stations = [base.model.disturbances.index(f"d{name}") for name in coefficients]
+    found: list[list[_Steps]] = [[] for _ in base.batch.names]
+    for first in range(0, len(onsets), _TOGETHER):
+        some = onsets[first : first + _TOGETHER]
+        shapes = [operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in some]
+        series = np.repeat(np.stack(shapes, axis=2), c, axis=2)
+        white = base.filter.whiten_histories(stations * len(some), series)
+        for r, flat in enumerate(evidence.by_record):
+            columns = white[:, r].reshape(-1, len(some) * c)
+            cross = cross_of(flat, columns)
+            match = columns.T @ base.white[:, r].reshape(-1) - cross.T @ evidence.newton
+            blocks = columns.reshape(-1, len(some), c)
+            gram = np.stack([blocks[:, i].T @ blocks[:, i] for i in range(len(some))])
+            cross = np.moveaxis(cross.reshape(-1, len(some), c), 1, 0)
+            found[r].append(_Steps(gram=gram, cross=cross, match=match.reshape(-1, c)))
+    return [
+        _Steps(
+            gram=np.concatenate([p.gram for p in parts]), cross=np.concatenate([p.cross for p in parts]),
+            match=np.concatenate([p.match for p in parts]),
+        )
+        for parts in found
+    ]  # fmt: skip
 
 
-def _joint(
-    evidence: Evidence, r: int, white: np.ndarray, together: int
-) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """(statistic, sizes, 1-sigmas) of every `together` neighbouring columns of white (N, ny, columns) of record r as
-    causes that act together, fitted slots eliminated."""
-    columns = white.reshape(-1, white.shape[2])
-    cross = cross_of(evidence.by_record[r], columns)
-    match = columns.T @ evidence.fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
-    for first in range(0, columns.shape[1], together):
-        own = slice(first, first + together)
-        left = columns[:, own].T @ columns[:, own] - cross[:, own].T @ evidence.covariance @ cross[:, own]
-        inverse = _inverse(left)
-        sizes = inverse @ match[own]
-        yield float(match[own] @ sizes), sizes, np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+def _joint(evidence: Evidence, steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(statistic (onsets,), sizes, 1-sigmas (onsets, c)) of coefficients that switch together, fitted slots
+    eliminated."""
+    left = steps.gram - steps.cross.swapaxes(1, 2) @ (evidence.covariance @ steps.cross)
+    inverse = _inverse(left)
+    sizes = (inverse @ steps.match[..., None])[..., 0]
+    stds = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 1e-300))
+    return np.sum(steps.match * sizes, axis=1), sizes, stds
+
+
+def _onset_sets(evidence: Evidence, steps: Sequence[_Steps]) -> Iterator[dict[int, int]]:
+    """Record -> number of the onset, for single records and larger sets that switch alike, grown as those of
+    `screening.rank`: the fitted derivatives hide a change that is in every record."""
+
+    def statistics(r: int, chosen: dict[int, int]) -> np.ndarray:
+        """Of each onset in a record beside those in others."""
+        beside = [steps[other].at([o]) for other, o in chosen.items() if other != r]
+        return _joint(evidence, _Steps.sum([steps[r], *beside]))[0]
+
+    alone = {r: statistics(r, {}) for r in range(len(steps))}
+    for start in sorted(alone, key=lambda r: -alone[r].max())[:STARTS]:
+        chosen = {start: int(np.argmax(alone[start]))}
+        yield dict(chosen)
+        while len(chosen) < len(steps):
+            beside = {r: statistics(r, chosen) for r in alone if r not in chosen}
+            added = max(beside, key=lambda r: beside[r].max())
+            chosen[added] = int(np.argmax(beside[added]))
+            for r in chosen:
+                chosen[r] = int(np.argmax(statistics(r, chosen)))
+            yield dict(chosen)
 
 
 def further_records(evidence: Evidence, one: Attached) -> Attached:

@@ -26,7 +26,7 @@ from casid.model.terms import parse_term
 _AT_ONCE, _LEAST, _MOST = 1.8e6, 24, 96  # numbers of whitened responses, and responses, that are in memory together
 ONSET_STEP, _FINE_UP_TO = 1.0, 30.0  # s, between onsets, and length of a record up to which they are as near as asked
 EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
-_STARTS = 4  # records from which sets of records grow
+STARTS = 4  # records from which sets of records grow
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
 
 
@@ -349,14 +349,14 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size.
 
-    Larger sets grow from each of the `_STARTS` records that say most by the record and onset that add most, all onsets
+    Larger sets grow from each of the `STARTS` records that say most by the record and onset that add most, all onsets
     then moved once more: the fitted derivatives hide a loss that is in most records, so that single records say little.
     """
     sums = _Sums(judge, prints)
     alone = sums.statistics({})
     singles = [{r: int(np.argmax(alone[:, r]))} for r in range(R)]
     sets = list(singles)
-    for first in np.argsort(-alone.max(axis=0), kind="stable")[:_STARTS]:
+    for first in np.argsort(-alone.max(axis=0), kind="stable")[:STARTS]:
         chosen = dict(singles[first])
         while len(chosen) < R:
             beside = sums.statistics(chosen)
