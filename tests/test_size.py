@@ -10,8 +10,8 @@ from diagnosis_flights import NOISE, flights
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.size import meaningful_share
-from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias, sensor_lag
+from casid.diagnosis.size import meaningful_share, plausible
+from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias, sensor_lag, structural_mode
 from casid.model.effect import Effect
 from problems.do328 import do328
 
@@ -51,3 +51,10 @@ def test_a_bias_within_the_noise_of_its_reading_does_not_matter() -> None:
     precise, cheap = (replace(aircraft, noise={**aircraft.noise, "q": sigma}) for sigma in (1e-4, 0.0052))
     assert bias.smallest_that_matters(precise) == pytest.approx(0.001745, rel=1e-3)
     assert bias.smallest_that_matters(cheap) == 0.0052
+
+
+@pytest.mark.parametrize(("damping", "possible"), [(0.05, True), (2.2, False)])
+def test_a_structural_mode_is_lightly_damped(damping: float, possible: bool) -> None:
+    """What does not ring is none: at more than critical damping it looks like a lag of the reading."""
+    values = {"value": 0.015, "frequency_hz": 4.3, "damping": damping}
+    assert plausible(Attached(effect=structural_mode("p"), values=values)) == possible

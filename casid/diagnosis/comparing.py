@@ -7,8 +7,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from casid.diagnosis.result import Trial
+from casid.diagnosis.screening import equivalence
 from casid.diagnosis.size import plausible
-from casid.diagnosis.trials import equivalence
 
 ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
 

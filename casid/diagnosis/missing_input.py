@@ -62,26 +62,27 @@ def stations(fit: Fit) -> list[str]:
 
 def moving_air(evidence: Evidence) -> list[MissingInput]:
     """An unknown velocity of the air along each axis, largest gain first."""
-    return _each(evidence, [station for station in stations(evidence.fit) if station.startswith("wind_")])
+    return missing_at(evidence, [station for station in stations(evidence.fit) if station.startswith("wind_")])
 
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
-    return _each(evidence, [*stations(evidence.fit), *_readings(evidence.fit)])
+    return missing_at(evidence, [*stations(evidence.fit), *_readings(evidence.fit)])
+
+
+def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
+    """An unknown input at each of these stations, largest gain first."""
+    found = side_by_side(lambda station: _one_station(evidence, station), names)
+    return sorted(found, key=lambda m: -m.gain)
 
 
 def drifts(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each reading, largest gain first."""
-    return _each(evidence, _readings(evidence.fit))
+    return missing_at(evidence, _readings(evidence.fit))
 
 
 def _readings(fit: Fit) -> list[str]:
     return [READING + name for name in fit.model.outputs]
-
-
-def _each(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
-    found = side_by_side(lambda station: _one_station(evidence, station), names)
-    return sorted(found, key=lambda m: -m.gain)
 
 
 def missing_oscillation(evidence: Evidence) -> list[MissingInput]:

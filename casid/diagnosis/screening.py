@@ -27,6 +27,7 @@ _AT_ONCE, _LEAST, _MOST = 1.8e6, 24, 96  # numbers of whitened responses, and re
 ONSET_STEP, _FINE_UP_TO = 1.0, 30.0  # s, between onsets, and length of a record up to which they are as near as asked
 EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
 STARTS = 4  # records from which sets of records grow
+_EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
 
 
@@ -288,28 +289,36 @@ def rank(judge: Screen, prints: Iterable[Fingerprint]) -> list[Candidate]:
 
 
 def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
-    """The best of the tried shapes, in all records or, for what may change between flights, in some."""
-    effect = prints[0].effect
-    R = len(prints[0].square)
+    """The best of the tried shapes, in all records or, for what may change between flights, in some. Of what only shows
+    as a difference between records, which a set and all the others tell equally well, it is in the fewer."""
+    effect, names = prints[0].effect, np.array(judge.base.batch.names)
+    R = len(names)
     best: Candidate | None = None
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.by_record else []
-        for keep in (np.ones(R), *(_subset(chosen, R) for _, chosen in sets if len(chosen) < R)):
+        some = sorted({tuple(sorted(chosen)) for _, chosen in sets if len(chosen) < R}, key=len)
+        for keep in (np.ones(R), *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
             if size == 0.0 or (not effect.linear and not 0.3 < size < 3.0):
                 continue
             tried = len(prints) * (1.0 if keep.all() else 2.0**R - 1.0)
             dof = 1 + (effect.linear and len(one.values) > 0)
             net = statistic - dof * judge.price - 2.0 * np.log(tried)
-            if best is None or net > best.net:
+            records = () if keep.all() else tuple(names[keep > 0].tolist())
+            in_fewer = effect.relative and best is not None and 0 < len(best.attached.records) < len(records)
+            if best is None or net > best.net + (equivalence(net) if in_fewer else 0.0):
                 value = size if effect.linear else one.values["value"] * min(size, 1.5)
-                records = () if keep.all() else tuple(np.array(judge.base.batch.names)[keep > 0].tolist())
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached, statistic=statistic, net=net, dof=dof, value=value, std=std * abs(value / size),
                     surviving=share, tries=tried,
                 )  # fmt: skip
     return best
+
+
+def equivalence(gain: float) -> float:
+    """Distance in gain within which causes are one set."""
+    return max(_EQUIVALENT[0], _EQUIVALENT[1] * gain)
 
 
 def _subset(chosen: Iterable[int], R: int) -> np.ndarray:

@@ -25,8 +25,9 @@ _LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficie
 
 def plausible(one: Attached, share: float = 0.0) -> bool:
     """Whether a fitted size is physically possible; flaps and gear may exceed what the derivatives vary by."""
-    of_a_term = one.effect.regressor is not None
-    return abs(one.values["value"]) <= one.effect.limit and (share <= _LARGEST_SHARE / SHARE or not of_a_term)
+    limits = {**one.effect.limits, "value": one.effect.limit}
+    possible = all(abs(one.values[name]) <= limit for name, limit in limits.items())
+    return possible and (share <= _LARGEST_SHARE / SHARE or one.effect.regressor is None)
 
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:

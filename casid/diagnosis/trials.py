@@ -14,7 +14,7 @@ from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_check import hopeless, kinematic_check
 from casid.diagnosis.result import Trial
-from casid.diagnosis.screening import EDGE, Candidate
+from casid.diagnosis.screening import EDGE, Candidate, equivalence
 from casid.diagnosis.size import meaningful_share, plausible
 from casid.errors import InputError
 from casid.model.causes import configuration_change
@@ -29,7 +29,6 @@ _PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is n
 _CLEAR = 400.0
 _REACHED = 0.3  # part of the gain that must be predicted before a cause is tried
 _PROMISING = 0.2  # part of it that must be predicted before a cause is tried
-_EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _TERMS, _TERMS_ALIKE = 2, 4  # of one coefficient that are tried, and when they promise the same
 _TRIALS, _FEW = 4, 2  # candidates of the first ranking that are tried, and of each other
 _APART = 2.0  # s, from which two onsets are two events
@@ -92,11 +91,6 @@ def _promise_the_same(one: Candidate, other: Candidate) -> bool:
     effect, beside = one.attached.effect, other.attached.effect
     of_one_place = effect.target == beside.target and not (effect.quasi_steady or beside.quasi_steady)
     return of_one_place and abs(one.net - other.net) < equivalence(other.net)
-
-
-def equivalence(gain: float) -> float:
-    """Distance in gain within which causes are one set."""
-    return max(_EQUIVALENT[0], _EQUIVALENT[1] * gain)
 
 
 def try_cause(

@@ -139,7 +139,7 @@ def structural_mode(channel: str) -> Effect:
     return Effect(
         kind="structural_mode", target=channel, reads=(channel,), covered_by=_RATE_OF.get(channel),
         grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies), defaults={"damping": _LIGHT},
-        output=output, amplitude=0.05,
+        output=output, amplitude=0.05, limits={"damping": 0.3},
     )  # fmt: skip
 
 
