@@ -70,10 +70,11 @@ def sensor_scale(target: str) -> Effect:
         for name in group_channels(target):
             path.output[name] *= 1.0 + values["value"]
 
+    # calibrations in flight are good to about one percent
     return Effect(
         kind="sensor_scale", target=target, reads=SENSOR_GROUPS.get(target, (target,)),
         covered_by=_RATE_OF.get(target), kinematic=True, by_record=True, station="sensors", change=change,
-        meaningful=0.01, limit=0.6,
+        meaningful=0.015, limit=0.6,
     )  # fmt: skip
 
 
