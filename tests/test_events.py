@@ -64,3 +64,17 @@ def test_what_helps_most_at_the_end_of_a_record_is_no_event_there(
     monkeypatch.setattr(events, "fingerprints", lambda *_: prints)
     wider = events.further_records(evidence, one)  # pyright: ignore
     assert wider.onsets == pytest.approx({"m1": 8.0} | ({"m2": 112.0} if joins else {}))
+
+
+def test_a_configuration_change_in_every_record_is_found_in_every_record() -> None:
+    """Truth: lift, drag and pitching moment that jump in both records; one of them tells two thirds of it."""
+    onsets = {"m1": 10.6, "m2": 15.2}
+    flap = Attached(
+        effect=configuration_change("CL+CD+Cm"), onsets=onsets,
+        values={"value": 0.08, "CD": 0.007, "Cm": -0.025, "duration": 1.0},
+    )  # fmt: skip
+    flight = prepare(do328(), flights([flap], seed=5, count=2))
+    evidence = weigh(fit(flight, [], flight.noise()))
+    (found,) = events.configuration_changes(evidence)
+    assert found.attached.effect.members == ("CL", "CD", "Cm")
+    assert found.attached.onsets == pytest.approx(onsets, abs=1.0)

@@ -58,6 +58,11 @@ def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
     return left < max(part * before, _NOTICEABLE)
 
 
+def _left_exactly(evidence: Evidence, stations: Sequence[str]) -> list[float]:
+    """What an unknown input gains at these stations while the structure is taken as exact."""
+    return [m.gain for m in missing_at(weigh(evidence.fit, discrepancy=False), stations)]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Seen:
     """Gains of anonymous inputs by station before a cause, and what is missing beside it."""
@@ -125,8 +130,8 @@ class _Seen:
     def explains_nearly_all(self) -> bool:
         """Whether little is left where it enters while the structure is taken as exact. Small terms that may be as
         large as they must be leave both the cause and what is missing little to gain."""
-        left = missing_at(weigh(self.evidence.fit, discrepancy=False), self.own)
-        return bool(left) and all(m.gain < _HARDLY * (self.last.exact + m.gain) for m in left)
+        left = _left_exactly(self.evidence, self.own)
+        return bool(left) and all(gain < _HARDLY * (self.last.exact + gain) for gain in left)
 
     @property
     def gains_more_than_any_input(self) -> bool:

@@ -289,8 +289,8 @@ def rank(judge: Screen, prints: Iterable[Fingerprint]) -> list[Candidate]:
 
 
 def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
-    """The best of the tried shapes, in all records or, for what may change between flights, in some. Of what only shows
-    as a difference between records, which a set and all the others tell equally well, it is in the fewer."""
+    """The best of the tried shapes, in all records or, for what may change between flights, in some. What only shows as
+    a difference between records, which a set and all the others tell equally well, is in the fewer."""
     effect, names = prints[0].effect, np.array(judge.base.batch.names)
     R = len(names)
     best: Candidate | None = None
@@ -305,8 +305,9 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             dof = 1 + (effect.linear and len(one.values) > 0)
             net = statistic - dof * judge.price - 2.0 * np.log(tried)
             records = () if keep.all() else tuple(names[keep > 0].tolist())
-            in_fewer = effect.relative and best is not None and 0 < len(best.attached.records) < len(records)
-            if best is None or net > best.net + (equivalence(net) if in_fewer else 0.0):
+            before = best.attached.records if best is not None and effect.relative else ()
+            in_more = 0 < len(before) < len(records) and {*before, *records} == {*names.tolist()}
+            if best is None or net > best.net + (equivalence(net) if in_more else 0.0):
                 value = size if effect.linear else one.values["value"] * min(size, 1.5)
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
