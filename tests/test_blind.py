@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from casid.campaign.blind import solve
-from casid.diagnosis.screening import EDGE
+from casid.diagnosis.fingerprints import EDGE
 from casid.errors import InputError
 from casid.model.terms import parse_term
 from casid.model.vocabulary import KINDS

@@ -12,6 +12,7 @@ from scipy import stats
 from casid.diagnosis import naming
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence import deviation, left_open, weigh
+from casid.diagnosis.fingerprints import fingerprints
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import steps_to_keep
@@ -19,7 +20,7 @@ from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import missing_inputs
 from casid.diagnosis.naming import without_superseded
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import Screen, fingerprints, screen
+from casid.diagnosis.screening import Screen, screen
 from casid.diagnosis.verdict import onset_intervals
 from casid.model.causes import (
     accelerometer_position,

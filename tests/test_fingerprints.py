@@ -10,10 +10,11 @@ from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
 
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.fingerprints import fingerprints
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import Screen, fingerprints
+from casid.diagnosis.screening import Screen
 from casid.model.aircraft import EffectValue
 from casid.model.applied import apply_effects
 from casid.model.dynamics import aircraft_model

@@ -10,11 +10,12 @@ from diagnosis_flights import DEG, NOISE, SURFACE_NOISE, flights
 
 from casid.diagnosis.evaluation import Work, _as_strong, gauss_newton_step
 from casid.diagnosis.evidence import deviation, weigh
+from casid.diagnosis.fingerprints import fingerprints
 from casid.diagnosis.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import missing_inputs
-from casid.diagnosis.screening import Screen, fingerprints, rank
+from casid.diagnosis.screening import Screen, rank
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
     actuator_lag,

@@ -17,12 +17,13 @@ from casid.diagnosis.comparing import can_be_named, equivalents_of, in_order
 from casid.diagnosis.evaluation import Work, evaluate
 from casid.diagnosis.evidence import deviation, is_sure, weigh
 from casid.diagnosis.explaining import doubt
+from casid.diagnosis.fingerprints import Fingerprint
 from casid.diagnosis.fit import fit
 from casid.diagnosis.flight import prepare
 from casid.diagnosis.held_out import best_on_held, held_gains
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.result import Trial
-from casid.diagnosis.screening import Candidate, Fingerprint, rank
+from casid.diagnosis.screening import Candidate, rank
 from casid.diagnosis.trials import worth_trying
 from casid.errors import InputError
 from casid.model.causes import (

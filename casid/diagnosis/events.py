@@ -10,19 +10,10 @@ import numpy as np
 
 from casid.diagnosis.evaluation import Fit, Free
 from casid.diagnosis.evidence import Evidence, cross_of, weigh
+from casid.diagnosis.fingerprints import EDGE, ONSET_STEP, fingerprints, history, onset_grid, prints_of
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import (
-    EDGE,
-    ONSET_STEP,
-    STARTS,
-    Candidate,
-    Screen,
-    fingerprints,
-    history,
-    onset_grid,
-    prints_of,
-)
+from casid.diagnosis.screening import STARTS, Candidate, Screen
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.path import coefficient_names

@@ -11,12 +11,13 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import BETWEEN, at_peak
 from casid.diagnosis.evidence import weigh
+from casid.diagnosis.fingerprints import fingerprints, onset_grid
 from casid.diagnosis.fit import fit, without
 from casid.diagnosis.flight import Flight
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematics import free_forces
 from casid.diagnosis.result import Trial
-from casid.diagnosis.screening import Screen, fingerprints, onset_grid
+from casid.diagnosis.screening import Screen
 from casid.errors import InputError
 from casid.model.applied import with_estimates
 from casid.records.record import Record

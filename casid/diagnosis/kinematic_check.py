@@ -9,8 +9,9 @@ import numpy as np
 from casid.diagnosis import kinematics
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.evidence import Evidence
+from casid.diagnosis.fingerprints import fingerprints, history, prints_of
 from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.screening import Screen, fingerprints, history, prints_of
+from casid.diagnosis.screening import Screen
 
 KINEMATIC_GAIN = 50.0  # that a cause must promise before kinematics can judge it
 # parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found

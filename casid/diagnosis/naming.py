@@ -13,11 +13,12 @@ from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, configuration_changes
 from casid.diagnosis.evidence import Evidence, weigh
 from casid.diagnosis.explaining import doubt
+from casid.diagnosis.fingerprints import fingerprints
 from casid.diagnosis.fit import fit, relaxed, without
 from casid.diagnosis.hypothesis import Attached, disturbance_series
 from casid.diagnosis.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.result import Round, Trial
-from casid.diagnosis.screening import Candidate, Screen, fingerprints, rank, screen
+from casid.diagnosis.screening import Candidate, Screen, rank, screen
 from casid.diagnosis.structure import demanded_offsets
 from casid.diagnosis.trials import GAIN, gain_asked, is_same, settled, try_cause, worth_trying
 from casid.estimation.processors import side_by_side

@@ -14,8 +14,9 @@ import numpy as np
 
 from casid.diagnosis.evaluation import Fit, scaled_inverse
 from casid.diagnosis.evidence import weigh
+from casid.diagnosis.fingerprints import fingerprints
 from casid.diagnosis.hypothesis import Attached, readings
-from casid.diagnosis.screening import Screen, fingerprints
+from casid.diagnosis.screening import Screen
 from casid.model.causes import aero_term, sensor_bias, sensor_delay
 from casid.model.effect import Effect
 from casid.model.path import aerodynamic_parameters

@@ -10,11 +10,12 @@ import numpy as np
 from casid.diagnosis.evaluation import Fit
 from casid.diagnosis.events import Intervals, at_peak, further_records, is_sudden, weak_members
 from casid.diagnosis.evidence import Evidence, weigh
+from casid.diagnosis.fingerprints import EDGE
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.kinematic_check import hopeless, kinematic_check
 from casid.diagnosis.result import Trial
-from casid.diagnosis.screening import EDGE, Candidate, equivalence
+from casid.diagnosis.screening import Candidate, equivalence
 from casid.diagnosis.size import meaningful_share, plausible
 from casid.errors import InputError
 from casid.model.causes import configuration_change
