@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 
 import numpy as np
@@ -140,8 +140,8 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     best: Candidate | None = None
     for duration in durations if len(onsets) else ():
         steps = _steps(evidence, coefficients, onsets, duration)
-        for chosen in _onset_sets(evidence, steps):
-            statistic, sizes, stds = _joint(evidence, _Steps.sum([steps[r].at([o]) for r, o in chosen.items()]))
+        for chosen in _onset_sets(steps):
+            statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
             members = _members(np.abs(sizes[0]) / stds[0])
             tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
             net = float(statistic[0]) - (len(members) + 1) * price - 2.0 * np.log(tries)
@@ -216,23 +216,24 @@ def _inverse(square: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Steps:
     """Normal equations of unit steps of c coefficients at several onsets in one record: gram (onsets, c, c), cross
-    (onsets, k, c) with the fitted slots, and match (onsets, c) with what is left."""
+    (onsets, k, c) with the fitted slots, their covariance times it `spent`, and match (onsets, c) with what is left."""
 
     gram: np.ndarray
     cross: np.ndarray
+    spent: np.ndarray
     match: np.ndarray
 
-    def at(self, onsets: Sequence[int]) -> _Steps:
-        return _Steps(gram=self.gram[onsets], cross=self.cross[onsets], match=self.match[onsets])
+    def at(self, onset: int) -> _Steps:
+        return _Steps.joined([self], lambda parts: parts[0][[onset]])
 
-    @staticmethod
-    def sum(parts: Sequence[_Steps]) -> _Steps:
-        """Of the same size in several records."""
-        return _Steps(
-            gram=reduce(np.add, [p.gram for p in parts]),
-            cross=reduce(np.add, [p.cross for p in parts]),
-            match=reduce(np.add, [p.match for p in parts]),
-        )
+    @classmethod
+    def joined(cls, parts: Sequence[_Steps], by: Callable[[list[np.ndarray]], np.ndarray]) -> _Steps:
+        return cls(**{part.name: by([getattr(one, part.name) for one in parts]) for part in fields(cls)})
+
+
+def _sum(parts: list[np.ndarray]) -> np.ndarray:
+    """Of the same size in several records."""
+    return reduce(np.add, parts)
 
 
 def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> list[_Steps]:
@@ -253,34 +254,28 @@ def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, 
             blocks = columns.reshape(-1, len(some), c)
             gram = np.stack([blocks[:, i].T @ blocks[:, i] for i in range(len(some))])
             cross = np.moveaxis(cross.reshape(-1, len(some), c), 1, 0)
-            found[r].append(_Steps(gram=gram, cross=cross, match=match.reshape(-1, c)))
-    return [
-        _Steps(
-            gram=np.concatenate([p.gram for p in parts]), cross=np.concatenate([p.cross for p in parts]),
-            match=np.concatenate([p.match for p in parts]),
-        )
-        for parts in found
-    ]  # fmt: skip
+            spent = evidence.covariance @ cross
+            found[r].append(_Steps(gram=gram, cross=cross, spent=spent, match=match.reshape(-1, c)))
+    return [_Steps.joined(parts, np.concatenate) for parts in found]
 
 
-def _joint(evidence: Evidence, steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(statistic (onsets,), sizes, 1-sigmas (onsets, c)) of coefficients that switch together, fitted slots
     eliminated."""
-    left = steps.gram - steps.cross.swapaxes(1, 2) @ (evidence.covariance @ steps.cross)
-    inverse = _inverse(left)
+    inverse = _inverse(steps.gram - steps.cross.swapaxes(1, 2) @ steps.spent)
     sizes = (inverse @ steps.match[..., None])[..., 0]
     stds = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 1e-300))
     return np.sum(steps.match * sizes, axis=1), sizes, stds
 
 
-def _onset_sets(evidence: Evidence, steps: Sequence[_Steps]) -> Iterator[dict[int, int]]:
+def _onset_sets(steps: Sequence[_Steps]) -> Iterator[dict[int, int]]:
     """Record -> number of the onset, for single records and larger sets that switch alike, grown as those of
     `screening.rank`: the fitted derivatives hide a change that is in every record."""
 
     def statistics(r: int, chosen: dict[int, int]) -> np.ndarray:
         """Of each onset in a record beside those in others."""
-        beside = [steps[other].at([o]) for other, o in chosen.items() if other != r]
-        return _joint(evidence, _Steps.sum([steps[r], *beside]))[0]
+        beside = [steps[other].at(o) for other, o in chosen.items() if other != r]
+        return _joint(_Steps.joined([steps[r], *beside], _sum))[0]
 
     alone = {r: statistics(r, {}) for r in range(len(steps))}
     for start in sorted(alone, key=lambda r: -alone[r].max())[:STARTS]:
