@@ -13,6 +13,7 @@ from casid.diagnosis.evidence import Evidence, cross_of, weigh
 from casid.diagnosis.fingerprints import EDGE, ONSET_STEP, fingerprints, history, onset_grid, prints_of
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.missing_input import missing_at
 from casid.diagnosis.screening import STARTS, Candidate, Screen
 from casid.model import operators
 from casid.model.causes import configuration_change
@@ -26,6 +27,8 @@ BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
 _DROP = 10.83
 _TOGETHER = 32  # onsets whose responses are in memory at a time
 _SLOW = 4  # polynomials of time that make a slow change
+# gain that a jump must have more than a slow change at least, and part of that which may be missing beside it
+_MORE, _LEFT = 100.0, 0.1
 # part of a jump's gain that a slow change must not reach: at most 86 % of a step in the middle is a cubic of time
 _SUDDEN, _ALWAYS = 0.93, 0.5  # and part of the square of what jumps that must be its mean, for it to act at any time
 _MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
@@ -166,10 +169,11 @@ def _members(strength: np.ndarray) -> list[int]:
     return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
-def is_sudden(evidence: Evidence, one: Attached) -> bool:
-    """Whether a jump gains clearly more on a fit than a slow change of the same would: a cubic of time in each of its
-    records. What depends on speed in a long record, or on anything that drifts, resembles a jump somewhere. What acts
-    only now and then cannot tell the two apart, and counts as sudden."""
+def is_sudden(evidence: Evidence, one: Attached, beside: Evidence) -> bool:
+    """Whether a jump gains clearly more on a fit than a slow change of the same would, a cubic of time in each of its
+    records; or more, where nothing to speak of is missing `beside` it, in the fit that has it. What depends on speed in
+    a long record, or on anything that drifts, resembles a jump somewhere. What acts only now and then cannot tell the
+    two apart, and counts as sudden."""
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
@@ -178,15 +182,21 @@ def is_sudden(evidence: Evidence, one: Attached) -> bool:
     acting = [s for s in range(whole.shape[2]) if _acts_always(whole[:, rows, s][live])]
     if not acting:
         return True
-    jump = base.filter.whiten_histories(acting, history(base, one)[..., acting])
+    jump = _gain_of(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
     slow = np.zeros((*whole.shape[:2], len(rows), len(acting), _SLOW))
     for i, r in enumerate(rows):
         own = base.batch.live[:, r]
         powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, int(own.sum())), _SLOW - 1)
         slow[own, r, i] = whole[own, r][:, acting, None] * powers[:, None]
     stations = [station for _ in rows for station in acting for _ in range(_SLOW)]
-    slow = base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1))
-    return _SUDDEN * _gain_of(evidence, jump) > _gain_of(evidence, slow)
+    slower = _gain_of(evidence, base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1)))
+    if _SUDDEN * jump > slower:
+        return True
+    more = jump - slower
+    if more < _MORE:
+        return False
+    left = missing_at(beside, [base.model.disturbances[station] for station in acting])
+    return left[0].gain < _LEFT * more
 
 
 def _acts_always(series: np.ndarray) -> bool:

@@ -18,6 +18,7 @@ from casid.diagnosis.result import Trial
 from casid.diagnosis.screening import Candidate, equivalence
 from casid.diagnosis.size import meaningful_share, plausible
 from casid.errors import InputError
+from casid.estimation.processors import side_by_side
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
 
@@ -136,7 +137,7 @@ def try_cause(
         meaningful=matters(share, clear, check.confirmed or one.effect.of_an_instrument)
         and plausible(one, share)
         and not _from_the_start(fitted, one)
-        and (not one.effect.recurring or is_sudden(evidence, one)),
+        and (not one.effect.recurring or is_sudden(evidence, one, beside)),
         share=share,
         check=check,
     )  # fmt: skip
@@ -195,6 +196,7 @@ def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Inter
     behind looks like another cause. Events that were named before it move to where they belong beside it."""
     before, intervals = fitted.deviance, {}
     name = fitted.attached[-1].name
+    fitted = _ended(fitted)
     evidence = weigh(fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
     earlier = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
     if fitted.attached[-1].effect.timed:
@@ -216,6 +218,22 @@ def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Inter
         trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
     )
     return trial, evidence, intervals
+
+
+def _ended(fitted: Fit) -> Fit:
+    """The fit with its last effect ending inside the records, where that is better: an end that lies behind all of them
+    is nowhere to be found by steps."""
+    one, longest = fitted.attached[-1], max(record.duration for record in fitted.flight.records)
+    endless = [name for name in one.effect.further if one.values[name] > longest]
+    if not one.effect.timed or not endless:
+        return fitted
+    shapes = [shape for shape in one.effect.grid if all(shape[name] < longest for name in endless)]
+    shorter = [replace(one, values={**one.values, **shape}) for shape in shapes]
+
+    def ending(other: Attached) -> Fit:
+        return fit(fitted.flight, [*fitted.attached[:-1], other], fitted.noise, fitted, iterations=8, tolerance=3.0)
+
+    return min([fitted, *side_by_side(ending, shorter)], key=lambda one: one.deviance)
 
 
 def _without_weak(base: Fit, evidence: Evidence) -> Evidence:
