@@ -164,7 +164,8 @@ def gain(diagnosis: Diagnosis) -> Picture | None:
     ax.set_yticks(range(len(order)), [f"{label_of(o)} {o}" for o in order])
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     ax.tick_params(axis="x", which="both", labelsize=9.5, length=4)
-    ax.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if _few(ax) else ""))
+    # not 0.9 beside 1
+    ax.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if _few(ax) and f"{x:e}"[0] in "235" else ""))
     ax.set_xlabel("r.m.s. residual / noise (dotted: only noise)")
     ax.grid(axis="y", visible=False)
     figure.legend(loc="outside upper center", ncols=2)
