@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from casid.diagnosis.fingerprints import EDGE, ONSET_STEP, fingerprints, history
 from casid.diagnosis.fit import fit
 from casid.diagnosis.hypothesis import Attached
 from casid.diagnosis.missing_input import missing_at
-from casid.diagnosis.screening import STARTS, Candidate, Screen
+from casid.diagnosis.screening import Candidate, Screen, grown_sets
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.path import coefficient_names
@@ -143,7 +143,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     best: Candidate | None = None
     for duration in durations if len(onsets) else ():
         steps = _steps(evidence, coefficients, onsets, duration)
-        for chosen in _onset_sets(steps):
+        for chosen in grown_sets(len(steps), partial(_statistics, steps)):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
             members = _members(np.abs(sizes[0]) / stds[0])
             tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
@@ -278,26 +278,10 @@ def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.sum(steps.match * sizes, axis=1), sizes, stds
 
 
-def _onset_sets(steps: Sequence[_Steps]) -> Iterator[dict[int, int]]:
-    """Record -> number of the onset, for single records and larger sets that switch alike, grown as those of
-    `screening.rank`: the fitted derivatives hide a change that is in every record."""
-
-    def statistics(r: int, chosen: dict[int, int]) -> np.ndarray:
-        """Of each onset in a record beside those in others."""
-        beside = [steps[other].at(o) for other, o in chosen.items() if other != r]
-        return _joint(_Steps.joined([steps[r], *beside], _sum))[0]
-
-    alone = {r: statistics(r, {}) for r in range(len(steps))}
-    for start in sorted(alone, key=lambda r: -alone[r].max())[:STARTS]:
-        chosen = {start: int(np.argmax(alone[start]))}
-        yield dict(chosen)
-        while len(chosen) < len(steps):
-            beside = {r: statistics(r, chosen) for r in alone if r not in chosen}
-            added = max(beside, key=lambda r: beside[r].max())
-            chosen[added] = int(np.argmax(beside[added]))
-            for r in chosen:
-                chosen[r] = int(np.argmax(statistics(r, chosen)))
-            yield dict(chosen)
+def _statistics(steps: Sequence[_Steps], others: Mapping[int, int], records: Sequence[int]) -> np.ndarray:
+    """(onsets, records) statistic of each onset in a record beside those chosen in others."""
+    beside = [steps[other].at(onset) for other, onset in others.items()]
+    return np.stack([_joint(_Steps.joined([steps[r], *beside], _sum))[0] for r in records], axis=1)
 
 
 def further_records(evidence: Evidence, one: Attached) -> Attached:

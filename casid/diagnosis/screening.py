@@ -7,7 +7,7 @@ and m'e / m'm its predicted size.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from casid.diagnosis.fingerprints import Fingerprint, fingerprints
 from casid.diagnosis.hypothesis import Attached
 from casid.model.effect import Effect
 
-STARTS = 4  # records from which sets of records grow
+_STARTS = 4  # records from which sets of records grow
 _EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
 _SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
 
@@ -190,27 +190,35 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 
 
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
-    """(fingerprints at their best onsets, records) for single records and larger sets that share one size.
+    """(fingerprints at their best onsets, records) for single records and larger sets that share one size."""
+    sets = grown_sets(R, _Sums(judge, prints).statistics)
+    return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
 
-    Larger sets grow from each of the `STARTS` records that say most by the record and onset that add most, all onsets
+
+def grown_sets(
+    records: int, statistics: Callable[[Mapping[int, int], Sequence[int]], np.ndarray]
+) -> Iterator[dict[int, int]]:
+    """Record -> number of the onset, for single records and for larger sets that share one size.
+
+    statistics  (what is chosen, records) -> (onsets, records) statistic of each onset in a record beside that
+
+    Larger sets grow from each of the `_STARTS` records that say most by the record and onset that add most, all onsets
     then moved once more: the fitted derivatives hide a loss that is in most records, so that single records say little.
     """
-    sums = _Sums(judge, prints)
-    alone = sums.statistics({})
-    singles = [{r: int(np.argmax(alone[:, r]))} for r in range(R)]
-    sets = list(singles)
-    for first in np.argsort(-alone.max(axis=0), kind="stable")[:STARTS]:
+    alone = statistics({}, range(records))
+    singles = [{r: int(np.argmax(alone[:, r]))} for r in range(records)]
+    yield from singles
+    for first in np.argsort(-alone.max(axis=0), kind="stable")[:_STARTS]:
         chosen = dict(singles[first])
-        while len(chosen) < R:
-            beside = sums.statistics(chosen)
-            beside[:, list(chosen)] = -np.inf
+        while len(chosen) < records:
+            others = [r for r in range(records) if r not in chosen]
+            beside = statistics(chosen, others)
             added, record = np.unravel_index(np.argmax(beside), beside.shape)
-            chosen[int(record)] = int(added)
-            for r in chosen if len(prints) > 1 else ():
-                others = {s: p for s, p in chosen.items() if s != r}
-                chosen[r] = int(np.argmax(sums.statistics(others, [r])))
-            sets.append(dict(chosen))
-    return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
+            chosen[others[int(record)]] = int(added)
+            for r in chosen if len(alone) > 1 else ():
+                rest = {s: p for s, p in chosen.items() if s != r}
+                chosen[r] = int(np.argmax(statistics(rest, [r])))
+            yield dict(chosen)
 
 
 class _Sums:
@@ -223,7 +231,7 @@ class _Sums:
         self._spent = self._cross @ judge.covariance
         self._alone = self._square - np.sum(self._spent * self._cross, axis=2)
 
-    def statistics(self, others: Mapping[int, int], records: Sequence[int] | slice = slice(None)) -> np.ndarray:
+    def statistics(self, others: Mapping[int, int], records: Sequence[int]) -> np.ndarray:
         """(prints, records) statistic of each fingerprint in a record beside the fingerprints `others` by record."""
         rows, prints = list(others), list(others.values())
         fixed = self._cross[prints, rows].sum(axis=0)
