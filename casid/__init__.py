@@ -6,7 +6,7 @@ The public names below load the room they live in when they are first used, so t
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from casid import threads  # noqa: F401  before anything loads numpy
+from casid.native import threads  # noqa: F401  before anything loads numpy
 
 if TYPE_CHECKING:
     from casid.diagnosis.diagnose import diagnose
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         path,
         solve,
     )
-    from casid.estimation.filter_error import filter_error
+    from casid.filtering.filter_error import filter_error
     from casid.model.aircraft import Aircraft
     from casid.model.dynamics import aircraft_model, flight_inputs
     from casid.model.simulate import simulate
@@ -47,23 +47,64 @@ _ROOMS = {
     "casid.model.system": ("Model", "define_model"),
     "casid.model.trim": ("trim",),
     "casid.estimation": (
-        "Automatic", "Collocation", "CombinedError", "EquationError", "GaussNewton", "InitialState", "Ipopt",
-        "MultipleShooting", "OutputError", "Problem", "RangeWeights", "SingleShooting", "linear", "parameter", "path",
+        "Automatic",
+        "Collocation",
+        "CombinedError",
+        "EquationError",
+        "GaussNewton",
+        "InitialState",
+        "Ipopt",
+        "MultipleShooting",
+        "OutputError",
+        "Problem",
+        "RangeWeights",
+        "SingleShooting",
+        "linear",
+        "parameter",
+        "path",
         "solve",
     ),
-    "casid.estimation.filter_error": ("filter_error",),
+    "casid.filtering.filter_error": ("filter_error",),
     "casid.diagnosis.diagnose": ("diagnose",),
     "casid.report.page": ("write_report",),
-}  # fmt: skip
+}
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 
 __all__ = [
-    "Aircraft", "Automatic", "CasidError", "Collocation", "CombinedError", "EquationError", "EstimationError",
-    "GaussNewton", "InitialState", "InputError", "Ipopt", "Model", "MultipleShooting", "OutputError", "Problem",
-    "RangeWeights", "Record", "SingleShooting", "aircraft_model", "define_model", "diagnose", "filter_error",
-    "flight_inputs", "linear", "parameter", "path", "read_record", "read_records", "simulate", "solve", "trim",
-    "write_record", "write_report",
-]  # fmt: skip
+    "Aircraft",
+    "Automatic",
+    "CasidError",
+    "Collocation",
+    "CombinedError",
+    "EquationError",
+    "EstimationError",
+    "GaussNewton",
+    "InitialState",
+    "InputError",
+    "Ipopt",
+    "Model",
+    "MultipleShooting",
+    "OutputError",
+    "Problem",
+    "RangeWeights",
+    "Record",
+    "SingleShooting",
+    "aircraft_model",
+    "define_model",
+    "diagnose",
+    "filter_error",
+    "flight_inputs",
+    "linear",
+    "parameter",
+    "path",
+    "read_record",
+    "read_records",
+    "simulate",
+    "solve",
+    "trim",
+    "write_record",
+    "write_report",
+]
 
 
 def __getattr__(name: str) -> Any:

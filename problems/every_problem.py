@@ -15,12 +15,13 @@ from casid.estimation.cost import Cost
 from casid.model.aircraft import Aircraft
 from casid.model.applied import apply_effects, default_free
 from casid.records.readers import read_records
-from problems import attas, hfb320, unstable_short_period
-from problems.paper_cases import CASES, Condition, conditions
-from problems.paper_estimation import paper_problem
-from problems.paper_truth import fly
+from problems import unstable_short_period
+from problems.paper.cases import CASES, Condition, conditions
+from problems.paper.estimation import paper_problem
+from problems.paper.truth import fly
+from problems.real import attas, hfb320
 
-DEMO = Path(__file__).resolve().parent / "demo"
+DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 COSTS: dict[str, Cost] = {"output": OutputError(), "equation": EquationError(), "combined": CombinedError()}
 
 

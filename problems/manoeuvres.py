@@ -39,34 +39,80 @@ class Part:
         return np.where(inside, self.amplitude * values, 0.0)
 
 
-MANOEUVRES: Mapping[int, tuple[str, tuple[Part, ...]]] = MappingProxyType({
-    1: ("boxcars one after another", (
-        Part("pitch", "boxcar", 1, 4, 0.030, 2), Part("roll", "boxcar", 6, 4, 0.050, 2),
-        Part("yaw", "boxcar", 11, 4, 0.040, 2))),
-    2: ("sines one after another", (
-        Part("pitch", "sine", 1, 5, 0.035, 3), Part("roll", "sine", 7, 5, 0.060, 3),
-        Part("yaw", "sine", 13, 5, 0.045, 2))),
-    3: ("boxcars partly overlapping", (
-        Part("pitch", "boxcar", 1, 6, 0.025, 3), Part("roll", "boxcar", 5, 6, 0.045, 2),
-        Part("yaw", "boxcar", 9, 6, 0.035, 2))),
-    4: ("sines partly overlapping", (
-        Part("pitch", "sine", 1, 8, 0.030, 5), Part("roll", "sine", 5, 8, 0.055, 4),
-        Part("yaw", "sine", 9, 8, 0.040, 3))),
-    5: ("boxcars then sines", (
-        Part("pitch", "boxcar", 1, 2, 0.030, 1), Part("roll", "boxcar", 4, 2, 0.050, 1),
-        Part("yaw", "boxcar", 7, 2, 0.040, 1), Part("pitch", "sine", 10, 3, 0.030, 2),
-        Part("roll", "sine", 13, 3, 0.050, 2), Part("yaw", "sine", 16, 3, 0.040, 1))),
-    6: ("yaw, roll, pitch: sine, boxcar, sine", (
-        Part("yaw", "sine", 1, 6, 0.040, 2), Part("roll", "boxcar", 5, 5, 0.050, 2),
-        Part("pitch", "sine", 9, 8, 0.030, 4))),
-    7: ("boxcars of three lengths, overlapping", (
-        Part("pitch", "boxcar", 1, 3, 0.030, 1), Part("pitch", "boxcar", 5, 2, 0.030, 2),
-        Part("roll", "boxcar", 3, 4, 0.050, 1), Part("roll", "boxcar", 8, 2, 0.050, 1),
-        Part("yaw", "boxcar", 6, 5, 0.035, 1), Part("yaw", "boxcar", 12, 3, 0.035, 1))),
-    8: ("all axes at once: sines of different frequency", (
-        Part("pitch", "sine", 1, 15, 0.025, 9), Part("roll", "sine", 1, 15, 0.045, 7),
-        Part("yaw", "sine", 1, 15, 0.035, 4))),
-})  # fmt: skip
+MANOEUVRES: Mapping[int, tuple[str, tuple[Part, ...]]] = MappingProxyType(
+    {
+        1: (
+            "boxcars one after another",
+            (
+                Part("pitch", "boxcar", 1, 4, 0.030, 2),
+                Part("roll", "boxcar", 6, 4, 0.050, 2),
+                Part("yaw", "boxcar", 11, 4, 0.040, 2),
+            ),
+        ),
+        2: (
+            "sines one after another",
+            (
+                Part("pitch", "sine", 1, 5, 0.035, 3),
+                Part("roll", "sine", 7, 5, 0.060, 3),
+                Part("yaw", "sine", 13, 5, 0.045, 2),
+            ),
+        ),
+        3: (
+            "boxcars partly overlapping",
+            (
+                Part("pitch", "boxcar", 1, 6, 0.025, 3),
+                Part("roll", "boxcar", 5, 6, 0.045, 2),
+                Part("yaw", "boxcar", 9, 6, 0.035, 2),
+            ),
+        ),
+        4: (
+            "sines partly overlapping",
+            (
+                Part("pitch", "sine", 1, 8, 0.030, 5),
+                Part("roll", "sine", 5, 8, 0.055, 4),
+                Part("yaw", "sine", 9, 8, 0.040, 3),
+            ),
+        ),
+        5: (
+            "boxcars then sines",
+            (
+                Part("pitch", "boxcar", 1, 2, 0.030, 1),
+                Part("roll", "boxcar", 4, 2, 0.050, 1),
+                Part("yaw", "boxcar", 7, 2, 0.040, 1),
+                Part("pitch", "sine", 10, 3, 0.030, 2),
+                Part("roll", "sine", 13, 3, 0.050, 2),
+                Part("yaw", "sine", 16, 3, 0.040, 1),
+            ),
+        ),
+        6: (
+            "yaw, roll, pitch: sine, boxcar, sine",
+            (
+                Part("yaw", "sine", 1, 6, 0.040, 2),
+                Part("roll", "boxcar", 5, 5, 0.050, 2),
+                Part("pitch", "sine", 9, 8, 0.030, 4),
+            ),
+        ),
+        7: (
+            "boxcars of three lengths, overlapping",
+            (
+                Part("pitch", "boxcar", 1, 3, 0.030, 1),
+                Part("pitch", "boxcar", 5, 2, 0.030, 2),
+                Part("roll", "boxcar", 3, 4, 0.050, 1),
+                Part("roll", "boxcar", 8, 2, 0.050, 1),
+                Part("yaw", "boxcar", 6, 5, 0.035, 1),
+                Part("yaw", "boxcar", 12, 3, 0.035, 1),
+            ),
+        ),
+        8: (
+            "all axes at once: sines of different frequency",
+            (
+                Part("pitch", "sine", 1, 15, 0.025, 9),
+                Part("roll", "sine", 1, 15, 0.045, 7),
+                Part("yaw", "sine", 1, 15, 0.035, 4),
+            ),
+        ),
+    }
+)
 
 
 def sample_times() -> np.ndarray:

@@ -29,11 +29,15 @@ def _lift(s: Any) -> Any:
 def model() -> Model:
     """States w [m/s], q [rad/s]; input delta_e [rad]; outputs also the vertical acceleration az [m/s2]."""
     return define_model(
-        "unstable short period", states=("w", "q"), inputs=("delta_e",), parameters=START, outputs=("az", "w", "q"),
+        "unstable short period",
+        states=("w", "q"),
+        inputs=("delta_e",),
+        parameters=START,
+        outputs=("az", "w", "q"),
         dynamics=lambda s: {"w": _lift(s) + SPEED * s.q, "q": s.Mw * s.w + s.Mq * s.q + s.Mde * s.delta_e},
         output=lambda s: {"az": _lift(s), "w": s.w, "q": s.q},
         state_scale={"w": 5.0},
-    )  # fmt: skip
+    )
 
 
 def record_from(path: str | Path) -> Record:

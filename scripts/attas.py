@@ -9,7 +9,7 @@ Set-up       lateral: AilRud1 (aileron, then rudder) fitted, its repeat AilRud2 
 Expectation  the independent values within two standard errors that allow for coloured residuals; R2 above 0.95 on the
              repeat; and yet residuals with a lag-1 autocorrelation far above that of noise: R2 does not make a model
              adequate. DIR/attas.json, DIR/figures, DIR/run.json, a table; DIR/diagnosis.json and DIR/report.html say
-             what the linear model leaves. problems/attas_findings.md says what of it is certain.
+             what the linear model leaves. problems/real/attas_findings.md says what of it is certain.
 
     python scripts/attas.py DIR [--out DIR]        DIR: folder with fAttasAilRud1.mat ... (see README)
 """
@@ -28,17 +28,17 @@ import casid  # noqa: F401  before numpy: it sets the number of threads
 # isort: split
 import numpy as np
 
-from casid.diagnosis import kinematics
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.evaluation import Fit as Reconstruction
-from casid.diagnosis.flight import Flight, prepare
-from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.noise_level import with_noise_level
+from casid.diagnosis.flight.evaluation import Fit as Reconstruction
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise_level import with_noise_level
+from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.result import Diagnosis
 from casid.errors import run_script
 from casid.estimation import Fit, solve
 from casid.estimation.fit import channel_fit
-from casid.estimation.initial_state import fit_initial_state
+from casid.filtering.initial_state import fit_initial_state
 from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_scale, vane_position
 from casid.model.effect import Effect
 from casid.model.simulate import simulate
@@ -49,12 +49,14 @@ from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
 from casid.report.style import Picture
-from problems import attas
+from problems.real import attas
 
 INSTRUMENTS = (
-    *(sensor_bias(rate) for rate in "pqr"), *(sensor_scale(rate) for rate in "pqr"),
-    sensor_delay("p"), sensor_delay("psi"),
-)  # fmt: skip
+    *(sensor_bias(rate) for rate in "pqr"),
+    *(sensor_scale(rate) for rate in "pqr"),
+    sensor_delay("p"),
+    sensor_delay("psi"),
+)
 AHEAD = (vane_position("alpha"), vane_position("beta"))  # air data taken ahead of the c.g., as on a nose boom
 LATE = (sensor_delay("alpha"), sensor_delay("beta"))  # or late: nearly the same, since alpha-dot is nearly q
 _FIRST_DELAY = 0.05  # s: a delay has no slope at zero
@@ -160,10 +162,14 @@ def main() -> None:
         by_kinematics = {"AilRud1 and Elv1": instruments(first), "AilRud2 and Elv2": instruments(repeat)}
         diagnosis = diagnose(attas.aircraft(), first, repeat, report=stage)
         results = {
-            "schema": "casid.attas/1", "lateral": lateral.to_dict(), "longitudinal": longitudinal.to_dict(),
-            "independent": {**attas.LATERAL, **attas.LONGITUDINAL}, "held_out": unseen, "instruments": by_kinematics,
+            "schema": "casid.attas/1",
+            "lateral": lateral.to_dict(),
+            "longitudinal": longitudinal.to_dict(),
+            "independent": {**attas.LATERAL, **attas.LONGITUDINAL},
+            "held_out": unseen,
+            "instruments": by_kinematics,
             "repeatability": again,
-        }  # fmt: skip
+        }
         (folder / "attas.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         diagnosis.write(folder / "diagnosis.json")
         write_report(diagnosis, folder, made_with)

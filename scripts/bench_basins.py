@@ -2,7 +2,7 @@
 
 Question     of random starts, how many end at the right optimum, at a wrong one that is claimed right, or nowhere?
 Set-up       stable and destabilised Do 328, one noisy record each; starts U(0,2) x truth with a fifth of the signs
-             flipped, the same for every method (problems/paper_shooting.py). Right: within 0.05 standard deviations of
+             flipped, the same for every method (problems/paper/shooting.py). Right: within 0.05 standard deviations of
              the optimum that is found from the truth.
 Expectation  multiple shooting over 10 samples nearly always, single shooting seldom, and hardly ever when unstable.
 
@@ -14,8 +14,8 @@ from __future__ import annotations
 from statistics import median
 
 from casid.errors import InputError, run_script, unknown
-from problems.bench import parser, publish
-from problems.paper_shooting import AIRCRAFT, METHODS, run
+from problems.bench.table import parser, publish
+from problems.paper.shooting import AIRCRAFT, METHODS, run
 
 CHOSEN = ("single", "multiple 25", "multiple 10")
 
@@ -37,11 +37,14 @@ def _basin(aircraft: str, method: str, starts: int) -> dict[str, str | int | flo
     results = [run({"aircraft": aircraft, "method": method, "kind": "random", "at": seed}) for seed in range(starts)]
     right = [result for result in results if result["right"]]
     return {
-        "aircraft": aircraft, "method": method, "starts": starts, "right": len(right),
+        "aircraft": aircraft,
+        "method": method,
+        "starts": starts,
+        "right": len(right),
         "wrong_but_claimed": sum(result["claimed"] and not result["right"] for result in results),
         "seconds": median(result["seconds"] for result in right) if right else None,
         "iterations": median(result["iterations"] for result in right) if right else None,
-    }  # fmt: skip
+    }
 
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ import time
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script
-from problems.bench import parser, publish
-from problems.paper_cases import parse_cases
-from problems.paper_run import run, tasks
+from problems.bench.table import parser, publish
+from problems.paper.cases import parse_cases
+from problems.paper.run import run, tasks
 
 METHOD = "multiple-open"
 
@@ -47,10 +47,16 @@ def main() -> None:
         if any(_apart(estimates[0][key], estimates[-1][key]) > 1e-6 for key in chosen):
             raise InputError(f"{jobs} processes: another estimate than with {given.jobs[0]}")
         first = rows[0]["seconds"] if rows else seconds
-        rows.append({
-            "jobs": jobs, "processors": os.cpu_count(), "tasks": len(chosen), "seconds": seconds,
-            "seconds_per_task": seconds / len(chosen), "speedup": first / seconds,
-        })  # fmt: skip
+        rows.append(
+            {
+                "jobs": jobs,
+                "processors": os.cpu_count(),
+                "tasks": len(chosen),
+                "seconds": seconds,
+                "seconds_per_task": seconds / len(chosen),
+                "speedup": first / seconds,
+            }
+        )
     publish(rows, given.json)
 
 

@@ -25,18 +25,18 @@ import casid  # noqa: F401  before numpy: it sets the number of threads
 import numpy as np
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.evidence import weigh
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.screening import screen
 from casid.errors import InputError, run_script, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue
 from casid.records.record import Record
-from problems import blind_do328
-from problems.bench import exponent, parser, publish
-from problems.blind_case import RECORDS, Hidden
-from problems.blind_manoeuvres import draw_segments, histories
-from problems.jsbsim_flight import NOISE
+from problems.bench.table import exponent, parser, publish
+from problems.blind import do328 as blind_do328
+from problems.blind.case import RECORDS, Hidden
+from problems.blind.manoeuvres import draw_segments, histories
+from problems.jsbsim.flight import NOISE
 
 RATE_HZ, SECONDS, OFF, SEED = 50.0, 28.0, 0.2, 1
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
@@ -44,14 +44,18 @@ HIDDEN: Mapping[str, tuple[Hidden, ...]] = MappingProxyType(
     {
         "clean": (),
         "lag": (Hidden(kind="actuator_lag", target="delta_e", value=0.12),),
-        "gust": (Hidden(kind="gust", target="z", value=5.0, records=("m2",), onset_s={"m2": 11.0},
-                        parameters={"length": 1.6}),),
+        "gust": (
+            Hidden(
+                kind="gust", target="z", value=5.0, records=("m2",), onset_s={"m2": 11.0}, parameters={"length": 1.6}
+            ),
+        ),
         "turbulence": (Hidden(kind="turbulence", value=1.0),),
-        "two": (Hidden(kind="sensor_delay", target="beta", value=0.1),
-                Hidden(kind="effectiveness_change", target="delta_a", value=-0.3, records=("m1",),
-                       onset_s={"m1": 8.0})),
+        "two": (
+            Hidden(kind="sensor_delay", target="beta", value=0.1),
+            Hidden(kind="effectiveness_change", target="delta_a", value=-0.3, records=("m1",), onset_s={"m1": 8.0}),
+        ),
     }
-)  # fmt: skip
+)
 
 
 def main() -> None:
@@ -81,10 +85,15 @@ def _measured(name: str, seconds: float) -> dict[str, Any]:
     wanted = {(one.kind, one.target) for one in HIDDEN[name]}
     named = {(c.kind, c.target) for c in found.causes}
     return {
-        "hidden": name, "record_s": seconds, "samples": sum(map(len, records)), "seconds": wall, "processor_s": cpu,
-        **_screening(found), "named": " + ".join(f"{kind}({target})" for kind, target in sorted(named)),
+        "hidden": name,
+        "record_s": seconds,
+        "samples": sum(map(len, records)),
+        "seconds": wall,
+        "processor_s": cpu,
+        **_screening(found),
+        "named": " + ".join(f"{kind}({target})" for kind, target in sorted(named)),
         "right": named == wanted,
-    }  # fmt: skip
+    }
 
 
 def _screening(found: Diagnosis) -> dict[str, Any]:

@@ -14,11 +14,11 @@ from __future__ import annotations
 from casid.errors import InputError, run_script
 from casid.estimation import MultipleShooting
 from casid.estimation.estimate import build_objective
-from casid.estimation.kernel import model_kernel
-from casid.estimation.steps import stage_functions
-from problems.bench import parser, publish, seconds_of
-from problems.peak import linearise_operations, operations, peak_gflops
-from problems.peers import our_problem
+from casid.estimation.transcriptions.kernel import model_kernel
+from casid.estimation.transcriptions.steps import stage_functions
+from problems.bench.peak import linearise_operations, operations, peak_gflops
+from problems.bench.table import parser, publish, seconds_of
+from problems.peers.common import our_problem
 
 
 def main() -> None:
@@ -50,10 +50,17 @@ def main() -> None:
     for name, (count, work) in works.items():
         seconds = min(seconds_of(work, given.calls))
         gflops = count * samples / seconds * 1e-9
-        rows.append({
-            "work": name, "operations_per_sample": count, "microseconds": seconds * 1e6, "gflops": gflops,
-            "peak_gflops": peak, "share": gflops / peak, "lanes": kernel.lanes,
-        })  # fmt: skip
+        rows.append(
+            {
+                "work": name,
+                "operations_per_sample": count,
+                "microseconds": seconds * 1e6,
+                "gflops": gflops,
+                "peak_gflops": peak,
+                "share": gflops / peak,
+                "lanes": kernel.lanes,
+            }
+        )
     publish(rows, given.json)
 
 

@@ -2,8 +2,8 @@
 
 Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, opty, pyomo.dae against ours
 Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
-             prior (problems/peers.py). Theirs and ours in turn in one process, medians of processor time (all run on
-             one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no bounds.
+             prior (problems/peers/common.py). Theirs and ours in turn in one process, medians of processor time (all
+             run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no bounds.
              A peer that is not installed is said and left out (CONTRIBUTING.md says what it takes).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
@@ -17,15 +17,20 @@ from statistics import median
 
 from casid.errors import InputError, run_script, unknown
 from casid.estimation import Fit, solve
-from problems.bench import parser, processor_seconds, processor_seconds_of, publish
-from problems.peers import TRUTH, our_problem, task
-from problems.peers_casadi import casadi_ipopt_gn
-from problems.peers_opty import opty
-from problems.peers_pyomo import pyomo
-from problems.peers_scipy import scipy_ivp, scipy_rk4
+from problems.bench.table import parser, processor_seconds, processor_seconds_of, publish
+from problems.peers.casadi import casadi_ipopt_gn
+from problems.peers.common import TRUTH, our_problem, task
+from problems.peers.opty import opty
+from problems.peers.pyomo import pyomo
+from problems.peers.scipy import scipy_ivp, scipy_rk4
 
-PEERS = {"scipy_rk4": scipy_rk4, "scipy_ivp": scipy_ivp, "casadi_ipopt_gn": casadi_ipopt_gn, "opty": opty,
-         "pyomo": pyomo}  # fmt: skip
+PEERS = {
+    "scipy_rk4": scipy_rk4,
+    "scipy_ivp": scipy_ivp,
+    "casadi_ipopt_gn": casadi_ipopt_gn,
+    "opty": opty,
+    "pyomo": pyomo,
+}
 # standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
 SAME = {"scipy_rk4": 1e-3, "casadi_ipopt_gn": 1e-3, "scipy_ivp": 1e-3, "opty": 0.2, "pyomo": 0.05}
 NEEDS = {
@@ -72,9 +77,14 @@ def _compare(name: str, repeats: int, fit: Fit) -> dict[str, str | float] | None
             f"{name}: ends {away:.2g} standard deviations from our optimum, cost {cost} against {fit.cost}"
         )
     return {
-        "peer": name, "seconds": median(theirs), "ours_seconds": median(ours), "ratio": median(theirs) / median(ours),
-        "cost": cost, "ours_cost": fit.cost, "away": away,
-    }  # fmt: skip
+        "peer": name,
+        "seconds": median(theirs),
+        "ours_seconds": median(ours),
+        "ratio": median(theirs) / median(ours),
+        "cost": cost,
+        "ours_cost": fit.cost,
+        "away": away,
+    }
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """How do time and memory of an estimation grow with the length of a record and with the number of records?
 
 Question     is an estimation linear in the samples up to 64000 (20 minutes at 50 Hz), and in the records up to 100?
-Set-up       stable Do 328 in long flights (problems/long_flight.py), 16 moment derivatives from 0.7 x truth, multiple
-             shooting over 25 samples. Median seconds of `solve` with all standard errors; peak of the arrays that live
-             at once (tracemalloc, a run of its own), that of the standard errors with noisy surfaces, which come after,
+Set-up       stable Do 328 in long flights (problems/bench/long_flight.py), 16 moment derivatives from 0.7 x truth,
+             multiple shooting over 25 samples. Median seconds of `solve` with all standard errors; peak of the arrays that
+             live at once (tracemalloc, a run of its own), that of the standard errors with noisy surfaces, which come after,
              and of the whole process so far.
 Expectation  exponent of seconds per iteration over samples at most 1.1; below 1 GB. At each size the estimate is right:
              `away` is the largest distance from the truth in standard deviations.
@@ -19,12 +19,13 @@ from collections.abc import Callable
 from statistics import median
 from typing import Any
 
+from casid.analysis import input_noise_errors
 from casid.errors import InputError, run_script
-from casid.estimation import Problem, input_noise_errors, solve
-from problems.bench import exponent, parser, publish, seconds_of
+from casid.estimation import Problem, solve
+from problems.bench.long_flight import long_problem
+from problems.bench.table import exponent, parser, publish, seconds_of
 from problems.do328 import MOMENT_DERIVATIVES, STABLE
-from problems.long_flight import long_problem
-from problems.paper_truth import SURFACES
+from problems.paper.truth import SURFACES
 
 SAMPLES = (250, 500, 1000, 2000, 4000, 8000, 16000, 32000, 64000)
 RECORDS = (1, 3, 10, 30, 100)
@@ -61,11 +62,18 @@ def _measure(series: str, problem: Problem, repeats: int) -> dict[str, Any]:
     surfaces_peak = _peak_bytes(lambda: input_noise_errors(fit, dict.fromkeys(SURFACES, SURFACE_NOISE)))
     samples, records = len(problem.records[0]), len(problem.records)
     return {
-        "series": series, "samples": samples, "records": records, "seconds": seconds, "iterations": fit.iterations,
-        "seconds_per_iteration": seconds / fit.iterations, "peak_megabytes": peak / 1e6,
-        "peak_bytes_per_sample": peak / (samples * records), "noisy_surfaces_megabytes": surfaces_peak / 1e6,
-        "process_megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, "away": away,
-    }  # fmt: skip
+        "series": series,
+        "samples": samples,
+        "records": records,
+        "seconds": seconds,
+        "iterations": fit.iterations,
+        "seconds_per_iteration": seconds / fit.iterations,
+        "peak_megabytes": peak / 1e6,
+        "peak_bytes_per_sample": peak / (samples * records),
+        "noisy_surfaces_megabytes": surfaces_peak / 1e6,
+        "process_megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "away": away,
+    }
 
 
 def _peak_bytes(work: Callable[[], Any]) -> int:

@@ -29,7 +29,7 @@ from typing import Any, NoReturn
 
 from casid.campaign.blind import solve
 from casid.campaign.counting import counted
-from casid.campaign.digest import source_digest
+from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script
@@ -38,13 +38,13 @@ from casid.report.confusion import confusion_matrix
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import settings
-from problems.blind import CASES, REPORTING_FROM, SETS, generate, set_name
-from problems.blind_case import OUTSIDE, Answer
-from problems.blind_score import NOTHING, UNEXPLAINED, Score, score
-from problems.blind_table import by_kind, columns, confusion, markdown, power, rows, summary
+from problems.blind.case import OUTSIDE, Answer
+from problems.blind.score import NOTHING, UNEXPLAINED, Score, score
+from problems.blind.sets import CASES, REPORTING_FROM, SETS, generate, set_name
+from problems.blind.table import by_kind, columns, confusion, markdown, power, rows, summary
 
-GENERATOR = ("problems/blind*.py", "problems/jsbsim_*.py", "problems/do328.py", "casid/model/**/*.py")
-SOLVER = ("casid/diagnosis/*.py", "casid/estimation/*.py", "casid/model/**/*.py", "casid/records/*.py")
+GENERATOR = ("problems/blind/*.py", "problems/jsbsim/*.py", "problems/do328.py", "casid/model/**/*.py")
+SOLVER = ("casid/diagnosis/**/*.py", *ENGINE)
 
 
 def arguments() -> argparse.Namespace:
@@ -53,9 +53,13 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", default="1..1", help=f"A..B; from {REPORTING_FROM} on for reported results")
     parser.add_argument("--kinds", nargs="+", default=["*"], metavar="GLOB", help="of cases, like 'sensor_*' or clean*")
     parser.add_argument(
-        "--sizes", nargs="+", type=float, default=[1.0], metavar="FACTOR",
+        "--sizes",
+        nargs="+",
+        type=float,
+        default=[1.0],
+        metavar="FACTOR",
         help="on the size of what is hidden, for detection against size; the other tables are of size 1",
-    )  # fmt: skip
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=int, default=2, help="local processes; 0: none besides this one")
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a running Dask cluster, tcp://host:port")
@@ -93,8 +97,11 @@ def tasks(
     where = {"sets": str(out / "sets"), "answers": str(out / "answers")}
     return {
         set_name(of, case, seed, size): {"of": of, "case": case, "seed": seed, "size": size, **where}
-        for seed in seeds for of in sets for case in chosen for size in (sizes if case in KINDS else (1.0,))
-    }  # fmt: skip
+        for seed in seeds
+        for of in sets
+        for case in chosen
+        for size in (sizes if case in KINDS else (1.0,))
+    }
 
 
 def run(given: argparse.Namespace) -> tuple[int, dict[str, Any]]:
@@ -155,7 +162,7 @@ def page(scores: Sequence[Score], wanted: int, command: str, commit: str | None)
         f"Made by `{command}` at commit {commit}: {len(scores)} of {wanted} sets finished, seeds {seeds[0]} "
         f"to {seeds[-1]} ({use}). A name is right when kind, "
         "target and term are; causes that the diagnosis says it cannot tell apart count as one. Families: controls, "
-        "sensors, aerodynamics, mass and propulsion, air (`problems/blind_case.py`).",
+        "sensors, aerodynamics, mass and propulsion, air (`problems/blind/case.py`).",
     ]
     for of in SETS:
         every = [s for s in scores if s.answer.of == of]
@@ -177,12 +184,23 @@ def line(name: str, s: Score, found: Mapping[str, Any]) -> dict[str, Any]:
     hidden = "; ".join(_words(h.__dict__) for h in s.answer.hidden)
     causes = "; ".join(_words(c) for c in found.get("causes", ()))
     return {
-        "name": name, "of": s.answer.of, "case": s.answer.case, "seed": s.answer.seed, "size": s.answer.size,
+        "name": name,
+        "of": s.answer.of,
+        "case": s.answer.case,
+        "seed": s.answer.seed,
+        "size": s.answer.size,
         "aircraft": s.answer.aircraft,
-        "hidden": hidden, "verdict": s.verdict, "causes": causes, "first": s.first, "family": s.same_family,
-        "hits": s.hits, "wrong": s.wrong, "seconds": round(s.seconds, 1),
-        "unexplained": " ".join(found.get("unexplained", ())), "failed": found.get("failed", ""),
-    }  # fmt: skip
+        "hidden": hidden,
+        "verdict": s.verdict,
+        "causes": causes,
+        "first": s.first,
+        "family": s.same_family,
+        "hits": s.hits,
+        "wrong": s.wrong,
+        "seconds": round(s.seconds, 1),
+        "unexplained": " ".join(found.get("unexplained", ())),
+        "failed": found.get("failed", ""),
+    }
 
 
 def _words(one: Mapping[str, Any]) -> str:

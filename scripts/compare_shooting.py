@@ -18,17 +18,16 @@ from pathlib import Path
 from typing import NoReturn
 
 from casid.campaign.counting import counted
-from casid.campaign.digest import source_digest
+from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script, unknown
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.paper_shooting import HEAD, summary, write_shooting_page
 from casid.report.progress import progress
-from problems.paper_shooting import AIRCRAFT, BASIN_METHODS, BASIN_PARAMETERS, METHODS, RIGHT, run, tasks
+from problems.paper.pages.shooting import HEAD, summary, write_shooting_page
+from problems.paper.shooting import AIRCRAFT, BASIN_METHODS, BASIN_PARAMETERS, METHODS, RIGHT, run, tasks
 
-SOURCES = ("casid/estimation/*.py", "casid/model/*.py", "problems/do328.py", "problems/manoeuvres.py",
-           "problems/paper_[censt]*.py")  # fmt: skip
+SOURCES = (*ENGINE, "problems/do328.py", "problems/manoeuvres.py", "problems/paper/[censt]*.py")
 
 
 def arguments() -> argparse.Namespace:
@@ -69,9 +68,15 @@ def main() -> None:
             for name in AIRCRAFT:
                 writer.writerows([name, *row] for row in summary(results, name, given.method))
         write_shooting_page(
-            folder / "compare_shooting.html", results, list(AIRCRAFT), given.method, BASIN_METHODS, BASIN_PARAMETERS,
-            RIGHT, made_with,
-        )  # fmt: skip
+            folder / "compare_shooting.html",
+            results,
+            list(AIRCRAFT),
+            given.method,
+            BASIN_METHODS,
+            BASIN_PARAMETERS,
+            RIGHT,
+            made_with,
+        )
         write_provenance(made_with, folder / "run.json")
     for name in AIRCRAFT:
         for row in summary(results, name, given.method):

@@ -26,7 +26,7 @@ from pathlib import Path
 
 from casid.errors import InputError, run_script
 from casid.estimation import Automatic, Fit, Ipopt, Problem, solve
-from problems.bench import Row, parser, publish
+from problems.bench.table import Row, parser, publish
 from problems.every_problem import every_problem
 
 SAME, ZERO = 1e-8, 1e-10
@@ -75,10 +75,16 @@ def compared(name: str, problem: Problem) -> Row:
     seconds = time.perf_counter() - between
     distance = apart(ours, theirs)
     return {
-        "problem": name, "apart": distance, "found": "same" if distance <= 1.0 else found(problem, ours, theirs),
-        "cost": ours.cost, "ipopt_cost": theirs.cost, "iterations": ours.iterations,
-        "ipopt_iterations": theirs.iterations, "seconds": between - begin, "ipopt_seconds": seconds,
-    }  # fmt: skip
+        "problem": name,
+        "apart": distance,
+        "found": "same" if distance <= 1.0 else found(problem, ours, theirs),
+        "cost": ours.cost,
+        "ipopt_cost": theirs.cost,
+        "iterations": ours.iterations,
+        "ipopt_iterations": theirs.iterations,
+        "seconds": between - begin,
+        "ipopt_seconds": seconds,
+    }
 
 
 def found(problem: Problem, ours: Fit, theirs: Fit) -> str:

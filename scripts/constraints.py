@@ -3,7 +3,7 @@
 Question     bounds, signs, a known static margin, balanced trim moments, a path limit on alpha, parameters tied across
              records: does each rescue the estimate, what is its price (the multiplier), do both solvers agree?
 Set-up       Do 328, one poor record (slow, small pitch input; hardly any roll) and for the last case a good one too;
-             output error, multiple shooting. Each constraint is one or two lines in problems/paper_constraints.py.
+             output error, multiple shooting. Each constraint is one or two lines in problems/paper/constraints.py.
 Expectation  without constraint the pitch derivatives are off by half; the static margin or the good record cures it.
              DIR/constraints.html, DIR/constraints.csv. A multiplier is the change of cost per unit of its limit.
 
@@ -19,9 +19,9 @@ from typing import Any, NoReturn
 
 from casid.errors import InputError, run_script, unknown
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.paper_page import Section, paragraph, table, write_page
 from casid.report.progress import progress
-from problems.paper_constraints import estimate, experiments, limit_words, truth_of, worst_error
+from problems.paper.constraints import estimate, experiments, limit_words, truth_of, worst_error
+from problems.paper.pages.page import Section, paragraph, table, write_page
 
 MEANING = (
     "The multiplier is the rate at which the cost (half the weighted sum of squares) falls when the limit is moved up: "
@@ -59,8 +59,10 @@ def main() -> None:
     with whole_folder(given.out) as folder:
         with (folder / "constraints.csv").open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows([HEAD, *values])
-        sections = [Section(title="Prices", parts=[paragraph(MEANING), table(PRICES, costs)]),
-                    Section(title="Estimates", parts=[table(HEAD, values)])]  # fmt: skip
+        sections = [
+            Section(title="Prices", parts=[paragraph(MEANING), table(PRICES, costs)]),
+            Section(title="Estimates", parts=[table(HEAD, values)]),
+        ]
         lead = ["What is known beforehand, said as a constraint, on a record that excites too little."]
         write_page(folder / "constraints.html", "Constraints, and their price", lead, sections, made_with)
         write_provenance(made_with, folder / "run.json")

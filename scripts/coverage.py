@@ -3,7 +3,7 @@
 Question     of every kind of interval: its coverage, and its width over the scatter that it should describe
 Set-up       short period with five unknown derivatives, a flight of 10 s; Do 328, stable and destabilised, with 16, of
              20 s. Each is estimated again and again with new noise; the noise of the surfaces is known to those kinds
-             that take it (problems/coverage.py)
+             that take it (problems/studies/coverage.py)
 Expectation  clean: all kinds within 93-97 %. Noisy surfaces and coloured noise: the kinds that do not know about them
              promise too much. DIR/coverage.csv, DIR/run.json. The same command resumes.
 
@@ -19,17 +19,26 @@ from pathlib import Path
 from typing import NoReturn
 
 from casid.campaign.counting import counted
-from casid.campaign.digest import source_digest
+from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script, unknown
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from problems.coverage import CONDITIONS, KINDS, Coverage, run, table, tasks
+from problems.studies.coverage import CONDITIONS, KINDS, Coverage, run, table, tasks
 
-HEAD = ("condition", "interval", "parameter", "runs", "failed", "coverage", "width over scatter", "binomial low",
-        "binomial high")  # fmt: skip
-SOURCES = ("casid/estimation/*.py", "problems/coverage.py")
+HEAD = (
+    "condition",
+    "interval",
+    "parameter",
+    "runs",
+    "failed",
+    "coverage",
+    "width over scatter",
+    "binomial low",
+    "binomial high",
+)
+SOURCES = (*ENGINE, "problems/studies/coverage.py")
 
 
 def arguments() -> argparse.Namespace:

@@ -20,19 +20,28 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.errors import InputError, run_script, unknown
-from casid.estimation import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.records.record import Record
 from casid.report.design_figures import designed_histories, scatter_bars
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.paper_page import Section, figure, paragraph, table, write_page
 from casid.report.progress import progress
-from problems.designed_inputs import EXPERIMENTS, flown, volume, volume_std
+from problems.paper.pages.page import Section, figure, paragraph, table, write_page
+from problems.studies.designed_inputs import EXPERIMENTS, flown, volume, volume_std
 
 SHAPES = {"pulses4": Steps(pulses=4), "pulses8": Steps(pulses=8), "multisine": Multisine(lines=8)}
 STANDARD = "3-2-1-1"
-HEAD = ("experiment", "input", "parameter", "truth", "bound", "measured scatter", "bound / standard",
-        "scatter / standard", "runs")  # fmt: skip
+HEAD = (
+    "experiment",
+    "input",
+    "parameter",
+    "truth",
+    "bound",
+    "measured scatter",
+    "bound / standard",
+    "scatter / standard",
+    "runs",
+)
 
 
 def arguments() -> argparse.Namespace:
@@ -103,8 +112,19 @@ def compared(
             measured = float(scatter[title][i] / scatter[STANDARD][i])
             predicted = design.std[n] / designs[STANDARD].std[n]
             pairs.append((measured, predicted))
-            rows.append([name, title, n, float(truth[n]), design.std[n], float(scatter[title][i]), predicted, measured,
-                         len(estimates[title])])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    title,
+                    n,
+                    float(truth[n]),
+                    design.std[n],
+                    float(scatter[title][i]),
+                    predicted,
+                    measured,
+                    len(estimates[title]),
+                ]
+            )
         if title == STANDARD:
             continue
         ratios[title] = pairs

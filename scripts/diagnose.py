@@ -2,7 +2,7 @@
 
 Question     the aircraft file flies the recorded inputs; where and why does it miss what was measured?
 Set-up       RECORD ... are fitted, --hold-out RECORD ... are only used to judge. Without --hold-out the last record is
-             held back, or of a single one its last third. Without any record: the Fokker 50 of problems/demo, whose
+             held back, or of a single one its last third. Without any record: the Fokker 50 of casid/cli/demo, whose
              elevator lags its command by 0.12 s, which the aircraft file does not know.
 Expectation  DIR/report.html (one page for a person), DIR/diagnosis.json (the same for a program), DIR/extended.toml
              (an aircraft file with the causes that were found), DIR/report_figures, DIR/run.json (made with what).
@@ -30,7 +30,7 @@ from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
 
-DEMO = Path(__file__).resolve().parent.parent / "problems" / "demo"
+DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 QUICK_RATE_HZ = 25.0
 
 

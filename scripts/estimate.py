@@ -39,8 +39,8 @@ from casid.estimation import (
     SingleShooting,
     solve,
 )
-from casid.estimation.filter_error import FilterFit
-from casid.estimation.soft_defects import noise_of_forces, with_measurement_noise
+from casid.filtering.filter_error import FilterFit
+from casid.filtering.soft_defects import noise_of_forces, with_measurement_noise
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects, default_free, with_estimates
 from casid.records.column_map import ColumnMap
@@ -105,9 +105,7 @@ def problem_of(given: argparse.Namespace, applied: Applied) -> Problem:
     biases = [glob for glob in globs if glob.startswith("bias_")]
     shared = [glob for glob in globs if glob not in biases]
     noise = noise if complete else None
-    return Problem(
-        applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise
-    )  # fmt: skip
+    return Problem(applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise)
 
 
 def estimate(given: argparse.Namespace, problem: Problem) -> tuple[Fit, FilterFit | None]:

@@ -11,7 +11,7 @@ Expectation  1. every published value within one standard error; 2. residuals fa
              4. a lift slope of 4.3 to 4.5; 5. a far higher likelihood and smaller one-step errors with process noise. A
              free simulation need not get better: process noise says what a simulation cannot know.
              DIR/hfb320.json, DIR/figures, DIR/run.json; a table and the time of every stage; DIR/diagnosis.json and
-             DIR/report.html. problems/hfb320_findings.md says what of it is certain.
+             DIR/report.html. problems/real/hfb320_findings.md says what of it is certain.
 
     python scripts/hfb320.py PATH [--out DIR]        PATH: hfb320_1_10.asc, or the folder that holds it (see README)
 """
@@ -30,11 +30,11 @@ import casid  # noqa: F401  before numpy: it sets the number of threads
 import numpy as np
 
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.flight.statistics import whiteness
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.statistics import whiteness
 from casid.errors import InputError, run_script
 from casid.estimation import Fit, Problem, solve
-from casid.estimation.filter_error import FilterFit, Innovations, filter_error, predict
+from casid.filtering.filter_error import FilterFit, Innovations, filter_error, predict
 from casid.model.simulate import simulate
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories, write_pictures
@@ -42,7 +42,7 @@ from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
 from casid.report.style import Picture
-from problems import hfb320, hfb320_aircraft
+from problems.real import hfb320, hfb320_aircraft
 
 FILE = "hfb320_1_10.asc"
 TURBULENCE = {"w_V": 0.0, "w_alpha": 0.0}  # disturbance -> correlation time [s]; 0: white
@@ -80,10 +80,13 @@ def held_out(record: Record) -> dict[str, Any]:
         fit = filter_error(hfb320.problem(seen), noise)
         here = predict(hfb320.problem(unseen), fit.values, fit.noise)
         judged[label] = {
-            "status": fit.status, "CL_alpha": fit.values["CL_alpha"], "log_likelihood_per_sample": here.per_sample,
+            "status": fit.status,
+            "CL_alpha": fit.values["CL_alpha"],
+            "log_likelihood_per_sample": here.per_sample,
             "fitted_log_likelihood_per_sample": fit.innovations.per_sample,
-            "one_step_rms": rms(here.error[unseen.name]), "simulation_rms": rms(free_simulation(unseen, fit, here)),
-        }  # fmt: skip
+            "one_step_rms": rms(here.error[unseen.name]),
+            "simulation_rms": rms(free_simulation(unseen, fit, here)),
+        }
     return judged
 
 
@@ -111,9 +114,10 @@ def pictures(record: Record, fit: Fit, turbulent: FilterFit) -> list[Picture]:
     }
     simulated = {OUTPUT_ERROR: fit.predictions[record.name]}
     return [
-        autocorrelations(channels, residuals), estimates(DERIVATIVES, pairs, "published"),
+        autocorrelations(channels, residuals),
+        estimates(DERIVATIVES, pairs, "published"),
         histories(record.name, record.t, channels, measured, simulated),
-    ]  # fmt: skip
+    ]
 
 
 def table(fit: Fit, turbulent: FilterFit, results: dict[str, Any]) -> str:
@@ -130,10 +134,13 @@ def table(fit: Fit, turbulent: FilterFit, results: dict[str, Any]) -> str:
         f"turbulence by kinematics alone: {air['sigma']:.2f} m/s r.m.s. (gain {air['gain']:.0f} in 2 ln L)",
         "",
     ]
-    lines += columns("lag-1 autocorrelation", {
-        f"{OUTPUT_ERROR}, residual": {c: test["lag1"] for c, test in results["residuals"].items()},
-        f"{FILTER_ERROR}, innovation": {c: test["lag1"] for c, test in results["innovations"].items()},
-    })  # fmt: skip
+    lines += columns(
+        "lag-1 autocorrelation",
+        {
+            f"{OUTPUT_ERROR}, residual": {c: test["lag1"] for c, test in results["residuals"].items()},
+            f"{FILTER_ERROR}, innovation": {c: test["lag1"] for c, test in results["innovations"].items()},
+        },
+    )
     judged = results["held_out"]
     lines += ["", "last third, never fitted: log likelihood per sample"]
     lines += [f"{k:>32} {judged[k]['log_likelihood_per_sample']:10.3f}" for k in (OUTPUT_ERROR, FILTER_ERROR)]
@@ -169,10 +176,16 @@ def main() -> None:
         white = residual_tests(problem.model.outputs, turbulent.innovations.white[record.name])
         judged = clock.run("held-out third", held_out, record)
         results = {
-            "schema": "casid.hfb320/1", "published": hfb320.PUBLISHED, "output_error": fit.to_dict(),
-            "residuals": tests, "air": air(diagnosis), "filter_error": turbulent.to_dict(), "innovations": white,
-            "held_out": judged, "seconds": clock.seconds,
-        }  # fmt: skip
+            "schema": "casid.hfb320/1",
+            "published": hfb320.PUBLISHED,
+            "output_error": fit.to_dict(),
+            "residuals": tests,
+            "air": air(diagnosis),
+            "filter_error": turbulent.to_dict(),
+            "innovations": white,
+            "held_out": judged,
+            "seconds": clock.seconds,
+        }
         clock.run("figures", write_pictures, pictures(record, fit, turbulent), folder / "figures")
         (folder / "hfb320.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         diagnosis.write(folder / "diagnosis.json")

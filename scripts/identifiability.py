@@ -18,9 +18,10 @@ import math
 from pathlib import Path
 from typing import Any, NoReturn
 
+from casid.analysis import Identifiability, identifiability
+from casid.analysis.excitation import Suggestion
 from casid.errors import EstimationError, InputError, run_script
-from casid.estimation import Identifiability, Problem, identifiability, solve
-from casid.estimation.excitation import Suggestion
+from casid.estimation import Problem, solve
 from casid.model.aircraft import Aircraft
 from casid.model.applied import apply_effects, default_free
 from casid.records.column_map import ColumnMap
@@ -28,7 +29,7 @@ from casid.records.readers import read_records
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 
-DEMO = Path(__file__).resolve().parent.parent / "problems" / "demo"
+DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 
 
 def arguments() -> argparse.Namespace:
@@ -88,31 +89,44 @@ def document(report: Identifiability) -> dict[str, Any]:
         if helped is None:
             return None
         return {
-            "control": helped.control, "form": helped.form, "unit_s": helped.unit_s, "amplitude": helped.amplitude,
+            "control": helped.control,
+            "form": helped.form,
+            "unit_s": helped.unit_s,
+            "amplitude": helped.amplitude,
             "gain": number(helped.gain),
-        }  # fmt: skip
+        }
 
     return {
-        "schema": "casid.identifiability/1", "condition": number(report.condition), "names": list(report.names),
+        "schema": "casid.identifiability/1",
+        "condition": number(report.condition),
+        "names": list(report.names),
         "singular_values": [float(value) for value in report.singular_values],
         "std_inflation": {name: number(value) for name, value in report.inflation.items()},
         "unseen": {name: suggested(helped) for name, helped in report.unseen.items()},
         "excitation": [moved.sentence for moved in report.excitation],
         "weak": [
             {
-                "condition": number(d.condition), "change": dict(d.change), "cannot": d.cannot, "sentence": d.sentence,
-                "poor": [moved.control for moved in d.poor], "help": suggested(d.help),
+                "condition": number(d.condition),
+                "change": dict(d.change),
+                "cannot": d.cannot,
+                "sentence": d.sentence,
+                "poor": [moved.control for moved in d.poor],
+                "help": suggested(d.help),
             }
             for d in report.weak
         ],
         "blend": {
             name: {
-                "prior": b.prior, "prior_std": b.prior_std, "value": number(b.value), "std": number(b.std),
-                "data_std": number(b.data_std), "moved": b.moved,
+                "prior": b.prior,
+                "prior_std": b.prior_std,
+                "value": number(b.value),
+                "std": number(b.std),
+                "data_std": number(b.data_std),
+                "moved": b.moved,
             }
             for name, b in report.blends.items()
         },
-    }  # fmt: skip
+    }
 
 
 if __name__ == "__main__":

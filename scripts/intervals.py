@@ -21,21 +21,22 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NoReturn
 
+from casid.analysis import collected, input_noise_errors, profile
 from casid.campaign.counting import counted
-from casid.campaign.digest import source_digest
+from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.draws import draw, draw_tasks, fit_of
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import EstimationError, InputError, run_script, unknown
-from casid.estimation import Fit, collected, input_noise_errors, profile
+from casid.estimation import Fit
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 
-DEMO = Path(__file__).resolve().parent.parent / "problems" / "demo"
+DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 NORMAL = 1.959963984540054
 KINDS = ("Cramer-Rao", "corrected", "noisy inputs", "profile", "bootstrap")
 HEAD = ("parameter", "estimate", *(f"{kind} {end}" for kind in KINDS for end in ("low", "high")))
-SOURCES = ("casid/estimation/*.py", "casid/model/*.py", "casid/records/*.py", "casid/campaign/draws.py")
+SOURCES = (*ENGINE, "casid/campaign/draws.py")
 
 
 def arguments() -> argparse.Namespace:
@@ -85,9 +86,15 @@ def main() -> None:
     made_with = provenance(given.seed)
     records = [str(Path(record).resolve()) for record in given.records]
     first, *_ = tasks = draw_tasks(
-        records, str(given.aircraft.resolve()), max(given.draws, 1), given.seed, free=given.free, axes=given.axes,
-        maps=given.map, input_noise=given.input_noise,
-    )  # fmt: skip
+        records,
+        str(given.aircraft.resolve()),
+        max(given.draws, 1),
+        given.seed,
+        free=given.free,
+        axes=given.axes,
+        maps=given.map,
+        input_noise=given.input_noise,
+    )
     with progress() as stage:
         try:
             stage("estimation")
@@ -131,9 +138,13 @@ def analytic(fit: Fit, input_noise: Mapping[str, float]) -> dict[str, dict[str, 
 def drawn(given: argparse.Namespace, tasks: dict, fit: Fit, report) -> dict[str, tuple[float, float]]:
     """parameter -> ends of the bootstrap."""
     protocol = {
-        "campaign": "intervals", "sources": source_digest(*SOURCES), "data": data_digest(given, fit),
-        "seed": given.seed, "free": list(fit.parameters), "input_noise": given.input_noise,
-    }  # fmt: skip
+        "campaign": "intervals",
+        "sources": source_digest(*SOURCES),
+        "data": data_digest(given, fit),
+        "seed": given.seed,
+        "free": list(fit.parameters),
+        "input_noise": given.input_noise,
+    }
     with open_store(given.out, protocol, given.resume) as store:
         run_campaign(tasks, draw, store, jobs=given.jobs, scheduler=given.scheduler, report=report)
         results = store.results()

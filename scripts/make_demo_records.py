@@ -1,4 +1,4 @@
-"""Fly the embedded demonstration records, problems/demo.
+"""Fly the embedded demonstration records, casid/cli/demo.
 
 Question     none: this makes the data that `scripts/diagnose.py` runs on when it is given no record.
 Set-up       a Fokker 50 of JSBSim, four manoeuvres of 26 s at 50 Hz with the noise of ordinary instruments, an aircraft
@@ -16,16 +16,16 @@ from pathlib import Path
 
 from casid.errors import run_script
 from casid.records.readers import write_record
-from problems.jsbsim_apriori import aircraft_file
-from problems.jsbsim_corpus import RECORDS, rounded
-from problems.jsbsim_faults import Fault
-from problems.jsbsim_flight import Flight, fly
+from problems.jsbsim.apriori import aircraft_file
+from problems.jsbsim.corpus import RECORDS, rounded
+from problems.jsbsim.faults import Fault
+from problems.jsbsim.flight import Flight, fly
 
 AIRCRAFT = "fokker50"
 HIDDEN = Fault(kind="actuator_lag", target="delta_e", size=0.12)
 DURATION_S = 26.0
 SEED = 2010
-DEMO = Path(__file__).resolve().parent.parent / "problems" / "demo"
+DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 
 
 def demo_flight(name: str) -> Flight:

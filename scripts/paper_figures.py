@@ -18,15 +18,15 @@ from typing import NoReturn
 
 from casid.errors import InputError, run_script, unknown
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.paper_figures import histories, output_labels, outputs_scaled, over_variable
-from casid.report.paper_page import Section, figure, write_page
 from casid.report.progress import progress
 from casid.report.style import Picture
 from problems.do328 import MOMENT_DERIVATIVES
-from problems.paper_cases import CASES, Condition, conditions
-from problems.paper_estimation import ESTIMATORS, METHODS, estimate
-from problems.paper_statistics import coefficients, departed, linear_contributions, simulated, true_regressors
-from problems.paper_truth import COEFFICIENTS, OUTPUTS, Flight, fly
+from problems.paper.cases import CASES, Condition, conditions
+from problems.paper.estimation import ESTIMATORS, METHODS, estimate
+from problems.paper.pages.figures import histories, output_labels, outputs_scaled, over_variable
+from problems.paper.pages.page import Section, figure, write_page
+from problems.paper.statistics import coefficients, departed, linear_contributions, simulated, true_regressors
+from problems.paper.truth import COEFFICIENTS, OUTPUTS, Flight, fly
 
 NUMBERS = {"Cl": 3, "Cm": 4, "Cn": 5}
 
@@ -54,8 +54,10 @@ def condition(given: argparse.Namespace) -> Condition:
     asked = Condition(case=given.case, manoeuvre=given.manoeuvre, variant=given.variant, seed=given.seed)
     there = list(conditions([given.case], range(1, 9)))
     if asked not in there:
-        raise InputError(f"case {given.case} has no record {asked.name}; its first is {there[0].name}, its last "
-                         f"{there[-1].name} (case-manoeuvre-variant-seed)")  # fmt: skip
+        raise InputError(
+            f"case {given.case} has no record {asked.name}; its first is {there[0].name}, its last "
+            f"{there[-1].name} (case-manoeuvre-variant-seed)"
+        )
     return asked
 
 
@@ -89,24 +91,52 @@ def figures(flight: Flight, values: dict[str, dict[str, float]]) -> list[Picture
     motions = {e: simulated(flight, own) for e, own in values.items()}
     flown = {e: outputs_scaled(motion, OUTPUTS) for e, motion in motions.items() if not departed(motion)}
     drawn = [
-        histories("figure_1", "1. Equation domain", "Moment coefficients of the linear model on the true signals.",
-                  t, flight.coefficients, sums, {c: c for c in COEFFICIENTS}),
-        histories("figure_2", "2. Output domain", "Flight of the linear model by the exact stick, with the control law "
-                  "where the aircraft has one; a departed flight is not drawn.", t,
-                  outputs_scaled(flight.exact.matrix(OUTPUTS), OUTPUTS), flown, output_labels(OUTPUTS)),
-    ]  # fmt: skip
+        histories(
+            "figure_1",
+            "1. Equation domain",
+            "Moment coefficients of the linear model on the true signals.",
+            t,
+            flight.coefficients,
+            sums,
+            {c: c for c in COEFFICIENTS},
+        ),
+        histories(
+            "figure_2",
+            "2. Output domain",
+            "Flight of the linear model by the exact stick, with the control law "
+            "where the aircraft has one; a departed flight is not drawn.",
+            t,
+            outputs_scaled(flight.exact.matrix(OUTPUTS), OUTPUTS),
+            flown,
+            output_labels(OUTPUTS),
+        ),
+    ]
     for coefficient, number in NUMBERS.items():
         names = [n for n in MOMENT_DERIVATIVES if n.startswith(coefficient) and not n.endswith("_0")]
-        drawn.append(histories(
-            f"figure_{number}", f"{number}. Terms of {coefficient}", f"Contribution of each term to {coefficient}.", t,
-            {n: truth[n] for n in names}, {e: {n: own[n] for n in names} for e, own in terms.items()},
-            {n: n.split("_", 1)[1] for n in names}))  # fmt: skip
+        drawn.append(
+            histories(
+                f"figure_{number}",
+                f"{number}. Terms of {coefficient}",
+                f"Contribution of each term to {coefficient}.",
+                t,
+                {n: truth[n] for n in names},
+                {e: {n: own[n] for n in names} for e, own in terms.items()},
+                {n: n.split("_", 1)[1] for n in names},
+            )
+        )
     names = [n for n in MOMENT_DERIVATIVES if not n.endswith("_0")]
     x = true_regressors(flight)
-    drawn.append(over_variable(
-        "figure_6", "6. Terms over their own variable", "Angles in rad, rates dimensionless. The spread of the true "
-        "points comes from products with other variables.", {n: x[n.split("_", 1)[1]] for n in names},
-        {n: truth[n] for n in names}, {e: {n: own[n] for n in names} for e, own in terms.items()}))  # fmt: skip
+    drawn.append(
+        over_variable(
+            "figure_6",
+            "6. Terms over their own variable",
+            "Angles in rad, rates dimensionless. The spread of the true "
+            "points comes from products with other variables.",
+            {n: x[n.split("_", 1)[1]] for n in names},
+            {n: truth[n] for n in names},
+            {e: {n: own[n] for n in names} for e, own in terms.items()},
+        )
+    )
     return drawn
 
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from casid.errors import InputError, run_script
 from casid.estimation.fit import channel_fit
-from casid.estimation.initial_state import fit_initial_state
+from casid.filtering.initial_state import fit_initial_state
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects
 from casid.model.simulate import simulate

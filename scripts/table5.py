@@ -20,24 +20,26 @@ from pathlib import Path
 from typing import NoReturn
 
 from casid.campaign.counting import counted
-from casid.campaign.digest import source_digest
+from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script, unknown
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.paper_table import write_table_page
 from casid.report.progress import progress
-from problems.paper_cases import parse_cases, parse_manoeuvres
-from problems.paper_estimation import METHODS
-from problems.paper_published import cells_of, claims, published
-from problems.paper_run import run, table_rows, tasks
-from problems.paper_truth import CM_ALPHA_DESTABILISED
+from problems.paper.cases import parse_cases, parse_manoeuvres
+from problems.paper.estimation import METHODS
+from problems.paper.pages.table import write_table_page
+from problems.paper.published import cells_of, claims, published
+from problems.paper.run import run, table_rows, tasks
+from problems.paper.truth import CM_ALPHA_DESTABILISED
 
 # what the results depend on: a store made with other sources is not mixed with these
 SOURCES = (
-    "casid/estimation/*.py", "casid/model/*.py", "problems/do328.py", "problems/manoeuvres.py",
-    *(f"problems/paper_{part}.py" for part in ("cases", "nonlinear", "truth", "estimation", "statistics", "run")),
-)  # fmt: skip
+    *ENGINE,
+    "problems/do328.py",
+    "problems/manoeuvres.py",
+    *(f"problems/paper/{part}.py" for part in ("cases", "nonlinear", "truth", "estimation", "statistics", "run")),
+)
 COLUMNS: tuple[str, ...] = ("case", "estimator", "method", "statistic", "value")
 
 

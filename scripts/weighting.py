@@ -20,21 +20,20 @@ from pathlib import Path
 from typing import NoReturn
 
 from casid.campaign.counting import counted
-from casid.campaign.digest import source_digest
+from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError, run_script
-from casid.report import paper_weighting as shown
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.paper_page import Section, figure, paragraph, table, write_page
 from casid.report.progress import progress
-from problems.paper_cases import CASES, parse_manoeuvres
-from problems.paper_shooting import AIRCRAFT
-from problems.paper_statistics import DERIVATIVE_STATISTICS, MATCHES
-from problems.paper_weighting import CURVE_CASES, NOISES, STRATEGIES, WEIGHTS, run, tasks
+from problems.paper.cases import CASES, parse_manoeuvres
+from problems.paper.pages import weighting as shown
+from problems.paper.pages.page import Section, figure, paragraph, table, write_page
+from problems.paper.shooting import AIRCRAFT
+from problems.paper.statistics import DERIVATIVE_STATISTICS, MATCHES
+from problems.paper.weighting import CURVE_CASES, NOISES, STRATEGIES, WEIGHTS, run, tasks
 
-SOURCES = ("casid/estimation/*.py", "casid/model/*.py", "problems/do328.py", "problems/manoeuvres.py",
-           "problems/paper_[censtw]*.py")  # fmt: skip
+SOURCES = (*ENGINE, "problems/do328.py", "problems/manoeuvres.py", "problems/paper/[censtw]*.py")
 DOMAINS = {
     "equation domain": MATCHES[:3],
     "output domain": MATCHES[3:],
@@ -79,12 +78,20 @@ def main() -> None:
             csv.writer(file, lineterminator="\n").writerows([["case", "weight", *DOMAINS], *curve])
         sections = [
             Section(title="From output to equation error", parts=[figure(picture), shown.curve_table(curve, DOMAINS)]),
-            Section(title="The weight swept during the iteration", parts=[
-                paragraph("Right: within 0.05 standard deviations of the optimum of the strategy's last cost."),
-                table(shown.SCHEDULE_HEAD, schedule)]),
-            Section(title="Statistically right weights", parts=[
-                table(["case", "weights", *DOMAINS], weights, "relative to weights by range; below 1 is better")]),
-        ]  # fmt: skip
+            Section(
+                title="The weight swept during the iteration",
+                parts=[
+                    paragraph("Right: within 0.05 standard deviations of the optimum of the strategy's last cost."),
+                    table(shown.SCHEDULE_HEAD, schedule),
+                ],
+            ),
+            Section(
+                title="Statistically right weights",
+                parts=[
+                    table(["case", "weights", *DOMAINS], weights, "relative to weights by range; below 1 is better")
+                ],
+            ),
+        ]
         lead = ["Indices are geometric means over the members of a domain, of means over the manoeuvres."]
         write_page(folder / "weighting.html", "The weight between equation and output error", lead, sections, made_with)
         write_provenance(made_with, folder / "run.json")

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from casid.diagnosis.hypothesis import Attached, disturbance_series, readings
-from casid.diagnosis.kinematic_check import KinematicCheck
+from casid.diagnosis.evidence.screening import Candidate
+from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.result import Trial
-from casid.diagnosis.screening import Candidate
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.operators import TURNING, turned
@@ -20,9 +20,18 @@ from problems.do328 import STABLE, THRUST, V_TRIM, do328
 
 DEG = np.pi / 180.0
 NOISE = {
-    "V": 0.3, "alpha": 0.15 * DEG, "beta": 0.15 * DEG, "p": 0.05 * DEG, "q": 0.05 * DEG, "r": 0.05 * DEG,
-    "phi": 0.05 * DEG, "theta": 0.05 * DEG, "ax": 0.05, "ay": 0.05, "az": 0.08,
-}  # fmt: skip
+    "V": 0.3,
+    "alpha": 0.15 * DEG,
+    "beta": 0.15 * DEG,
+    "p": 0.05 * DEG,
+    "q": 0.05 * DEG,
+    "r": 0.05 * DEG,
+    "phi": 0.05 * DEG,
+    "theta": 0.05 * DEG,
+    "ax": 0.05,
+    "ay": 0.05,
+    "az": 0.08,
+}
 SURFACE_NOISE = 0.03 * DEG
 _PICARD, _AIR = 4, ("wind_x", "wind_y", "wind_z")
 _SIGNS = (1.0, -1.0, 0.8, -0.9)
@@ -80,7 +89,7 @@ def flights(
             "delta_r": sign * 0.05 * multistep(t, 9.0 + i, _3211, 0.5) + 0.04 * multistep(t, 3.0, _DOUBLET, 0.8),
             "thrust": THRUST + sign * 2e3 * multistep(t, 8.0, _DOUBLET, 3.0),
             "rho": np.full(len(t), level.rho),
-        }  # fmt: skip
+        }
         commanded = Record(name=name, t=t, channels=channels, hold=hold)
         known = {key: series[:, None] for key, series in channels.items()}
         for _ in range(_PICARD if any(a.effect.enters in _AIR for a in hidden) else 1):
@@ -100,15 +109,28 @@ def flights(
 
 
 def trial_of(
-    one: Attached, gain: float = 0.0, excess: float = 0.0, fingerprint: Sequence[float] = (),
-    where: np.ndarray | None = None, check: KinematicCheck | None = None, exact: float | None = None,
-) -> Trial:  # fmt: skip
+    one: Attached,
+    gain: float = 0.0,
+    excess: float = 0.0,
+    fingerprint: Sequence[float] = (),
+    where: np.ndarray | None = None,
+    check: KinematicCheck | None = None,
+    exact: float | None = None,
+) -> Trial:
     """A cause that was fitted and matters, with the gain that a test needs."""
     value = one.values["value"]
     candidate = Candidate(attached=one, statistic=gain, net=gain, dof=1, value=value, std=1.0, surviving=1.0, tries=1.0)
     return Trial(
-        candidate=candidate, std=1.0, fit=None, fingerprint=np.array(fingerprint), gain=gain, net=gain, excess=excess,
-        exact=gain + excess if exact is None else exact, where=np.zeros((0, 0)) if where is None else where,
-        meaningful=True, share=1.0,
+        candidate=candidate,
+        std=1.0,
+        fit=None,
+        fingerprint=np.array(fingerprint),
+        gain=gain,
+        net=gain,
+        excess=excess,
+        exact=gain + excess if exact is None else exact,
+        where=np.zeros((0, 0)) if where is None else where,
+        meaningful=True,
+        share=1.0,
         check=check or KinematicCheck(),
-    )  # fmt: skip
+    )

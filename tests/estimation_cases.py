@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from casid.estimation import compiler
 from casid.model.system import Model, define_model
+from casid.native import compiler
 from casid.records.record import Record
 
 TRUTH = {"Za": -1.2, "Zde": -0.15, "Ma": -4.0, "Mq": -1.8, "Mde": -6.0}
@@ -21,13 +21,18 @@ needs_compiler = pytest.mark.skipif(compiler.c_compiler() is None, reason="no C 
 def short_period(nominal: Mapping[str, float] = TRUTH, **options) -> Model:
     """Linear short period: states alpha, q; input delta_e; both states measured."""
     return define_model(
-        "short period", states=("alpha", "q"), inputs=("delta_e",), parameters=nominal, outputs=("alpha", "q"),
+        "short period",
+        states=("alpha", "q"),
+        inputs=("delta_e",),
+        parameters=nominal,
+        outputs=("alpha", "q"),
         dynamics=lambda s: {
             "alpha": s.Za * s.alpha + s.q + s.Zde * s.delta_e,
             "q": s.Ma * s.alpha + s.Mq * s.q + s.Mde * s.delta_e,
         },
-        output=lambda s: {"alpha": s.alpha, "q": s.q}, **options,
-    )  # fmt: skip
+        output=lambda s: {"alpha": s.alpha, "q": s.q},
+        **options,
+    )
 
 
 def matrices(values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -59,10 +64,16 @@ def elevator(t: np.ndarray) -> np.ndarray:
 
 
 def flight(
-    name: str = "m1", *, values: Mapping[str, float] = TRUTH, t: np.ndarray | None = None, hold: str = "linear",
-    noise: Mapping[str, float] | None = None, rng: np.random.Generator | None = None,
-    x0: tuple[float, float] = (0.01, -0.02), gain: float = 1.0,
-) -> Record:  # fmt: skip
+    name: str = "m1",
+    *,
+    values: Mapping[str, float] = TRUTH,
+    t: np.ndarray | None = None,
+    hold: str = "linear",
+    noise: Mapping[str, float] | None = None,
+    rng: np.random.Generator | None = None,
+    x0: tuple[float, float] = (0.01, -0.02),
+    gain: float = 1.0,
+) -> Record:
     """A flown short period; `noise` 1-sigma per output needs `rng`."""
     t = np.arange(0.0, 8.0, 0.04) if t is None else t
     u = gain * elevator(t)

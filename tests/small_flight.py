@@ -14,9 +14,22 @@ from problems.do328 import V_TRIM, do328
 NAMES = ("first", "second")
 HIDDEN = 8.0  # Cm_alpha^2 [1/rad2] that flies and that the aircraft file does not know
 NOISE = {
-    "V": 0.1, "alpha": 1e-3, "beta": 1e-3, "p": 5e-4, "q": 5e-4, "r": 5e-4, "phi": 5e-4, "theta": 5e-4,
-    "ax": 0.02, "ay": 0.02, "az": 0.05, "delta_e": 1e-4, "delta_a": 1e-4, "delta_r": 1e-4, "thrust": 30.0,
-}  # fmt: skip
+    "V": 0.1,
+    "alpha": 1e-3,
+    "beta": 1e-3,
+    "p": 5e-4,
+    "q": 5e-4,
+    "r": 5e-4,
+    "phi": 5e-4,
+    "theta": 5e-4,
+    "ax": 0.02,
+    "ay": 0.02,
+    "az": 0.05,
+    "delta_e": 1e-4,
+    "delta_a": 1e-4,
+    "delta_r": 1e-4,
+    "thrust": 30.0,
+}
 DURATION_S, RATE_HZ = 8.0, 25.0
 
 

@@ -43,17 +43,18 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
         "seconds": document["seconds"],
         "unexplained": {missing.station: missing.gain for missing in found.unexplained},
         "turbulence": {"sigma": found.turbulence.sigma, "gain": found.turbulence.gain},
-        "kinematic": [
-            {"name": one.name, "net": one.net, "value": float(one.value)} for one in found.kinematic[:3]
-        ],
+        "kinematic": [{"name": one.name, "net": one.net, "value": float(one.value)} for one in found.kinematic[:3]],
         "rounds": [
             {"named": one.named, "trials": [_trial(trial) for trial in one.trials[:_TRIALS]]} for one in found.rounds
         ],
-    }  # fmt: skip
+    }
 
 
 def _trial(trial: Trial) -> dict[str, Any]:
     return {
-        "name": trial.candidate.name, "net": float(trial.net), "share": float(trial.share),
-        "value": float(trial.candidate.attached.values["value"]), "refuted": bool(trial.refuted),
-    }  # fmt: skip
+        "name": trial.candidate.name,
+        "net": float(trial.net),
+        "share": float(trial.share),
+        "value": float(trial.candidate.attached.values["value"]),
+        "refuted": bool(trial.refuted),
+    }

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
+from casid.analysis import replica
 from casid.errors import EstimationError
-from casid.estimation import Fit, Problem, replica, solve
+from casid.estimation import Fit, Problem, solve
 from casid.model.aircraft import Aircraft
 from casid.model.applied import apply_effects, default_free
 from casid.records.column_map import ColumnMap
@@ -15,14 +16,25 @@ from casid.records.readers import read_records
 
 
 def draw_tasks(
-    records: Sequence[str], aircraft: str, draws: int, seed: int, *, free: Sequence[str] = (), axes: str | None = None,
-    maps: Sequence[str] = (), input_noise: Mapping[str, float] | None = None,
-) -> dict[str, dict[str, Any]]:  # fmt: skip
+    records: Sequence[str],
+    aircraft: str,
+    draws: int,
+    seed: int,
+    *,
+    free: Sequence[str] = (),
+    axes: str | None = None,
+    maps: Sequence[str] = (),
+    input_noise: Mapping[str, float] | None = None,
+) -> dict[str, dict[str, Any]]:
     """Key -> task for `draw`: files by name, so that any process can read them."""
     common = {
-        "records": list(records), "aircraft": aircraft, "free": list(free), "axes": axes, "maps": list(maps),
+        "records": list(records),
+        "aircraft": aircraft,
+        "free": list(free),
+        "axes": axes,
+        "maps": list(maps),
         "input_noise": dict(input_noise or {}),
-    }  # fmt: skip
+    }
     return {f"draw/{number:05d}": {**common, "seed": [seed, number]} for number in range(draws)}
 
 

@@ -6,36 +6,36 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
-from casid.diagnosis import kinematics
-from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.evidence import Evidence, is_sure, weigh
-from casid.diagnosis.fit import fit, from_elsewhere, without
-from casid.diagnosis.flight import Flight, prepare
-from casid.diagnosis.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
-from casid.diagnosis.hypothesis import Attached
-from casid.diagnosis.input_timing import as_inputs_run
-from casid.diagnosis.kinematic_stage import KinematicFindings, judge_kinematics, without_turbulence
-from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.naming import Naming, name_causes
-from casid.diagnosis.noise_level import with_noise_level
-from casid.diagnosis.result import Cause, Diagnosis, View
-from casid.diagnosis.size import SHARE
-from casid.diagnosis.statistics import channel_fits, free_simulation
-from casid.diagnosis.structure import demanded_offsets, demanded_structure
-from casid.diagnosis.verdict import (
+from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit, from_elsewhere, without
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.input_timing import as_inputs_run
+from casid.diagnosis.flight.noise_level import with_noise_level
+from casid.diagnosis.flight.statistics import channel_fits, free_simulation
+from casid.diagnosis.judging.extension import extended_aircraft
+from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
+from casid.diagnosis.judging.verdict import (
     causes_of,
-    extended_aircraft,
     minor_trials,
     smallest_detectable,
     still_missing,
     too_small,
     verdict_of,
-)  # fmt: skip
-from casid.estimation.processors import side_by_side
+)
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics, without_turbulence
+from casid.diagnosis.naming.naming import Naming, name_causes
+from casid.diagnosis.naming.size import SHARE
+from casid.diagnosis.naming.structure import demanded_offsets, demanded_structure
+from casid.diagnosis.result import Cause, Diagnosis, View
 from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
+from casid.native.processors import side_by_side
 from casid.records.record import Record
 
 # part of a variation that may be missing in records that no fit has seen: they go where the structure was not fitted
@@ -113,12 +113,27 @@ def diagnose(
     extended = extended_aircraft(flight.aircraft, kept.fit, causes, minor)
     stages.end()
     return Diagnosis(
-        verdict=verdict, sentence=sentence, aircraft=aircraft, extended_aircraft=extended, causes=causes, minor=minor,
-        ranking=candidates[:40], rounds=naming.rounds, baseline=views[0], extended=views[1],
-        held_out_baseline=views[2], held_out_extended=views[3], bare=bare, missing_before=tuple(first),
-        missing_after=tuple(exact), unexplained=tuple(unexplained), kinematic=tuple(found.ranked),
-        turbulence=begun.turbulence, detectable=smallest_detectable(candidates), seconds=stages.seconds,
-    )  # fmt: skip
+        verdict=verdict,
+        sentence=sentence,
+        aircraft=aircraft,
+        extended_aircraft=extended,
+        causes=causes,
+        minor=minor,
+        ranking=candidates[:40],
+        rounds=naming.rounds,
+        baseline=views[0],
+        extended=views[1],
+        held_out_baseline=views[2],
+        held_out_extended=views[3],
+        bare=bare,
+        missing_before=tuple(first),
+        missing_after=tuple(exact),
+        unexplained=tuple(unexplained),
+        kinematic=tuple(found.ranked),
+        turbulence=begun.turbulence,
+        detectable=smallest_detectable(candidates),
+        seconds=stages.seconds,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -230,10 +245,13 @@ def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
         final = without(final, unsure)
         evidence, held_final = weigh(final), judge_on(held, final)
     return _Kept(
-        evidence=evidence, held_fit=held_final, held_calm=held_calm,
+        evidence=evidence,
+        held_fit=held_final,
+        held_calm=held_calm,
         structure=[one for one in structure if one.name not in unsure],
-        structure_gain=held_gains([held_calm, on_held[0]])[0], gains=gains if coloured else [None, *gains],
-    )  # fmt: skip
+        structure_gain=held_gains([held_calm, on_held[0]])[0],
+        gains=gains if coloured else [None, *gains],
+    )
 
 
 def _put_in_later(begun: _Begun, final: Fit) -> list[Attached]:

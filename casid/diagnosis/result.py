@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.kinematic_check import KinematicCheck
-from casid.diagnosis.kinematics import Turbulence
-from casid.diagnosis.missing_input import MissingInput
-from casid.diagnosis.screening import Candidate
-from casid.diagnosis.statistics import ChannelFit, Simulated
+from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.evidence.screening import Candidate
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.statistics import ChannelFit, Simulated
+from casid.diagnosis.kinematics.check import KinematicCheck
+from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -175,10 +175,11 @@ class Parameter:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "unit": self.unit, "a_priori": self.a_priori,
+            "unit": self.unit,
+            "a_priori": self.a_priori,
             "baseline": {"value": self.baseline, "std": self.baseline_std},
             "extended": {"value": self.extended, "std": self.extended_std},
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -243,12 +244,17 @@ class Diagnosis:
         there = {slot.name for slot in after.slots}
         return tuple(
             Parameter(
-                name=name, unit=units.get(name, ""), a_priori=a_priori.get(name, 0.0), baseline=before[name],
-                baseline_std=before.std(name), extended=after[name], extended_std=after.std(name),
+                name=name,
+                unit=units.get(name, ""),
+                a_priori=a_priori.get(name, 0.0),
+                baseline=before[name],
+                baseline_std=before.std(name),
+                extended=after[name],
+                extended_std=after.std(name),
             )
             for name in names
             if name in there
-        )  # fmt: skip
+        )
 
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
@@ -300,23 +306,37 @@ def _freedom(fit: Fit) -> int:
 
 def _cause(cause: Cause) -> dict[str, Any]:
     return {
-        "kind": cause.kind, "target": cause.target, "term": cause.term, "value": cause.value, "std": cause.std,
-        "unit": cause.unit, "records": list(cause.records),
+        "kind": cause.kind,
+        "target": cause.target,
+        "term": cause.term,
+        "value": cause.value,
+        "std": cause.std,
+        "unit": cause.unit,
+        "records": list(cause.records),
         "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
-        "statistic": cause.statistic, "dof": cause.dof, "p_value": cause.p_value,
+        "statistic": cause.statistic,
+        "dof": cause.dof,
+        "p_value": cause.p_value,
         "held_out_gain": cause.held_out_gain,
         "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
-        "sentence": cause.sentence, "parameters": dict(cause.parameters), "share": cause.share,
-    }  # fmt: skip
+        "sentence": cause.sentence,
+        "parameters": dict(cause.parameters),
+        "share": cause.share,
+    }
 
 
 def _rank(candidate: Candidate) -> dict[str, Any]:
     effect = candidate.attached.effect
     return {
-        "kind": effect.kind, "target": effect.target, "term": effect.term, "statistic": candidate.statistic,
-        "p_value": candidate.p_value, "value": candidate.value, "std": candidate.std,
+        "kind": effect.kind,
+        "target": effect.target,
+        "term": effect.term,
+        "statistic": candidate.statistic,
+        "p_value": candidate.p_value,
+        "value": candidate.value,
+        "std": candidate.std,
         "surviving": candidate.surviving,
-    }  # fmt: skip
+    }
 
 
 def _view(view: View) -> dict[str, Any]:

@@ -8,17 +8,17 @@ from contextlib import suppress
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.collocation import LiftedCollocation
 from casid.estimation.cost import EquationError, RangeWeights
 from casid.estimation.fit import Fit, StateHistory, channel_fit
-from casid.estimation.gauss_newton import GaussNewton, Outcome, minimise
-from casid.estimation.ipopt import Ipopt, minimise_with_ipopt
-from casid.estimation.layout import build_layout
-from casid.estimation.newton import Automatic, minimise_automatically
-from casid.estimation.objective import Objective
 from casid.estimation.problem import Problem
-from casid.estimation.sensitivity import Shooting
-from casid.estimation.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
+from casid.estimation.solvers.gauss_newton import GaussNewton, Outcome, minimise
+from casid.estimation.solvers.ipopt import Ipopt, minimise_with_ipopt
+from casid.estimation.solvers.newton import Automatic, minimise_automatically
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.layout import build_layout
+from casid.estimation.transcriptions.shooting import Shooting
+from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 
 Solver = Automatic | GaussNewton | Ipopt
@@ -99,16 +99,27 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: f
     residuals = {record: measured[record] - predicted[record] for record in measured}
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     return Fit(
-        problem=problem, values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
-        uncertainty=errors, status=status, iterations=outcome.iterations, seconds=time.perf_counter() - begin,
-        cost=value.cost, prior_cost=value.rest, log_likelihood=levels.log_likelihood(value.squares),
+        problem=problem,
+        values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
+        uncertainty=errors,
+        status=status,
+        iterations=outcome.iterations,
+        seconds=time.perf_counter() - begin,
+        cost=value.cost,
+        prior_cost=value.rest,
+        log_likelihood=levels.log_likelihood(value.squares),
         stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
-        noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]}, channels=channels,
+        noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]},
+        channels=channels,
         noise_covariance=levels.matrix if levels.full else np.diag(sigma**2),
-        predictions=predicted, residuals=residuals, states=_states(objective, outcome),
-        multipliers=outcome.limit_multipliers, method=type(method).__name__, solver=outcome.solver,
-    )  # fmt: skip
+        predictions=predicted,
+        residuals=residuals,
+        states=_states(objective, outcome),
+        multipliers=outcome.limit_multipliers,
+        method=type(method).__name__,
+        solver=outcome.solver,
+    )
 
 
 def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
@@ -150,8 +161,9 @@ def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
     flat = states.reshape(-1, states.shape[2])
     return {
         record.name: StateHistory(
-            trajectory=flat[layout.sample[r]], nodes=outcome.point.nodes[layout.segments_of(r)],
+            trajectory=flat[layout.sample[r]],
+            nodes=outcome.point.nodes[layout.segments_of(r)],
             node_times=record.t[:: layout.length],
         )
         for r, record in enumerate(objective.problem.records)
-    }  # fmt: skip
+    }

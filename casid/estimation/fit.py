@@ -113,11 +113,15 @@ class Fit:
         prior, prior_std = self.problem.nominal, self.problem.prior_std
         return {
             name: Estimate(
-                name=name, value=value, std=float(std[i]), std_corrected=float(corrected[i]), prior=float(prior[i]),
+                name=name,
+                value=value,
+                std=float(std[i]),
+                std_corrected=float(corrected[i]),
+                prior=float(prior[i]),
                 prior_std=float(prior_std[i]),
             )
             for i, (name, value) in enumerate(self.values.items())
-        }  # fmt: skip
+        }
 
     def __getitem__(self, name: str) -> Estimate:
         if name not in self.parameters:
@@ -148,27 +152,41 @@ class Fit:
 
         parameters = {
             name: {
-                "value": number(e.value), "std": number(e.std), "std_corrected": number(e.std_corrected),
-                "prior": number(e.prior), "prior_std": number(e.prior_std),
+                "value": number(e.value),
+                "std": number(e.std),
+                "std_corrected": number(e.std_corrected),
+                "prior": number(e.prior),
+                "prior_std": number(e.prior_std),
             }
             for name, e in self.parameters.items()
-        }  # fmt: skip
+        }
         channels = {
             name: {"rms": number(c.rms), "R2": number(c.R2), "theil": number(c.theil), "samples": c.samples}
             for name, c in self.channels.items()
         }
         return {
-            "schema": "casid.estimate/1", "model": self.problem.model.name, "status": self.status,
-            "converged": self.converged, "iterations": self.iterations, "seconds": self.seconds,
-            "cost": number(self.cost), "log_likelihood": number(self.log_likelihood),
-            "stationarity": number(self.stationarity), "defect": number(self.defect),
-            "method": self.method, "solver": self.solver, "estimator": type(self.problem.cost).__name__,
-            "records": [record.name for record in self.problem.records], "parameters": parameters,
+            "schema": "casid.estimate/1",
+            "model": self.problem.model.name,
+            "status": self.status,
+            "converged": self.converged,
+            "iterations": self.iterations,
+            "seconds": self.seconds,
+            "cost": number(self.cost),
+            "log_likelihood": number(self.log_likelihood),
+            "stationarity": number(self.stationarity),
+            "defect": number(self.defect),
+            "method": self.method,
+            "solver": self.solver,
+            "estimator": type(self.problem.cost).__name__,
+            "records": [record.name for record in self.problem.records],
+            "parameters": parameters,
             "correlation": {
-                "names": list(self.parameters), "matrix": [[number(v) for v in row] for row in self.correlations]
+                "names": list(self.parameters),
+                "matrix": [[number(v) for v in row] for row in self.correlations],
             },
-            "noise": {name: number(v) for name, v in self.noise.items()}, "channels": channels,
-        }  # fmt: skip
+            "noise": {name: number(v) for name, v in self.noise.items()},
+            "channels": channels,
+        }
 
     def __str__(self) -> str:
         head = (
@@ -193,6 +211,8 @@ def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
     rms, spread = math.sqrt(error @ error / count), float(centred @ centred) / count
     size = math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
     return ChannelFit(
-        rms=rms, R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
-        theil=rms / size if size > 0 else 0.0, samples=count,
-    )  # fmt: skip
+        rms=rms,
+        R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
+        theil=rms / size if size > 0 else 0.0,
+        samples=count,
+    )

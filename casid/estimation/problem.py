@@ -12,7 +12,7 @@ import numpy as np
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, EquationError, OutputError, RangeWeights
-from casid.estimation.feedback import SampledFeedback
+from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.records.record import Record
 

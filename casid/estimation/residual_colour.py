@@ -34,7 +34,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.signal import lfilter
 
-from casid.estimation.quadratic import inverse_along
+from casid.estimation.solvers.quadratic import inverse_along
 
 ORDER = 12  # highest of the autoregression: the lags that are gathered
 _SAMPLES_PER_ORDER = 10

@@ -12,8 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.estimation.objective import Linearised, Objective, Value
-from casid.estimation.quadratic import free_directions, inverse_along, jacobi_scale
 from casid.estimation.residual_colour import (
     ChannelSums,
     Piece,
@@ -23,7 +21,10 @@ from casid.estimation.residual_colour import (
     noise_autocovariance,
     spread,
 )
-from casid.estimation.sensitivity import whitened
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.point import Linearised, Value
+from casid.estimation.solvers.quadratic import free_directions, inverse_along, jacobi_scale
+from casid.estimation.transcriptions.shooting import whitened
 
 _RANK = 1e-12
 

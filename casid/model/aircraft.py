@@ -38,8 +38,17 @@ _INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 _LENGTHS = ("moment_length", "rate_length")
 _POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
 _EFFECT_KEYS = (
-    "kind", "target", "term", "value", "std", "unit", "records", "onset_s", "parameters", "sentence",
-)  # fmt: skip
+    "kind",
+    "target",
+    "term",
+    "value",
+    "std",
+    "unit",
+    "records",
+    "onset_s",
+    "parameters",
+    "sentence",
+)
 _ORIGIN = (0.0, 0.0, 0.0)
 
 

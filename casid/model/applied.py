@@ -121,9 +121,13 @@ def apply_effects(
         ready.append(record.with_channels(**added))
     turbulence = [v.value for v in aircraft.effects if effect_of(v).stochastic]
     return Applied(
-        aircraft=aircraft, axes=axes, model=model, records=tuple(ready), turbulence=max(turbulence, default=0.0),
+        aircraft=aircraft,
+        axes=axes,
+        model=model,
+        records=tuple(ready),
+        turbulence=max(turbulence, default=0.0),
         _undone=tuple(undone),
-    )  # fmt: skip
+    )
 
 
 def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Model:
@@ -153,20 +157,24 @@ def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
         return np.column_stack([model.guess(record), *columns])
 
     return replace(
-        model, states=(*model.states, *(f"{c}_read" for c in slow)), parameters=(*model.parameters, *names),
-        x=ca.vertcat(model.x, reading), p=ca.vertcat(model.p, T), f=ca.vertcat(model.f, *rates), h=h, guess=guess,
+        model,
+        states=(*model.states, *(f"{c}_read" for c in slow)),
+        parameters=(*model.parameters, *names),
+        x=ca.vertcat(model.x, reading),
+        p=ca.vertcat(model.p, T),
+        f=ca.vertcat(model.f, *rates),
+        h=h,
+        guess=guess,
         nominal={**model.nominal, **{e.name: value for e, value in lags}},
         state_scale={**model.state_scale, **{f"{c}_read": scale_of(c) for c in slow}},
         units={**model.units, **{e.name: e.unit for e, _ in lags}},
-    )  # fmt: skip
+    )
 
 
 def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping[str, float]) -> Aircraft:
     """The aircraft file with derivatives, terms and effects put to estimates by name; other names are left alone."""
     derivatives = {name: values[name] for name in aircraft.derivatives if name in values}
-    terms = {
-        c: {t: values.get(f"{c}_{t}", value) for t, value in table.items()} for c, table in aircraft.terms.items()
-    }  # fmt: skip
+    terms = {c: {t: values.get(f"{c}_{t}", value) for t, value in table.items()} for c, table in aircraft.terms.items()}
     effects = []
     for effect in aircraft.effects:
         known = effect_of(effect)

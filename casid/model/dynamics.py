@@ -149,15 +149,25 @@ def aircraft_model(
     )
     relative = aircraft.relative_uncertainty or 0.0
     return Model(
-        name=aircraft.name, states=tuple(named_states), inputs=inputs, parameters=tuple(nominal), outputs=chosen,
-        disturbances=disturbances, x=x, u=u, p=p, w=w,
-        f=ca.vertcat(*[path.derivative[s] for s in named_states]), h=ca.vertcat(*[path.output[o] for o in chosen]),
-        nominal=nominal, state_scale={s: typical_size(further.get(s, s)) for s in named_states},
+        name=aircraft.name,
+        states=tuple(named_states),
+        inputs=inputs,
+        parameters=tuple(nominal),
+        outputs=chosen,
+        disturbances=disturbances,
+        x=x,
+        u=u,
+        p=p,
+        w=w,
+        f=ca.vertcat(*[path.derivative[s] for s in named_states]),
+        h=ca.vertcat(*[path.output[o] for o in chosen]),
+        nominal=nominal,
+        state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
         prior_std={n: relative * abs(v) for n, v in derivatives.items() if relative * abs(v) > 0.0},
         equation=equation_error(aircraft, p, tuple(nominal), axes, symbolic, given),
         units=parameter_units(nominal, symbolic),
-    )  # fmt: skip
+    )
 
 
 def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
@@ -212,9 +222,13 @@ def _apply(effect: Effect, path: SignalPath) -> None:
 
 
 def equation_error(
-    aircraft: Aircraft, p: ca.SX, parameters: Sequence[str], axes: str, effects: Sequence[Effect],
+    aircraft: Aircraft,
+    p: ca.SX,
+    parameters: Sequence[str],
+    axes: str,
+    effects: Sequence[Effect],
     known: Sequence[str] = (),
-) -> EquationError:  # fmt: skip
+) -> EquationError:
     """Equation-error form: coefficients computed from measured accelerations (paper eq. 6, 7) against the aerodynamic
     model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g.
 
@@ -248,13 +262,21 @@ def equation_error(
     disturbance = {d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft.force_axes)}
     path = fly(
         SignalPath(
-            aircraft=aircraft, inputs=c, parameter=dict(zip(parameters, ca.vertsplit(p), strict=True)),
-            state={"u": velocity[0], "v": velocity[1], "w": velocity[2], **{s: c[s] for s in "pqr"},
-                   "phi": ca.SX(0), "theta": ca.SX(0)},
+            aircraft=aircraft,
+            inputs=c,
+            parameter=dict(zip(parameters, ca.vertsplit(p), strict=True)),
+            state={
+                "u": velocity[0],
+                "v": velocity[1],
+                "w": velocity[2],
+                **{s: c[s] for s in "pqr"},
+                "phi": ca.SX(0),
+                "theta": ca.SX(0),
+            },
             disturbance=disturbance,
         ),
         _by_station(e for e in effects if e.in_equations),
-    )  # fmt: skip
+    )
     found = _coefficients_from_accelerations(aircraft, path, c)
     names = moved_coefficients(aircraft, axes)
     target = ca.vertcat(*[found[n] for n in names])
@@ -284,10 +306,15 @@ def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: di
     N = Izz * c["rdot"] - Ixz * c["pdot"] + (Iyy - Ixx) * p * q + Ixz * q * r
     sa, cos_a = ca.sin(c["alpha"]), ca.cos(c["alpha"])
     return {
-        "CL": (fx * sa - fz * cos_a) / qS, "CD": -(fx * cos_a + fz * sa) / qS, "CX": fx / qS, "CZ": fz / qS,
-        "CY": fy / qS, "Cl": L / (qS * aircraft.moment_length_lateral), "Cm": M / (qS * aircraft.moment_length_pitch),
+        "CL": (fx * sa - fz * cos_a) / qS,
+        "CD": -(fx * cos_a + fz * sa) / qS,
+        "CX": fx / qS,
+        "CZ": fz / qS,
+        "CY": fy / qS,
+        "Cl": L / (qS * aircraft.moment_length_lateral),
+        "Cm": M / (qS * aircraft.moment_length_pitch),
         "Cn": N / (qS * aircraft.moment_length_lateral),
-    }  # fmt: skip
+    }
 
 
 def standard_density(altitude: np.ndarray) -> np.ndarray:
@@ -339,9 +366,13 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full") -> Rec
     added |= {name: _unwrapped(record[name]) for name in ("psi", "phi") if name in record}
     filled = record.with_channels(**added)
     return Record(
-        name=filled.name, t=filled.t, channels=filled.channels, hold=filled.hold, source=filled.source,
+        name=filled.name,
+        t=filled.t,
+        channels=filled.channels,
+        hold=filled.hold,
+        source=filled.source,
         notes=(*record.notes, *notes),
-    )  # fmt: skip
+    )
 
 
 def _unwrapped(angle: np.ndarray) -> np.ndarray:

@@ -229,11 +229,19 @@ KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
 
 
 def cause(
-    kind: str, *, targets: Iterable[str] = (), unit: str, quantity: str, sentence: str, title: str = "{label}: {words}",
-    needs_term: bool = False, joined: bool = False, optional: bool = False,
+    kind: str,
+    *,
+    targets: Iterable[str] = (),
+    unit: str,
+    quantity: str,
+    sentence: str,
+    title: str = "{label}: {words}",
+    needs_term: bool = False,
+    joined: bool = False,
+    optional: bool = False,
     variants: Mapping[str, Callable[..., Effect]] = _NOTHING,
     candidates: Callable[[Aircraft], Iterable[Effect]] | None = None,
-) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:  # fmt: skip
+) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
     """Register a kind of cause, see `Kind`: the decorated function makes its Effect for a target (and a term).
 
     `candidates` are one effect for every target when they are not given.
@@ -245,10 +253,19 @@ def cause(
             return (make(target) for target in valid or ("",))
 
         KINDS[kind] = Kind(
-            kind=kind, make=make, targets=valid, unit=unit, quantity=quantity, sentence=sentence, title=title,
-            needs_term=needs_term, joined=joined, optional=optional, variants=variants,
+            kind=kind,
+            make=make,
+            targets=valid,
+            unit=unit,
+            quantity=quantity,
+            sentence=sentence,
+            title=title,
+            needs_term=needs_term,
+            joined=joined,
+            optional=optional,
+            variants=variants,
             candidates=candidates or one_for_each_target,
-        )  # fmt: skip
+        )
         return make
 
     return register

@@ -234,12 +234,18 @@ def sensor_station(path: SignalPath) -> None:
         "V": air["V"],
         "alpha": ca.atan2(wa, ua),
         "beta": ca.asin(vb / ca.sqrt(ub**2 + vb**2 + wb**2)),
-        "p": p, "q": q, "r": r, "phi": s["phi"], "theta": s["theta"],
+        "p": p,
+        "q": q,
+        "r": r,
+        "phi": s["phi"],
+        "theta": s["theta"],
         "ax": ax - (q**2 + r**2) * x + (p * q - d["r"]) * y + (p * r + d["q"]) * z,
         "ay": ay + (p * q + d["r"]) * x - (p**2 + r**2) * y + (q * r - d["p"]) * z,
         "az": az + (p * r - d["q"]) * x + (q * r + d["p"]) * y - (p**2 + q**2) * z,
-        "pdot": d["p"], "qdot": d["q"], "rdot": d["r"],
-    }  # fmt: skip
+        "pdot": d["p"],
+        "qdot": d["q"],
+        "rdot": d["r"],
+    }
     path.output |= {name: s[name] for name in INTEGRALS if name in s}
     for name in path.output:
         path.output[name] += path.parameter[f"bias_{name}"]

@@ -32,9 +32,13 @@ class Simulation:
         """The record with its measured outputs replaced by the simulated ones."""
         channels = dict(self.record.channels) | {o: self.outputs[:, i] for i, o in enumerate(self.model.outputs)}
         return Record(
-            name=name or self.record.name, t=self.record.t, channels=channels, hold=self.record.hold,
-            source=self.record.source, notes=self.record.notes,
-        )  # fmt: skip
+            name=name or self.record.name,
+            t=self.record.t,
+            channels=channels,
+            hold=self.record.hold,
+            source=self.record.source,
+            notes=self.record.notes,
+        )
 
 
 def simulate(

@@ -150,10 +150,21 @@ def define_model(
 
     scale = {s: scale_of(s) for s in states} | dict(state_scale or {})
     return Model(
-        name=name, states=tuple(states), inputs=tuple(inputs), parameters=tuple(parameters), outputs=tuple(outputs),
+        name=name,
+        states=tuple(states),
+        inputs=tuple(inputs),
+        parameters=tuple(parameters),
+        outputs=tuple(outputs),
         disturbances=tuple(disturbances),
-        x=vectors["x"], u=vectors["u"], p=vectors["p"], w=vectors["w"],
-        f=ordered(dynamics(space), states, "state"), h=ordered(output(space), outputs, "output"),
-        nominal=dict(parameters), state_scale=scale, guess=guess or measured_states(states),
-        prior_std=dict(prior_std or {}), equation=equation(space) if equation else None,
-    )  # fmt: skip
+        x=vectors["x"],
+        u=vectors["u"],
+        p=vectors["p"],
+        w=vectors["w"],
+        f=ordered(dynamics(space), states, "state"),
+        h=ordered(output(space), outputs, "output"),
+        nominal=dict(parameters),
+        state_scale=scale,
+        guess=guess or measured_states(states),
+        prior_std=dict(prior_std or {}),
+        equation=equation(space) if equation else None,
+    )

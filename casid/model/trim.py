@@ -63,9 +63,13 @@ def trim(
     def point(z: np.ndarray) -> Trim:
         free_thrust, free_rho = (z[2] * 0.1 * weight, rho) if thrust is None else (thrust, z[2])
         return Trim(
-            V=V, alpha=float(z[0]), theta=float(z[0]) + climb_angle, delta_e=float(z[1]), thrust=float(free_thrust),
+            V=V,
+            alpha=float(z[0]),
+            theta=float(z[0]) + climb_angle,
+            delta_e=float(z[1]),
+            thrust=float(free_thrust),
             rho=float(free_rho if free_rho is not None else z[2]),
-        )  # fmt: skip
+        )
 
     def imbalance(z: np.ndarray) -> np.ndarray:
         at = point(z)

@@ -18,9 +18,16 @@ from casid.signals import label_of
 __all__ = ["KINDS", "Kind", "check_effect", "effect_sentence", "effect_title", "effect_unit"]
 
 _LABELS = {
-    "CL": "lift", "CD": "drag", "CY": "side force", "CX": "longitudinal force", "CZ": "normal force",
-    "Cl": "rolling moment", "Cm": "pitching moment", "Cn": "yawing moment", "inertial": "inertial unit",
-}  # fmt: skip
+    "CL": "lift",
+    "CD": "drag",
+    "CY": "side force",
+    "CX": "longitudinal force",
+    "CZ": "normal force",
+    "Cl": "rolling moment",
+    "Cm": "pitching moment",
+    "Cn": "yawing moment",
+    "inertial": "inertial unit",
+}
 
 
 def check_effect(kind: str, target: str | None, term: str | None = None, where: str = "") -> None:

@@ -130,9 +130,16 @@ def _converted(table: Table, headers: list[tuple[str, str]], index: int, channel
 
 
 def _add_extra(
-    table: Table, headers: list[tuple[str, str]], index: int, channels: dict[str, np.ndarray],
-    places: dict[str, str], absent: set[str], notes: list[str], *, mapped: bool,
-) -> None:  # fmt: skip
+    table: Table,
+    headers: list[tuple[str, str]],
+    index: int,
+    channels: dict[str, np.ndarray],
+    places: dict[str, str],
+    absent: set[str],
+    notes: list[str],
+    *,
+    mapped: bool,
+) -> None:
     """Keep a column that is no channel casid knows, or say what is wrong with it."""
     name = headers[index][0]
     place = table.column(index)

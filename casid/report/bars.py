@@ -12,9 +12,9 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from casid.diagnosis.kinematic_check import KINEMATIC_GAIN
+from casid.diagnosis.kinematics.check import KINEMATIC_GAIN
+from casid.diagnosis.naming.trials import GAIN, GAIN_OF_AN_INSTRUMENT
 from casid.diagnosis.result import Cause, Diagnosis, Trial
-from casid.diagnosis.trials import GAIN, GAIN_OF_AN_INSTRUMENT
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import effect_name, label, place, quantity
@@ -32,8 +32,11 @@ _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
 
 def ladder(diagnosis: Diagnosis) -> Picture | None:
     """Gain of every cause that was fitted, round by round, and of the named ones on held-out records."""
-    rows = [(number, trial, i == 0 and r.named) for number, r in enumerate(diagnosis.rounds, 1)
-            for i, trial in enumerate(r.trials)]  # fmt: skip
+    rows = [
+        (number, trial, i == 0 and r.named)
+        for number, r in enumerate(diagnosis.rounds, 1)
+        for i, trial in enumerate(r.trials)
+    ]
     if not rows:
         return None
     several = sum(bool(r.trials) for r in diagnosis.rounds) > 1
@@ -117,8 +120,13 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     ax = figure.subplots()
     extended = bool(diagnosis.causes)
     y, height = np.arange(len(order)), 0.38 if extended else 0.7
-    ax.barh(y - (height / 2 if extended else 0), [max(before[s], 1.0) for s in order], height, color=BASELINE,
-            label="today's simulation")  # fmt: skip
+    ax.barh(
+        y - (height / 2 if extended else 0),
+        [max(before[s], 1.0) for s in order],
+        height,
+        color=BASELINE,
+        label="today's simulation",
+    )
     if extended:
         ax.barh(y + height / 2, [max(after[s], 1.0) for s in order], height, color=EXTENDED, label="extended model")
     for station in unexplained:
@@ -163,8 +171,15 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
     figure = blank(0.29 * len(order) + 1.2)
     ax = figure.subplots()
     over = [best[k][0] > limit for k in order]
-    ax.barh(range(len(order)), [best[k][0] for k in order], 0.7, color=[BASELINE if o else EXPLAINED for o in over],
-            hatch=["//" if o else "" for o in over], edgecolor="white", linewidth=0)  # fmt: skip
+    ax.barh(
+        range(len(order)),
+        [best[k][0] for k in order],
+        0.7,
+        color=[BASELINE if o else EXPLAINED for o in over],
+        hatch=["//" if o else "" for o in over],
+        edgecolor="white",
+        linewidth=0,
+    )
     for y, key in enumerate(order):
         if over[y]:
             ax.annotate(

@@ -16,9 +16,12 @@ _WRONG = LinearSegmentedColormap.from_list("wrong", ("#FFFFFF", ALERT))
 
 
 def confusion_matrix(
-    counts: Mapping[tuple[str, str], int], rows: Sequence[str], columns: Sequence[str],
-    right: Mapping[str, Sequence[str]], title: str,
-) -> Picture:  # fmt: skip
+    counts: Mapping[tuple[str, str], int],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    right: Mapping[str, Sequence[str]],
+    title: str,
+) -> Picture:
     """What was hidden (rows) against what was named first (columns), in sets.
 
     counts  (row, column) -> number;  rows without any are left out

@@ -22,10 +22,12 @@ def designed_histories(name: str, records: Mapping[str, Record], channels: Seque
         axes[-1].set_xlabel("t [s]")
         drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(records))
     return Picture(
-        name=f"{name}_histories", figure=drawn, title=f"Designed inputs, {name}",
+        name=f"{name}_histories",
+        figure=drawn,
+        title=f"Designed inputs, {name}",
         caption="All inputs keep the same limits of surfaces and states.",
         alt=f"Time histories of {', '.join(channels)} for {', '.join(records)}.",
-    )  # fmt: skip
+    )
 
 
 def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequence[tuple[float, float]]]) -> Picture:
@@ -44,7 +46,9 @@ def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequ
         axis.set_xlabel("scatter of the estimates over that of the standard 3-2-1-1")
         drawn.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=len(ratios))
     return Picture(
-        name=f"{name}_scatter", figure=drawn, title=f"What it gains, {name}",
+        name=f"{name}_scatter",
+        figure=drawn,
+        title=f"What it gains, {name}",
         caption="Bars: measured in simulated flights. Marks: predicted by the bound.",
         alt="Bars of the scatter of each parameter relative to the standard 3-2-1-1.",
-    )  # fmt: skip
+    )

@@ -58,10 +58,12 @@ def histories(
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     names = " and ".join(curves)
     return Picture(
-        name=f"histories_{file_name(record)}", figure=figure, title=f"{record}: measured and {names}",
+        name=f"histories_{file_name(record)}",
+        figure=figure,
+        title=f"{record}: measured and {names}",
         caption=f"Measured outputs of {record} with those of {names}.",
         alt=f"Time histories of {', '.join(channels)}, measured and {names}.",
-    )  # fmt: skip
+    )
 
 
 def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray]) -> Picture:
@@ -84,10 +86,12 @@ def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
         figure.supxlabel("lag [samples]")
     return Picture(
-        name="autocorrelation", figure=figure, title="Are the residuals white?",
+        name="autocorrelation",
+        figure=figure,
+        title="Are the residuals white?",
         caption="Autocorrelation of the residuals over the lag; white noise stays in the grey band 95 % of the time.",
         alt="Autocorrelation of the residuals of every channel.",
-    )  # fmt: skip
+    )
 
 
 def autocorrelation(series: np.ndarray, lags: int) -> np.ndarray:
@@ -111,16 +115,25 @@ def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, 
             value, std = np.array(pairs).T
             shift = 0.16 * (0.5 * (len(methods) - 1) - k)
             ax.errorbar(
-                1.0 + (value - base) / size, rows + shift, xerr=2.0 * np.nan_to_num(std) / size, fmt="o", ms=4,
-                color=RECORD_COLOURS[k % len(RECORD_COLOURS)], label=label, capsize=2,
-            )  # fmt: skip
+                1.0 + (value - base) / size,
+                rows + shift,
+                xerr=2.0 * np.nan_to_num(std) / size,
+                fmt="o",
+                ms=4,
+                color=RECORD_COLOURS[k % len(RECORD_COLOURS)],
+                label=label,
+                capsize=2,
+            )
         ax.set_yticks(rows, names)
         ax.set_xlabel(f"value relative to: {reference} (bars: 2 standard errors)")
         ax.legend(loc="best")
     return Picture(
-        name="estimates", figure=figure, title="Estimates", caption=f"Estimates relative to {reference}, with 2 sigma.",
+        name="estimates",
+        figure=figure,
+        title="Estimates",
+        caption=f"Estimates relative to {reference}, with 2 sigma.",
         alt=f"Estimates of {', '.join(names)} by {', '.join(methods)}.",
-    )  # fmt: skip
+    )
 
 
 def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
@@ -134,10 +147,12 @@ def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
         ax.set_yticks(range(len(names)), names, fontsize=6)
         figure.colorbar(image, ax=ax, label="correlation of errors")
     return Picture(
-        name="correlations", figure=figure, title="Which parameters are confused?",
+        name="correlations",
+        figure=figure,
+        title="Which parameters are confused?",
         caption="Correlation of the errors of the estimates; near 1 or -1 the data hardly tell two parameters apart.",
         alt="Matrix of correlations between parameters.",
-    )  # fmt: skip
+    )
 
 
 def file_name(text: str) -> str:

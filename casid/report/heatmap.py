@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import LogNorm
 
+from casid.diagnosis.flight.statistics import band_energy
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.statistics import band_energy
 from casid.report.style import Picture, blank
 from casid.report.words import effect_name, label
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from casid.diagnosis.missing_input import MissingInput
+from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.effects import effect_of
 from casid.report.bars import kinematic, ladder, missing
@@ -22,9 +22,16 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
     with settings():
         lead = _lead(diagnosis, seen)
         further = [
-            gain(diagnosis), *_further(diagnosis, seen), histories(diagnosis), residuals(diagnosis), heatmap(diagnosis),
-            ladder(diagnosis), ambiguity(diagnosis), missing(diagnosis, seen), kinematic(diagnosis),
-        ]  # fmt: skip
+            gain(diagnosis),
+            *_further(diagnosis, seen),
+            histories(diagnosis),
+            residuals(diagnosis),
+            heatmap(diagnosis),
+            ladder(diagnosis),
+            ambiguity(diagnosis),
+            missing(diagnosis, seen),
+            kinematic(diagnosis),
+        ]
     table = {lead.name: lead}
     for picture in further:
         if picture is not None:

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.evidence import weigh
-from casid.diagnosis.fingerprints import fingerprints
-from casid.diagnosis.hypothesis import Attached
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Cause, Diagnosis
-from casid.diagnosis.screening import Screen
 from casid.model.causes import configuration_change
 from casid.report.style import BASELINE, EXTENDED, Picture, blank
 from casid.report.words import cause_name

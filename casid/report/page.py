@@ -61,18 +61,25 @@ def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, An
     held = tables.channels(diagnosis.held_out_baseline, diagnosis.held_out_extended, extended)
     template = Template(files("casid.report").joinpath("page.html").read_text(encoding="utf-8"))
     return template.substitute(
-        aircraft=escape(diagnosis.aircraft.name), verdict=escape(diagnosis.verdict.capitalize()),
-        colour=_COLOURS[diagnosis.verdict], sentence=_verdict(diagnosis),
+        aircraft=escape(diagnosis.aircraft.name),
+        verdict=escape(diagnosis.verdict.capitalize()),
+        colour=_COLOURS[diagnosis.verdict],
+        sentence=_verdict(diagnosis),
         gain=escape(gain_sentence(diagnosis)),
-        facts=escape(_facts(diagnosis)), lead=html[lead],
+        facts=escape(_facts(diagnosis)),
+        lead=html[lead],
         gain_section=(those(_GAIN) if extended else "<p>Nothing was added to the model.</p>") + held,
-        evidence=those(_EVIDENCE), where=those(_WHERE),
-        cause_section=tables.causes(diagnosis) + those(_CAUSES) + tables.alternatives(diagnosis)
-        + "<h3>Minor</h3>" + tables.minor(diagnosis),
+        evidence=those(_EVIDENCE),
+        where=those(_WHERE),
+        cause_section=tables.causes(diagnosis)
+        + those(_CAUSES)
+        + tables.alternatives(diagnosis)
+        + "<h3>Minor</h3>"
+        + tables.minor(diagnosis),
         numbers=tables.channels(diagnosis.baseline, diagnosis.extended, extended) + tables.parameters(diagnosis),
         unseen=_UNSEEN + tables.unseen(diagnosis),
         made=tables.remarks(diagnosis) + tables.seconds(diagnosis) + tables.made_with(made_with),
-    )  # fmt: skip
+    )
 
 
 _UNSEEN = (

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.evidence import weigh
-from casid.diagnosis.missing_input import MissingInput, response
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import MissingInput, response
+from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.result import Diagnosis
 
 

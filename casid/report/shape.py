@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from casid.diagnosis.evaluation import Fit
-from casid.diagnosis.kinematics import WIND
-from casid.diagnosis.missing_input import READING, MissingInput
+from casid.diagnosis.evidence.missing_input import READING, MissingInput
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.kinematics.kinematics import WIND
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.effects import effect_of
 from casid.model.terms import parse_term
@@ -52,9 +52,15 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
         x, rest = _at(fit, variable, r, t) * scale, _at(fit, others, r, t)
         points.append(np.stack([x, mean - rest, sigma], axis=1))
         ax.plot(
-            x, mean - rest, RECORD_MARKERS[r % 6], color=RECORD_COLOURS[r % 6], ms=4, alpha=0.4, mew=0,
+            x,
+            mean - rest,
+            RECORD_MARKERS[r % 6],
+            color=RECORD_COLOURS[r % 6],
+            ms=4,
+            alpha=0.4,
+            mew=0,
             label=f"reconstructed, {fit.batch.names[r]}",
-        )  # fmt: skip
+        )
     cloud = np.concatenate(points)
     x, y, error = _binned(cloud)
     ax.errorbar(x, y, error, fmt="o", color=MEASURED, ms=6, capsize=3, zorder=4, label="their mean in steps, ±2σ")

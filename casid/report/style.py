@@ -24,13 +24,27 @@ RECORD_MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH = 5.6  # inches; the page shows it up to 40 rem wide
 _RC: Mapping[str, Any] = MappingProxyType(
     {
-        "font.size": 10.5, "axes.titlesize": 10.5, "axes.labelsize": 10.5, "legend.fontsize": 9.5,
-        "xtick.labelsize": 9.5, "ytick.labelsize": 9.5, "axes.spines.top": False, "axes.spines.right": False,
-        "axes.grid": True, "grid.color": "#E4E4E4", "grid.linewidth": 0.6, "axes.axisbelow": True,
-        "legend.frameon": False, "lines.linewidth": 1.5, "svg.hashsalt": "casid", "path.simplify": True,
-        "path.simplify_threshold": 0.3, "figure.facecolor": "white", "figure.constrained_layout.h_pad": 0.06,
+        "font.size": 10.5,
+        "axes.titlesize": 10.5,
+        "axes.labelsize": 10.5,
+        "legend.fontsize": 9.5,
+        "xtick.labelsize": 9.5,
+        "ytick.labelsize": 9.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.color": "#E4E4E4",
+        "grid.linewidth": 0.6,
+        "axes.axisbelow": True,
+        "legend.frameon": False,
+        "lines.linewidth": 1.5,
+        "svg.hashsalt": "casid",
+        "path.simplify": True,
+        "path.simplify_threshold": 0.3,
+        "figure.facecolor": "white",
+        "figure.constrained_layout.h_pad": 0.06,
     }
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +81,7 @@ def shown_unit(unit: str) -> tuple[float, str]:
         return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")
     return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
         "rad3", "rad³"
-    )  # fmt: skip
+    )
 
 
 def channel_scale(channel: str) -> tuple[float, str]:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from casid.diagnosis.naming.size import plausible
+from casid.diagnosis.naming.trials import gain_asked
 from casid.diagnosis.result import Cause, Diagnosis, Trial, View
-from casid.diagnosis.size import plausible
-from casid.diagnosis.trials import gain_asked
 from casid.model.vocabulary import KINDS
 from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
@@ -43,9 +43,15 @@ def causes(diagnosis: Diagnosis) -> str:
             escape(", ".join(cause_name(o["kind"], o["target"], o["term"]) for o in c.indistinguishable_from) or "–"),
         )
         for c in diagnosis.causes
-    ]  # fmt: skip
-    head = ("cause", "size ± 1σ", "records", "gain 2 Δ ln L", "gain on held-out, ln L per sample",
-            "cannot be told apart from")  # fmt: skip
+    ]
+    head = (
+        "cause",
+        "size ± 1σ",
+        "records",
+        "gain 2 Δ ln L",
+        "gain on held-out, ln L per sample",
+        "cannot be told apart from",
+    )
     return table(head, rows, "Named causes, strongest first")
 
 
@@ -70,8 +76,12 @@ def channels(before: View, after: View, extended: bool) -> str:
     for name, old in before.channels.items():
         new = after.channels[name]
         factor, unit = channel_scale(name)
-        pairs = [(factor * old.rms, factor * new.rms, digits), (old.theil, new.theil, _three), (old.R2, new.R2, _three),
-                 (old.whiteness_p, new.whiteness_p, _p)]  # fmt: skip
+        pairs = [
+            (factor * old.rms, factor * new.rms, digits),
+            (old.theil, new.theil, _three),
+            (old.R2, new.R2, _three),
+            (old.whiteness_p, new.whiteness_p, _p),
+        ]
         cells = [cell for a, b, show in pairs for cell in ((show(a), show(b)) if extended else (show(a),))]
         rows.append((f"{name} [{unit}]", digits(factor * old.noise, 2), *cells))
     if extended:
@@ -104,15 +114,18 @@ def parameters(diagnosis: Diagnosis) -> str:
         if extended:
             shown = f"{one.change:+.1f}".replace("-", "−")
             row += [
-                with_std(one.extended, one.extended_std, "1"), f"<b>{shown}</b>" if abs(one.change) > 3.0 else shown
-            ]  # fmt: skip
+                with_std(one.extended, one.extended_std, "1"),
+                f"<b>{shown}</b>" if abs(one.change) > 3.0 else shown,
+            ]
         rows.append(row)
     head = ["parameter", "aircraft file", "fitted, today's structure"]
     head += ["fitted, extended model", "change / σ"] if extended else []
     return table(
-        head, rows, "Derivatives per rad, effects in SI units, ± 1σ (Cramér–Rao). Bold: the extension moved it by more "
-        "than 3σ.", numeric=True,
-    )  # fmt: skip
+        head,
+        rows,
+        "Derivatives per rad, effects in SI units, ± 1σ (Cramér–Rao). Bold: the extension moved it by more than 3σ.",
+        numeric=True,
+    )
 
 
 def alternatives(diagnosis: Diagnosis) -> str:
@@ -197,9 +210,13 @@ def made_with(facts: Mapping[str, Any]) -> str:
     """Versions, seed, commit and command."""
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items() if number)
     command = " ".join(facts["command"])
-    rows = [("versions", escape(f"{versions}, Python {facts['python']}")), ("platform", escape(facts["platform"])),
-            ("commit", escape(str(facts["commit"] or "–"))), ("seed", str(facts["seed"])),
-            ("command", f"<code>{escape(command)}</code>")]  # fmt: skip
+    rows = [
+        ("versions", escape(f"{versions}, Python {facts['python']}")),
+        ("platform", escape(facts["platform"])),
+        ("commit", escape(str(facts["commit"] or "–"))),
+        ("seed", str(facts["seed"])),
+        ("command", f"<code>{escape(command)}</code>"),
+    ]
     return table(("", ""), rows, "Made with")
 
 

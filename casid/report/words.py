@@ -6,7 +6,7 @@ import math
 import re
 import textwrap
 
-from casid.diagnosis.missing_input import READING
+from casid.diagnosis.evidence.missing_input import READING
 from casid.model.effect import Effect
 from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
@@ -15,9 +15,15 @@ _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
 _PLACES = {"wind_x": "wind along x", "wind_y": "wind along y", "wind_z": "wind along z"}
 _COEFFICIENTS = {
-    "CL": "lift", "CD": "drag", "CY": "side force", "CX": "longitudinal force", "CZ": "normal force",
-    "Cl": "rolling moment", "Cm": "pitching moment", "Cn": "yawing moment",
-}  # fmt: skip
+    "CL": "lift",
+    "CD": "drag",
+    "CY": "side force",
+    "CX": "longitudinal force",
+    "CZ": "normal force",
+    "Cl": "rolling moment",
+    "Cm": "pitching moment",
+    "Cn": "yawing moment",
+}
 
 
 def cause_name(kind: str, target: str | None, term: str | None) -> str:

@@ -52,19 +52,30 @@ def _across_symmetry(coefficient: str, term: str) -> bool:
 
 
 @cause(
-    "aero_term", targets=COEFFICIENTS, needs_term=True, candidates=_missing_terms, unit="{term}",
-    quantity="factor of the term", title="{target}: {term}",
+    "aero_term",
+    targets=COEFFICIENTS,
+    needs_term=True,
+    candidates=_missing_terms,
+    unit="{term}",
+    quantity="factor of the term",
+    title="{target}: {term}",
     sentence="The {label} depends on {term} with a factor of {size}, a term that the model does not have.",
-)  # fmt: skip
+)
 def aero_term(coefficient: str, term: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.coefficient[coefficient] += values["value"] * evaluate(term, path)
 
     return Effect(
-        kind="aero_term", target=coefficient, term=term, regressor=term, enters=f"d{coefficient}",
-        station="coefficients", change=change, improbable=_across_symmetry(coefficient, term),
+        kind="aero_term",
+        target=coefficient,
+        term=term,
+        regressor=term,
+        enters=f"d{coefficient}",
+        station="coefficients",
+        change=change,
+        improbable=_across_symmetry(coefficient, term),
         expected=term in _IN_THE_SLIPSTREAM.get(coefficient, ()),
-    )  # fmt: skip
+    )
 
 
 def _missing_rates(aircraft: Aircraft) -> Iterable[Effect]:
@@ -95,18 +106,31 @@ def lagged_aero(coefficient: str) -> Effect:
         return {f"d{coefficient}": values["value"] * rate}
 
     return Effect(
-        kind="unsteady_aero", target=coefficient, variant="lagged", enters=f"d{coefficient}", limit=60.0,
-        grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)), unsigned=("time_constant",),
-        units={"time_constant": "s"}, states={behind: angle}, station="coefficients", change=change, series=series,
-    )  # fmt: skip
+        kind="unsteady_aero",
+        target=coefficient,
+        variant="lagged",
+        enters=f"d{coefficient}",
+        limit=60.0,
+        grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)),
+        unsigned=("time_constant",),
+        units={"time_constant": "s"},
+        states={behind: angle},
+        station="coefficients",
+        change=change,
+        series=series,
+    )
 
 
 @cause(
-    "unsteady_aero", targets=COEFFICIENTS, candidates=_missing_rates, variants={"time_constant": lagged_aero},
-    unit="1/rad", quantity="derivative in the dimensionless rate of the angle of attack, or of sideslip",
+    "unsteady_aero",
+    targets=COEFFICIENTS,
+    candidates=_missing_rates,
+    variants={"time_constant": lagged_aero},
+    unit="1/rad",
+    quantity="derivative in the dimensionless rate of the angle of attack, or of sideslip",
     title="{target}: {words}",
     sentence="The {label} depends on how fast the flow angle changes ({size}), which the model leaves out.",
-)  # fmt: skip
+)
 def unsteady_aero(coefficient: str) -> Effect:
     rate = f"{_flow_angle(coefficient)}dot"
 
@@ -114,9 +138,14 @@ def unsteady_aero(coefficient: str) -> Effect:
         path.coefficient[coefficient] += values["value"] * path.regressor[rate]
 
     return Effect(
-        kind="unsteady_aero", target=coefficient, regressor=rate, enters=f"d{coefficient}", station="coefficients",
-        change=change, limit=60.0,
-    )  # fmt: skip
+        kind="unsteady_aero",
+        target=coefficient,
+        regressor=rate,
+        enters=f"d{coefficient}",
+        station="coefficients",
+        change=change,
+        limit=60.0,
+    )
 
 
 def _sought_as_a_set(aircraft: Aircraft) -> Iterable[Effect]:
@@ -125,11 +154,15 @@ def _sought_as_a_set(aircraft: Aircraft) -> Iterable[Effect]:
 
 
 @cause(
-    "configuration_change", targets=COEFFICIENTS, joined=True, candidates=_sought_as_a_set, unit="1",
+    "configuration_change",
+    targets=COEFFICIENTS,
+    joined=True,
+    candidates=_sought_as_a_set,
+    unit="1",
     quantity="step of the first coefficient at the onset; the others stand in the parameters",
     title="{target}: {words}",
     sentence="The configuration changes in mid-record: a jump of {label}, {target} by {size}.",
-)  # fmt: skip
+)
 def configuration_change(coefficients: str) -> Effect:
     names = tuple(coefficients.split("+"))
 
@@ -138,7 +171,14 @@ def configuration_change(coefficients: str) -> Effect:
         return {f"d{name}": values["value" if name == names[0] else name] * moved for name in names}
 
     return Effect(
-        kind="configuration_change", target=coefficients, members=names, enters=f"d{names[0]}", timed=True,
-        recurring=True, extent="duration", grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
-        defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)}, series=series,
-    )  # fmt: skip
+        kind="configuration_change",
+        target=coefficients,
+        members=names,
+        enters=f"d{names[0]}",
+        timed=True,
+        recurring=True,
+        extent="duration",
+        grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
+        defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)},
+        series=series,
+    )

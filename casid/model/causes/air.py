@@ -44,10 +44,13 @@ def _body_axis(axis: str, at: int, known: Series) -> np.ndarray:
 
 
 @cause(
-    "wind_shear", targets=_AXES, unit="m/s2", title="{words} along {target}",
+    "wind_shear",
+    targets=_AXES,
+    unit="m/s2",
+    title="{words} along {target}",
     quantity="rate of change of the wind from the onset on, for a duration; then it stays",
     sentence="The wind along {target} changes steadily, by {size}.",
-)  # fmt: skip
+)
 def wind_shear(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         direction = np.eye(3)[_AXES.index(axis)]
@@ -55,16 +58,27 @@ def wind_shear(axis: str) -> Effect:
         return _blowing(direction, wind, known)
 
     return Effect(
-        kind="wind_shear", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True, series=series,
-        grid=tuple({"duration": v} for v in (_TO_THE_END, 8.0, 3.0)), defaults={"duration": _TO_THE_END},
-        meaningful=0.05, limit=5.0,
-    )  # fmt: skip
+        kind="wind_shear",
+        target=axis,
+        enters=f"wind_{axis}",
+        kinematic=True,
+        timed=True,
+        series=series,
+        grid=tuple({"duration": v} for v in (_TO_THE_END, 8.0, 3.0)),
+        defaults={"duration": _TO_THE_END},
+        meaningful=0.05,
+        limit=5.0,
+    )
 
 
 @cause(
-    "gust", targets=_AXES, unit="m/s", title="{words} along {target}", quantity="peak of the gust",
+    "gust",
+    targets=_AXES,
+    unit="m/s",
+    title="{words} along {target}",
+    quantity="peak of the gust",
     sentence="A gust of {size} along {target} meets the aircraft.",
-)  # fmt: skip
+)
 def gust(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         wind = values["value"] * operators.one_minus_cosine(t, values["onset"], values["length"])
@@ -72,14 +86,25 @@ def gust(axis: str) -> Effect:
         return _blowing(_body_axis(axis, begins, known), wind, known)
 
     return Effect(
-        kind="gust", target=axis, enters=f"wind_{axis}", kinematic=True, timed=True,
-        grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4)), series=series, meaningful=0.5, limit=40.0,
-    )  # fmt: skip
+        kind="gust",
+        target=axis,
+        enters=f"wind_{axis}",
+        kinematic=True,
+        timed=True,
+        grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4)),
+        series=series,
+        meaningful=0.5,
+        limit=40.0,
+    )
 
 
 @cause(
-    "turbulence", targets=_AXES, optional=True, unit="m/s", quantity="r.m.s. velocity",
+    "turbulence",
+    targets=_AXES,
+    optional=True,
+    unit="m/s",
+    quantity="r.m.s. velocity",
     sentence="The air is turbulent, with {size} r.m.s.; the model has calm air.",
-)  # fmt: skip
+)
 def turbulence(target: str = "") -> Effect:
     return Effect(kind="turbulence", target=target, kinematic=True, linear=False, grid=(), meaningful=0.1, limit=20.0)

@@ -15,24 +15,39 @@ _PLAY = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0]) * _DEG
 
 
 def _surface_operator(
-    kind: str, surface: str, sizes: Iterable[float], operate: Callable, meaningful: float, limit: float,
+    kind: str,
+    surface: str,
+    sizes: Iterable[float],
+    operate: Callable,
+    meaningful: float,
+    limit: float,
     unsigned: tuple[str, ...] = ("value",),
     noise: Callable[[float, float, Values], tuple[float, float]] | None = None,
-) -> Effect:  # fmt: skip
+) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
         return {f"d_{surface}": operate(t, recorded, values["value"]) - recorded}
 
     return Effect(
-        kind=kind, target=surface, linear=False, grid=tuple({"value": v} for v in sizes), series=series,
-        unsigned=unsigned, meaningful=meaningful, limit=limit, noise=noise,
-    )  # fmt: skip
+        kind=kind,
+        target=surface,
+        linear=False,
+        grid=tuple({"value": v} for v in sizes),
+        series=series,
+        unsigned=unsigned,
+        meaningful=meaningful,
+        limit=limit,
+        noise=noise,
+    )
 
 
 @cause(
-    "actuator_lag", targets=SURFACES, unit="s", quantity="time constant",
+    "actuator_lag",
+    targets=SURFACES,
+    unit="s",
+    quantity="time constant",
     sentence="The {label} follows its command with a lag of {size} that the model does not have.",
-)  # fmt: skip
+)
 def actuator_lag(surface: str) -> Effect:
     def noise(sigma: float, dt: float, values: Values) -> tuple[float, float]:
         T = max(abs(values["value"]), dt)
@@ -43,26 +58,35 @@ def actuator_lag(surface: str) -> Effect:
 
 
 @cause(
-    "input_delay", targets=SURFACES, unit="s", quantity="delay of the surface behind its record",
+    "input_delay",
+    targets=SURFACES,
+    unit="s",
+    quantity="delay of the surface behind its record",
     sentence="The {label} follows its command {size} [late|early].",
-)  # fmt: skip
+)
 def input_delay(surface: str) -> Effect:
     return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay, 0.01, 0.5, ())
 
 
 @cause(
-    "rate_limit", targets=SURFACES, unit="rad/s", quantity="largest rate of the surface",
+    "rate_limit",
+    targets=SURFACES,
+    unit="rad/s",
+    quantity="largest rate of the surface",
     sentence="The {label} cannot move faster than {size}.",
-)  # fmt: skip
+)
 def rate_limit(surface: str) -> Effect:
     sizes = np.array([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0]) * _DEG
     return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, 200.0 * _DEG)
 
 
 @cause(
-    "dead_zone", targets=SURFACES, unit="rad", quantity="half width around zero without any answer",
+    "dead_zone",
+    targets=SURFACES,
+    unit="rad",
+    quantity="half width around zero without any answer",
     sentence="The {label} does not answer to a command below {size}.",
-)  # fmt: skip
+)
 def dead_zone(surface: str) -> Effect:
     def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
         return operators.dead_zone(y, width, float(np.median(y)))
@@ -71,32 +95,49 @@ def dead_zone(surface: str) -> Effect:
 
 
 @cause(
-    "backlash", targets=SURFACES, unit="rad",
+    "backlash",
+    targets=SURFACES,
+    unit="rad",
     quantity="half the free play; where in it a record begins, from -1 to 1, stands in the parameters",
     sentence="The {label} has a free play of plus and minus {size}.",
-)  # fmt: skip
+)
 def backlash(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
         return {f"d_{surface}": operators.backlash(recorded, values["value"], values.get("rest", 0.0)) - recorded}
 
     return Effect(
-        kind="backlash", target=surface, linear=False, grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
-        defaults={"rest": 0.0}, series=series, unsigned=("value",), folded=("rest",), meaningful=0.1 * _DEG,
+        kind="backlash",
+        target=surface,
+        linear=False,
+        grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
+        defaults={"rest": 0.0},
+        series=series,
+        unsigned=("value",),
+        folded=("rest",),
+        meaningful=0.1 * _DEG,
         limit=8.0 * _DEG,
-    )  # fmt: skip
+    )
 
 
 @cause(
-    "effectiveness_change", targets=(*SURFACES, "thrust"), unit="1",
+    "effectiveness_change",
+    targets=(*SURFACES, "thrust"),
+    unit="1",
     quantity="relative change from the onset on; -0.3: 30 % are lost",
     sentence="The effectiveness of the {label} changes by {percent} in mid-record.",
-)  # fmt: skip
+)
 def effectiveness_change(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         return {f"d_{surface}": values["value"] * operators.step(t, values["onset"]) * known[surface]}
 
     return Effect(
-        kind="effectiveness_change", target=surface, timed=True, recurring=True, either_sign=True, series=series,
-        meaningful=0.03, limit=1.5,
-    )  # fmt: skip
+        kind="effectiveness_change",
+        target=surface,
+        timed=True,
+        recurring=True,
+        either_sign=True,
+        series=series,
+        meaningful=0.03,
+        limit=1.5,
+    )

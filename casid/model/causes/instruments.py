@@ -18,8 +18,23 @@ if TYPE_CHECKING:
     from casid.model.aircraft import Aircraft
 
 SENSOR_CHANNELS = (
-    "V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", "altitude",
-)  # fmt: skip
+    "V",
+    "alpha",
+    "beta",
+    "p",
+    "q",
+    "r",
+    "phi",
+    "theta",
+    "psi",
+    "ax",
+    "ay",
+    "az",
+    "pdot",
+    "qdot",
+    "rdot",
+    "altitude",
+)
 # Channels that share one cause. `q` includes qdot; the inertial unit is all that it measures.
 SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot")}
@@ -30,11 +45,21 @@ _LIGHT = 0.03  # damping ratio of a structure
 _DEG = np.pi / 180.0
 # what the better instruments of flight test keep to anyway; nor does what drowns in the noise of a reading
 _BIAS_MATTERS = {
-    "m/s": 1.0, "rad": 0.25 * _DEG, "rad/s": 0.1 * _DEG, "m/s2": 0.05, "rad/s2": 0.2 * _DEG, "m": 5.0,
-}  # fmt: skip
+    "m/s": 1.0,
+    "rad": 0.25 * _DEG,
+    "rad/s": 0.1 * _DEG,
+    "m/s2": 0.05,
+    "rad/s2": 0.2 * _DEG,
+    "m": 5.0,
+}
 _BIAS_LIMIT = {
-    "m/s": 15.0, "rad": 10.0 * _DEG, "rad/s": 3.0 * _DEG, "m/s2": 3.0, "rad/s2": 10.0 * _DEG, "m": 500.0,
-}  # fmt: skip
+    "m/s": 15.0,
+    "rad": 10.0 * _DEG,
+    "rad/s": 3.0 * _DEG,
+    "m/s2": 3.0,
+    "rad/s2": 10.0 * _DEG,
+    "m": 500.0,
+}
 
 
 def _bias_matters(channel: str, aircraft: Aircraft) -> float:
@@ -47,24 +72,37 @@ def group_channels(target: str) -> tuple[str, ...]:
 
 
 @cause(
-    "sensor_bias", targets=SENSOR_CHANNELS, unit="{channel}", quantity="measured minus true",
+    "sensor_bias",
+    targets=SENSOR_CHANNELS,
+    unit="{channel}",
+    quantity="measured minus true",
     sentence="The measured {label} is off by {size}.",
-)  # fmt: skip
+)
 def sensor_bias(channel: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.output[channel] += values["value"]
 
     return Effect(
-        kind="sensor_bias", target=channel, reads=(channel,), kinematic=True, by_record=True, station="sensors",
-        change=change, meaningful=partial(_bias_matters, channel), limit=_BIAS_LIMIT[unit_of(channel)], constant=True,
-    )  # fmt: skip
+        kind="sensor_bias",
+        target=channel,
+        reads=(channel,),
+        kinematic=True,
+        by_record=True,
+        station="sensors",
+        change=change,
+        meaningful=partial(_bias_matters, channel),
+        limit=_BIAS_LIMIT[unit_of(channel)],
+        constant=True,
+    )
 
 
 @cause(
-    "sensor_scale", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="1",
+    "sensor_scale",
+    targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
+    unit="1",
     quantity="relative error of the scale; 0.1: 10 % too large",
     sentence="The measured {label} has a scale error of {percent}.",
-)  # fmt: skip
+)
 def sensor_scale(target: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         for name in group_channels(target):
@@ -72,10 +110,17 @@ def sensor_scale(target: str) -> Effect:
 
     # calibrations in flight are good to about one percent
     return Effect(
-        kind="sensor_scale", target=target, reads=SENSOR_GROUPS.get(target, (target,)),
-        covered_by=_RATE_OF.get(target), kinematic=True, by_record=True, station="sensors", change=change,
-        meaningful=0.015, limit=0.6,
-    )  # fmt: skip
+        kind="sensor_scale",
+        target=target,
+        reads=SENSOR_GROUPS.get(target, (target,)),
+        covered_by=_RATE_OF.get(target),
+        kinematic=True,
+        by_record=True,
+        station="sensors",
+        change=change,
+        meaningful=0.015,
+        limit=0.6,
+    )
 
 
 def _slow_reading(
@@ -88,25 +133,42 @@ def _slow_reading(
         return {c: operators.earlier(t, read[c], values["value"]) for c in group_channels(target) if c in read}
 
     return Effect(
-        kind=kind, target=target, reads=SENSOR_GROUPS.get(target, (target,)), covered_by=_RATE_OF.get(target),
-        kinematic=True, linear=False, grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)), output=output,
-        undo=undo, instrument=instrument, unsigned=unsigned, meaningful=0.01, limit=1.0, by_record=True,
+        kind=kind,
+        target=target,
+        reads=SENSOR_GROUPS.get(target, (target,)),
+        covered_by=_RATE_OF.get(target),
+        kinematic=True,
+        linear=False,
+        grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)),
+        output=output,
+        undo=undo,
+        instrument=instrument,
+        unsigned=unsigned,
+        meaningful=0.01,
+        limit=1.0,
+        by_record=True,
         late=True,
-    )  # fmt: skip
+    )
 
 
 @cause(
-    "sensor_delay", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="s", quantity="delay",
+    "sensor_delay",
+    targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
+    unit="s",
+    quantity="delay",
     sentence="The measured {label} comes {size} [late|early].",
-)  # fmt: skip
+)
 def sensor_delay(target: str) -> Effect:
     return _slow_reading("sensor_delay", target, operators.delay)
 
 
 @cause(
-    "sensor_lag", targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS), unit="s", quantity="time constant",
+    "sensor_lag",
+    targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
+    unit="s",
+    quantity="time constant",
     sentence="The measured {label} lags with a time constant of {size}.",
-)  # fmt: skip
+)
 def sensor_lag(target: str) -> Effect:
     def instrument(true: Any, read: Any, values: Symbols) -> Any:
         return (true - read) / values["value"]
@@ -116,17 +178,27 @@ def sensor_lag(target: str) -> Effect:
 
 
 _DRIVEN_BY = {
-    "alpha": "delta_e", "q": "delta_e", "ax": "delta_e", "az": "delta_e", "qdot": "delta_e",
-    "p": "delta_a", "pdot": "delta_a",
-    "beta": "delta_r", "r": "delta_r", "ay": "delta_r", "rdot": "delta_r",
-}  # fmt: skip
+    "alpha": "delta_e",
+    "q": "delta_e",
+    "ax": "delta_e",
+    "az": "delta_e",
+    "qdot": "delta_e",
+    "p": "delta_a",
+    "pdot": "delta_a",
+    "beta": "delta_r",
+    "r": "delta_r",
+    "ay": "delta_r",
+    "rdot": "delta_r",
+}
 
 
 @cause(
-    "structural_mode", targets=_DRIVEN_BY, unit="{channel}/rad",
+    "structural_mode",
+    targets=_DRIVEN_BY,
+    unit="{channel}/rad",
     quantity="gain from the surface that excites it; frequency and damping stand in the parameters",
     sentence="The {label} carries a lightly damped oscillation, excited with a gain of {size}.",
-)  # fmt: skip
+)
 def structural_mode(channel: str) -> Effect:
     drive = _DRIVEN_BY[channel]
 
@@ -138,37 +210,60 @@ def structural_mode(channel: str) -> Effect:
     # so near to one another that a fit climbs from one of them to the highest of neighbouring maxima
     frequencies = np.round(np.geomspace(1.5, 8.0, 19), 2)
     return Effect(
-        kind="structural_mode", target=channel, reads=(channel,), covered_by=_RATE_OF.get(channel),
-        grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies), defaults={"damping": _LIGHT},
-        output=output, amplitude=0.05, limits={"damping": 0.3},
-    )  # fmt: skip
+        kind="structural_mode",
+        target=channel,
+        reads=(channel,),
+        covered_by=_RATE_OF.get(channel),
+        grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies),
+        defaults={"damping": _LIGHT},
+        output=output,
+        amplitude=0.05,
+        limits={"damping": 0.3},
+    )
 
 
 @cause(
-    "vane_position", targets=("alpha", "beta"), unit="m",
+    "vane_position",
+    targets=("alpha", "beta"),
+    unit="m",
     quantity="true minus assumed position of the vane, forward positive",
     sentence="The vane of the {label} stands {size} further [forward|aft] than it is corrected for.",
-)  # fmt: skip
+)
 def vane_position(channel: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.sensor_position[f"{channel}_vane"][0] += values["value"]
 
     return Effect(
-        kind="vane_position", target=channel, reads=(channel,), kinematic=True, station="wind", change=change,
-        meaningful=0.3, limit=30.0,
-    )  # fmt: skip
+        kind="vane_position",
+        target=channel,
+        reads=(channel,),
+        kinematic=True,
+        station="wind",
+        change=change,
+        meaningful=0.3,
+        limit=30.0,
+    )
 
 
 @cause(
-    "accelerometer_position", targets=("x", "y", "z"), unit="m", title="{words} along {target}",
+    "accelerometer_position",
+    targets=("x", "y", "z"),
+    unit="m",
+    title="{words} along {target}",
     quantity="true minus assumed position, body axes",
     sentence="The accelerometer stands {size} along body {target} from where the aircraft file has it.",
-)  # fmt: skip
+)
 def accelerometer_position(axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.sensor_position["accelerometer"]["xyz".index(axis)] += values["value"]
 
     return Effect(
-        kind="accelerometer_position", target=axis, reads=("ax", "ay", "az"), kinematic=True, station="wind",
-        change=change, meaningful=0.1, limit=20.0,
-    )  # fmt: skip
+        kind="accelerometer_position",
+        target=axis,
+        reads=("ax", "ay", "az"),
+        kinematic=True,
+        station="wind",
+        change=change,
+        meaningful=0.1,
+        limit=20.0,
+    )

@@ -15,24 +15,36 @@ _MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
 
 
 @cause(
-    "cg_offset", targets=("x", "y", "z"), unit="m", title="{words} along {target}",
+    "cg_offset",
+    targets=("x", "y", "z"),
+    unit="m",
+    title="{words} along {target}",
     quantity="true minus assumed position, body axes",
     sentence="The centre of gravity lies {size} along body {target} from where the aircraft file has it.",
-)  # fmt: skip
+)
 def cg_offset(axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.cg["xyz".index(axis)] += values["value"]
 
     return Effect(
-        kind="cg_offset", target=axis, by_record=True, relative=True, shows_as="accelerometer_position",
-        station="wind", change=change, meaningful=0.02, limit=3.0,
-    )  # fmt: skip
+        kind="cg_offset",
+        target=axis,
+        by_record=True,
+        relative=True,
+        shows_as="accelerometer_position",
+        station="wind",
+        change=change,
+        meaningful=0.02,
+        limit=3.0,
+    )
 
 
 @cause(
-    "mass", unit="kg", quantity="true minus assumed mass",
+    "mass",
+    unit="kg",
+    quantity="true minus assumed mass",
     sentence="The mass differs by {size} from that of the aircraft file.",
-)  # fmt: skip
+)
 def mass(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.mass += values["value"]
@@ -44,10 +56,13 @@ def mass(target: str = "") -> Effect:
 
 
 @cause(
-    "inertia", targets=("Ixx", "Iyy", "Izz", "Ixz"), unit="kg m2", title="inertia {target}",
+    "inertia",
+    targets=("Ixx", "Iyy", "Izz", "Ixz"),
+    unit="kg m2",
+    title="inertia {target}",
     quantity="true minus assumed inertia",
     sentence="The inertia {target} differs by {size} from that of the aircraft file.",
-)  # fmt: skip
+)
 def inertia(component: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.inertia[component] += values["value"]
@@ -56,15 +71,22 @@ def inertia(component: str) -> Effect:
         return _INERTIA_MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
 
     return Effect(
-        kind="inertia", target=component, by_record=True, relative=True, station="mass", change=change,
+        kind="inertia",
+        target=component,
+        by_record=True,
+        relative=True,
+        station="mass",
+        change=change,
         meaningful=matters,
-    )  # fmt: skip
+    )
 
 
 @cause(
-    "thrust_asymmetry", unit="m", quantity="y at which the total thrust acts, right positive",
+    "thrust_asymmetry",
+    unit="m",
+    quantity="y at which the total thrust acts, right positive",
     sentence="The thrust acts {size} to the [right|left] of the plane of symmetry.",
-)  # fmt: skip
+)
 def thrust_asymmetry(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.moment[2] -= values["value"] * path.surface["thrust"]
@@ -75,9 +97,11 @@ def thrust_asymmetry(target: str = "") -> Effect:
 
 
 @cause(
-    "thrust_line", unit="m", quantity="true minus assumed z of the thrust line, down positive",
+    "thrust_line",
+    unit="m",
+    quantity="true minus assumed z of the thrust line, down positive",
     sentence="The thrust line lies {size} [lower|higher] than the aircraft file has it.",
-)  # fmt: skip
+)
 def thrust_line(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.moment[1] += values["value"] * path.surface["thrust"]

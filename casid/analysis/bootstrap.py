@@ -1,0 +1,139 @@
+"""Parametric bootstrap: the scatter of estimates from data that the fitted model itself makes, noise drawn anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from casid.errors import EstimationError, InputError, unknown
+from casid.estimation.cost import EquationError
+from casid.estimation.estimate import Solver, solve
+from casid.estimation.fit import Fit
+from casid.estimation.problem import Problem
+from casid.estimation.solvers.newton import Automatic
+from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+
+_DEFAULT_METHOD = MultipleShooting()
+_DEFAULT_SOLVER = Automatic()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bootstrap:
+    """Estimates from drawn data.
+
+    estimates  (runs that converged, parameters) in the order of `values`
+    values     parameter -> estimate from the real data
+    failed     number of runs that did not converge
+    """
+
+    estimates: np.ndarray
+    values: Mapping[str, float]
+    failed: int
+    covariance: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        if len(self.estimates) < 2:
+            raise EstimationError(f"bootstrap: {len(self.estimates)} runs converged, {self.failed} failed; too few")
+        object.__setattr__(self, "covariance", np.atleast_2d(np.cov(self.estimates.T)))
+
+    def std(self, name: str) -> float:
+        """Scatter of a parameter."""
+        return float(np.sqrt(self.covariance[self._index(name), self._index(name)]))
+
+    def bias(self, name: str) -> float:
+        """Mean of the drawn estimates minus the value that they were drawn with."""
+        return float(self.estimates[:, self._index(name)].mean() - self.values[name])
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Basic bootstrap interval: quantiles of the error, turned about the estimate, so that a bias is undone.
+
+        Raises InputError for a level outside (0, 1), EstimationError for a level that so few runs cannot show.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(f"bootstrap: level is {level}; expected a probability inside (0, 1), like 0.95")
+        fewest = math.ceil(2.0 / (1.0 - level) - 1.0 - 1e-9)
+        if len(self.estimates) < fewest:
+            raise EstimationError(
+                f"bootstrap: an interval of {level:.0%} needs {fewest} runs, {len(self.estimates)} converged; draw more"
+            )
+        tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
+        low, high = np.quantile(self.estimates[:, self._index(name)], tails, method="weibull")
+        return float(2 * self.values[name] - high), float(2 * self.values[name] - low)
+
+    def _index(self, name: str) -> int:
+        if name not in self.values:
+            raise unknown("parameter", name, self.values, "bootstrap")
+        return list(self.values).index(name)
+
+
+def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, float]) -> Problem:
+    """The problem of a fit with data drawn from it: predicted outputs, white noise of the fit's covariance, the same
+    samples missing; white noise of 1-sigma `input_noise` (input -> value, SI) on the inputs that the estimator sees.
+
+    It starts at the fit's estimates. Raises EstimationError for EquationError, which predicts no data.
+    """
+    problem, outputs = fit.problem, fit.problem.model.outputs
+    if isinstance(problem.cost, EquationError):
+        raise EstimationError("bootstrap: EquationError predicts no measurements that could be drawn; use OutputError")
+    for name in input_noise:
+        if name not in problem.model.inputs:
+            raise unknown("input", name, problem.model.inputs, "bootstrap: input_noise")
+    root = np.linalg.cholesky(fit.noise_covariance[: len(outputs), : len(outputs)])
+    records = []
+    for record in problem.records:
+        predicted = fit.predictions[record.name]
+        drawn, white = {}, np.zeros((len(record), len(outputs)))
+        for i, name in enumerate(outputs):
+            if name in record:
+                white[:, i] = rng.standard_normal(len(record))
+        noisy = predicted[:, : len(outputs)] + white @ root.T
+        for i, name in enumerate(outputs):
+            if name in record:
+                drawn[name] = np.where(np.isfinite(record[name]), noisy[:, i], np.nan)
+        for name, sigma in input_noise.items():
+            drawn[name] = record[name] + sigma * rng.standard_normal(len(record))
+        records.append(record.with_channels(**drawn))
+    return replace(problem, records=tuple(records), start=fit.values)
+
+
+def replica(
+    fit: Fit,
+    seed: Sequence[int] | int,
+    input_noise: Mapping[str, float] | None = None,
+    method: Transcription = _DEFAULT_METHOD,
+    solver: Solver = _DEFAULT_SOLVER,
+) -> dict[str, float] | None:
+    """Estimates from one draw; None when that estimation did not converge. The same seed gives the same numbers, so
+    that any runner of many tasks can do the work and `collected` puts it together."""
+    drawn = drawn_problem(fit, np.random.default_rng(seed), input_noise or {})
+    found = solve(drawn, method, solver)
+    return found.values if found.converged else None
+
+
+def collected(fit: Fit, estimates: Iterable[Mapping[str, float] | None]) -> Bootstrap:
+    """The bootstrap of a fit from what `replica` gave. Raises EstimationError when fewer than two runs converged."""
+    all_runs = list(estimates)
+    kept = [[run[name] for name in fit.parameters] for run in all_runs if run is not None]
+    return Bootstrap(
+        estimates=np.reshape(kept, (-1, len(fit.parameters))), values=fit.values, failed=len(all_runs) - len(kept)
+    )
+
+
+def bootstrap(
+    fit: Fit,
+    runs: int,
+    seed: int,
+    *,
+    input_noise: Mapping[str, float] | None = None,
+    method: Transcription = _DEFAULT_METHOD,
+    solver: Solver = _DEFAULT_SOLVER,
+) -> Bootstrap:
+    """`runs` draws in this process; see `drawn_problem` for what is drawn.
+
+    Raises EstimationError for a fit that has not converged."""
+    if not fit.converged:
+        raise EstimationError(f"bootstrap: the fit has not converged ({fit.status}); there is no model to draw from")
+    return collected(fit, (replica(fit, (seed, run), input_noise, method, solver) for run in range(runs)))

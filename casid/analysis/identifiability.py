@@ -1,0 +1,298 @@
+"""What a fit's data can tell apart, in words: weak directions of the information, what moved, what the prior did.
+
+The information of the parameters, priors left out and initial states eliminated, is scaled to a unit diagonal, so that
+its eigenvalues measure collinearity alone (Belsley, Kuh and Welsch, Regression Diagnostics, 1980, ch. 3; Klein and
+Morelli, Aircraft System Identification, 2006, ch. 5): condition index = largest over own singular value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from casid.analysis.excitation import Candidate, Excitation, Suggestion, best_manoeuvre, candidates, excitations
+from casid.analysis.relinearise import relinearise
+from casid.errors import unknown
+from casid.estimation.fit import Fit
+from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.model.system import Model
+
+_DEFAULT_METHOD = MultipleShooting()
+_INDEX, _STRONG = 10.0, 30.0  # condition index from which collinearity is worth a word, and is strong (Belsley)
+_PROPORTION = 0.5  # of a parameter's variance in a direction: it takes part (Belsley)
+_NOTHING = 1e-12  # eigenvalue of the scaled information that is rounding
+_SURPRISE = 3.0  # standard deviations between a-priori value and data that are worth a word
+_UNMOVED = 0.9  # posterior over prior 1-sigma: the data did not move it
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Direction:
+    """A combination of parameters that the data hardly see.
+
+    singular_value   of the scaled sensitivities (unit columns); 0: not seen at all
+    condition        largest singular value over this one
+    change           parameter -> change along the direction that alters the fit by one standard deviation of the noise
+                     (for a singular value of 0 the parameter's own size)
+    share            parameter -> the same over its estimate (inf: the estimate is zero)
+    cannot           whether that change is larger than the a-priori 1-sigma (without one: value) of a parameter that
+                     takes part, so that they cannot be told apart
+    poor             controls in the names of those that take part (none there: all) that rested or moved at one
+                     frequency only
+    help             the manoeuvre that would help most; None when none of those tried does
+    """
+
+    singular_value: float
+    condition: float
+    change: Mapping[str, float]
+    share: Mapping[str, float]
+    cannot: bool
+    poor: tuple[Excitation, ...]
+    help: Suggestion | None
+
+    @property
+    def sentence(self) -> str:
+        names = list(self.change)
+        many = " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 2 else " from ".join(names)
+        able = "cannot" if self.cannot else "can hardly" if self.condition > _STRONG else "only weakly"
+        what = f"tell {many}" + (" apart" if len(names) > 2 else "") if len(names) > 1 else f"see {many}"
+        together = ", ".join(f"{name} {self._shift(name)}" for name in names)
+        price = "does not alter the fit" if self.singular_value == 0.0 else "alters the fit by one standard deviation"
+        how = f"a change of {together}{' together' if len(names) > 1 else ''} {price}"
+        advice = "; fix one, or give a prior" if self.cannot else ""
+        helped = self.help.sentence if self.help else f"no manoeuvre tried would help{advice}"
+        because = f" ({'; '.join(e.in_short for e in self.poor)})" if self.poor else ""
+        return f"these data {able} {what}{because}: {how}; {helped}"
+
+    def _shift(self, name: str) -> str:
+        """A change as a number and in per cent of the estimate."""
+        part = f" ({self.share[name]:+.1%})" if abs(self.share[name]) < 10.0 else ""
+        return f"{self.change[name]:+.3g}{part}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blend:
+    """A-priori value and data together, for a parameter with a prior: `value` and `std` of both, `data_std` of the data
+    alone (inf: none), `moved` whether the data reduced its uncertainty by more than a tenth."""
+
+    name: str
+    prior: float
+    prior_std: float
+    value: float
+    std: float
+    data_std: float
+    moved: bool
+
+    @property
+    def surprise(self) -> float:
+        """Distance of the data's estimate from the a-priori value over the 1-sigma of their difference."""
+        # the blended value has gone its share of the way, and that has the variance that was gained
+        gained = self.prior_std**2 - self.std**2
+        return abs(self.value - self.prior) / math.sqrt(gained) if gained > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Identifiability:
+    """Report of `identifiability`; `print` it.
+
+    names             parameters, in the order of the rows of `vectors`
+    singular_values   (parameters,) of the scaled sensitivities, largest first; vectors (parameters, parameters) columns
+    inflation         parameter -> its std over what it would be were all others known (inf: not determined)
+    unseen            parameters that nothing in the data depends on, with the manoeuvre that would show most of each
+    weak              directions whose condition index is above 10
+    blends            parameters with an a-priori uncertainty
+    excitation        how the controls moved
+    """
+
+    names: tuple[str, ...]
+    singular_values: np.ndarray
+    vectors: np.ndarray
+    inflation: Mapping[str, float]
+    unseen: Mapping[str, Suggestion | None]
+    weak: tuple[Direction, ...]
+    blends: Mapping[str, Blend]
+    excitation: tuple[Excitation, ...]
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the scaled sensitivities."""
+        least = self.singular_values[-1]
+        return math.inf if least == 0.0 else float(self.singular_values[0] / least)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{len(self.names)} parameters, condition {self.condition:.3g} of the scaled sensitivities (below "
+            f"{_INDEX:g} all are told apart, above {_STRONG:g} some hardly)"
+        ]
+        lines += [f"- {moved.sentence}" for moved in self.excitation]
+        for name, helped in self.unseen.items():
+            cure = f"{helped.manoeuvre} would show it" if helped else "fix it, or give a prior"
+            lines.append(f"- nothing in these data depends on {name}; {cure}")
+        lines += [f"- {direction.sentence}" for direction in self.weak]
+        if not self.weak and not self.unseen:
+            lines.append("- every parameter is told apart from the others")
+        still = [b for b in self.blends.values() if not b.moved]
+        if self.blends:
+            said = ", ".join(f"{b.name} ({b.std / b.prior_std:.0%} of its a-priori 1-sigma left)" for b in still)
+            lines.append(f"- the data did not move {said}" if still else "- the data moved every a-priori value")
+        for b in self.blends.values():
+            if b.surprise > _SURPRISE:
+                lines.append(
+                    f"- the a-priori value of {b.name} is {b.surprise:.1f} standard deviations from the data's"
+                )
+        width = max(len(name) for name in self.names)
+        columns = f"  {'a priori':>20}  {'blended':>20}" if self.blends else ""
+        lines += ["", f"{'parameter':{width}}  {'std inflated by':>15}{columns}"]
+        for name in self.names:
+            b = self.blends.get(name)
+            both = f"  {b.prior:11.4g} +-{b.prior_std:7.2g}  {b.value:11.4g} +-{b.std:7.2g}" if b else ""
+            lines.append(f"{name:{width}}  {self.inflation[name]:15.2f}{both}")
+        return "\n".join(lines)
+
+
+def identifiability(
+    fit: Fit, *, controls: Sequence[str] | None = None, method: MultipleShooting = _DEFAULT_METHOD
+) -> Identifiability:
+    """What the data of a fit tell of its parameters, whether it used a prior or not.
+
+    controls  inputs that a pilot moves, for what would help; default: those named delta_... that the model depends on
+    method    as in `relinearise`
+    The a-priori blend uses the model's `prior_std`; where the fit left it out, it is put in by one linear step. With
+    weights that are no inverse noise the information is that of the weights. Raises InputError for an unknown control.
+    """
+    problem = fit.problem
+    for name in controls or ():
+        if name not in problem.model.inputs:
+            raise unknown("input", name, problem.model.inputs, "identifiability: controls")
+    moved_by = _surfaces(problem.model) if controls is None else tuple(controls)
+    at = relinearise(fit, method)
+    information = at.information
+    names = problem.parameters
+    diagonal = np.diagonal(information)
+    size = _sizes(fit)
+    # less than one per cent of a standard deviation for a change of a hundred times the size is nothing
+    seen = diagonal * np.where(np.isnan(size), 1.0, size) ** 2 > 1e-8
+    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
+    eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    order = [i for i in np.argsort(-eigenvalues) if np.abs(vectors[seen, i]).max(initial=0.0) > 1e-6]
+    values = np.where(eigenvalues[order] > _NOTHING, eigenvalues[order], 0.0)
+    singular = np.sqrt(values)
+    vectors = vectors[:, order]
+    shares = vectors**2 / np.maximum(values, _NOTHING)
+    total = shares.sum(axis=1)
+    weak = []
+    moves = excitations(problem.records, moved_by)
+    found = candidates(fit, moved_by) if singular[0] > _INDEX * singular[-1] or not seen.all() else []
+    for k in reversed(range(len(singular))):
+        if singular[0] > _INDEX * singular[k]:
+            part = shares[:, k] / np.where(seen, total, 1.0)
+            weak.append(_direction(fit, singular, vectors[:, k], k, scale, part, size, found, information, moves))
+    inflation = np.sqrt(np.where(seen, total, np.inf))
+    inflation[total > 0.01 / _NOTHING] = np.inf
+    return Identifiability(
+        names=names,
+        singular_values=singular,
+        vectors=vectors,
+        inflation=dict(zip(names, inflation.tolist(), strict=True)),
+        unseen={names[i]: best_manoeuvre(found, information, np.eye(len(names))[i]) for i in np.flatnonzero(~seen)},
+        weak=tuple(weak),
+        blends=_blends(fit, information),
+        excitation=moves,
+    )
+
+
+def _surfaces(model: Model) -> tuple[str, ...]:
+    acts = ca.which_depends(ca.vertcat(model.f, model.h), model.u, 1, False)
+    return tuple(n for n, a in zip(model.inputs, acts, strict=True) if a and n.startswith("delta_"))
+
+
+def _sizes(fit: Fit) -> np.ndarray:
+    """(parameters,) what a change of each is compared with: a-priori 1-sigma, else a-priori value; NaN for neither."""
+    known = fit.problem.model.prior_std
+    sizes = [known.get(name.split("[")[0], 0.0) or abs(e.prior) for name, e in fit.parameters.items()]
+    return np.array([size if size > 0.0 else math.nan for size in sizes])
+
+
+def _direction(
+    fit: Fit,
+    singular: np.ndarray,
+    vector: np.ndarray,
+    k: int,
+    scale: np.ndarray,
+    part: np.ndarray,
+    size: np.ndarray,
+    found: Sequence[Candidate],
+    information: np.ndarray,
+    moves: Sequence[Excitation],
+) -> Direction:
+    # a weak direction of unit columns has two members at least
+    members = [int(i) for rank, i in enumerate(np.argsort(-part)) if part[i] > _PROPORTION or rank < 2]
+    along = scale * vector
+    lost = singular[k] == 0.0
+    own = np.where(np.isnan(size), 1.0, size)[members]
+    change = along / singular[k] if not lost else along * np.min(own / np.abs(along[members]))
+    change = change * np.sign(change[members[0]])
+    names = fit.problem.parameters
+    cannot = lost or bool((np.abs(change[members]) > size[members]).any())
+    values = [abs(fit[names[i]].value) for i in members]
+    share = {names[i]: float(change[i] / v) if v > 0.0 else math.inf for i, v in zip(members, values, strict=True)}
+    coordinate = np.divide(vector, scale, out=np.zeros_like(vector), where=scale > 0)
+    return Direction(
+        singular_value=float(singular[k]),
+        condition=math.inf if lost else float(singular[0] / singular[k]),
+        change={names[i]: float(change[i]) for i in members},
+        share=share,
+        cannot=cannot,
+        poor=_poor([names[i] for i in members], moves),
+        help=best_manoeuvre(found, information, coordinate),
+    )
+
+
+def _poor(members: Sequence[str], moves: Sequence[Excitation]) -> tuple[Excitation, ...]:
+    """Controls that excite a direction poorly: those that its members name, else all."""
+    named = [m for m in moves if any(m.control in member for member in members)]
+    return tuple(m for m in named or moves if m.poor)
+
+
+def _blends(fit: Fit, information: np.ndarray) -> dict[str, Blend]:
+    problem = fit.problem
+    known = problem.model.prior_std
+    std = np.array([known.get(name.split("[")[0], np.inf) for name in problem.parameters])
+    if not np.isfinite(std).any():
+        return {}
+    precision = np.diag(1.0 / std**2)
+    posterior = _inverse(information + precision)
+    alone = np.diagonal(_inverse(information))
+    values = np.array(list(fit.values.values()))
+    if not problem.prior:
+        values = values + posterior @ precision @ (problem.nominal - values)
+    spread = np.sqrt(np.diagonal(posterior))
+    return {
+        name: Blend(
+            name=name,
+            prior=float(problem.nominal[i]),
+            prior_std=float(std[i]),
+            value=float(values[i]),
+            std=float(spread[i]),
+            data_std=float(np.sqrt(alone[i])),
+            moved=bool(spread[i] < _UNMOVED * std[i]),
+        )
+        for i, name in enumerate(problem.parameters)
+        if np.isfinite(std[i])
+    }
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    """Covariance of an information matrix; the variance of what it does not determine is infinite."""
+    diagonal = np.diagonal(information)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    lost = eigenvalues < _NOTHING
+    kept = vectors[:, ~lost]
+    covariance = np.outer(scale, scale) * ((kept / eigenvalues[~lost]) @ kept.T)
+    touched = (np.abs(vectors[:, lost]) > 1e-6).any(axis=1)
+    covariance[touched, touched] = np.inf
+    return covariance

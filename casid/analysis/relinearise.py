@@ -1,0 +1,69 @@
+"""The linearisation at a fit once more: what uncertainty and identifiability need beyond the solver's own results."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from casid.estimation.cost import EquationError
+from casid.estimation.estimate import build_objective
+from casid.estimation.fit import Fit
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.point import Linearised, Point, Value
+from casid.estimation.solvers.quadratic import free_directions, inverse_along
+from casid.estimation.transcriptions.transcription import MultipleShooting
+
+_DEFAULT_METHOD = MultipleShooting()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AtFit:
+    """A fit's objective, point, value and linearisation."""
+
+    fit: Fit
+    objective: Objective
+    point: Point
+    value: Value
+    linear: Linearised
+
+    @property
+    def information(self) -> np.ndarray:
+        """(parameters, parameters) what the data say: initial states eliminated, priors of parameters left out."""
+        return self.linear.hessian - np.diag(1.0 / self.objective.problem.prior_std**2)
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """(parameters, directions) in which no active limit of the fit holds the parameters."""
+        return free_directions(self.objective.rows, self.fit.multipliers)
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """(parameters, parameters) change of the estimate per change of the gradient, priors included; none along
+        active limits. Raises numpy.linalg.LinAlgError when the parameters are not determined."""
+        return inverse_along(self.free, self.linear.hessian)
+
+
+def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
+    """Linearise at the estimates of `fit`; give `method` when the fit had process noise.
+
+    Every transcription of the same problem has the same information, so that of the fit need not be known.
+    Raises numpy.linalg.LinAlgError when a record's states are not determined.
+    """
+    problem = fit.problem
+    objective = build_objective(problem, method)
+    theta = np.array(list(fit.values.values()))
+    if isinstance(problem.cost, EquationError):
+        point = Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))
+    else:
+        states = [fit.states[record.name].trajectory[:: objective.layout.length] for record in problem.records]
+        nodes = np.concatenate(states)
+        noise = np.zeros((len(objective.layout.tied), nodes.shape[1]))
+        point = Point(theta=theta, nodes=nodes, noise=noise)
+    value = objective.value(point)
+    objective.levels.relax(value.squares)
+    value = objective.weighed(point, value.trajectory, value.equations)
+    linear = objective.linearise(point, value)
+    value = objective.weighed(point, value.trajectory, value.equations)
+    return AtFit(fit=fit, objective=objective, point=point, value=value, linear=linear)

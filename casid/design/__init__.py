@@ -1,0 +1,13 @@
+"""Input design: the manoeuvre that tells most about the parameters."""
+
+from casid.design.input_design import Experiment, InputDesign, design_input, standard_3211
+from casid.design.input_shapes import Multisine, Steps
+
+__all__ = [
+    "Experiment",
+    "InputDesign",
+    "Multisine",
+    "Steps",
+    "design_input",
+    "standard_3211",
+]

@@ -1,0 +1,398 @@
+"""The input that tells most about the parameters within given limits: D- or A-optimal, by IPOPT on exact derivatives.
+
+The bound is that of output error with the initial state free: states and their sensitivities to (initial state,
+parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta), and the initial state is eliminated by the
+Schur complement. Parameters are in units of their size, so that "D" minimises the mean logarithm of their relative
+variances and "A" their mean (Mulder, Sridhar and Breeman, AGARD AG-300 Vol. 3; Morelli and Klein, 1990).
+
+Limits hold at every sample. Most of the way goes by limited-memory BFGS, whose steps are cheap but which knows only
+curvature upwards and creeps along the limits at the end; the exact Hessian then finishes the best of all starts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.design.input_shapes import Shape, Steps
+from casid.errors import EstimationError, InputError, unknown
+from casid.estimation.transcriptions.steps import output_function, step_function
+from casid.model.simulate import simulate
+from casid.model.system import Model
+from casid.records.record import Record
+
+_STEPS = Steps()
+_UNITS_S = np.geomspace(0.2, 3.0, 16)  # units of the standard 3-2-1-1 tried
+_ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from each start; with the exact Hessian from the best end
+_TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
+_NEAR = 1e-6  # of a limit: how near to it the exact Hessian takes over
+_SLACK = 1e-3  # of a limit: what a solution may exceed it by
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Experiment:
+    """What an input is designed for.
+
+    surfaces    input -> largest deflection from its value at rest (SI); all other inputs rest
+    rest        values of the inputs at rest
+    start       (states,) state at rest
+    noise       output -> 1-sigma of its measurement; outputs not named are not measured
+    limits      state or output -> largest deviation from its value at rest, at every sample
+    duration, dt   of the record [s]
+    parameters  globs of the parameters that are to be estimated
+    values      parameters by name, put over the model's nominal values
+    Raises InputError for a name that does not exist, a limit or noise that is not positive.
+    """
+
+    model: Model
+    surfaces: Mapping[str, float]
+    rest: Mapping[str, float]
+    start: np.ndarray
+    noise: Mapping[str, float]
+    duration: float
+    dt: float
+    parameters: Sequence[str]
+    limits: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        model = self.model
+        for what, table, valid in (
+            ("input", self.surfaces, model.inputs),
+            ("output", self.noise, model.outputs),
+            ("state or output", self.limits, (*model.states, *model.outputs)),
+        ):
+            for name, size in table.items():
+                if name not in valid:
+                    raise unknown(what, name, valid, "Experiment")
+                if not size > 0.0:
+                    raise InputError(f"Experiment: {what} '{name}' has the size {size}; expected a positive number")
+        if not self.surfaces or not self.noise or not self.parameters:
+            raise InputError(
+                "Experiment: name a surface that moves, an output that is measured and a parameter at least"
+            )
+        for name in model.inputs:
+            if name not in self.rest:
+                raise InputError(f"Experiment: rest has no value of the input '{name}'; give one for each input")
+        if not 0.0 < 10 * self.dt < self.duration:
+            raise InputError(f"Experiment: {self.duration} s in steps of {self.dt} s; expected more than ten samples")
+        for glob in self.parameters:
+            if not any(fnmatchcase(name, glob) for name in model.parameters):
+                raise unknown("parameter", glob, model.parameters, "Experiment: parameters")
+
+    @cached_property
+    def free(self) -> tuple[str, ...]:
+        """Parameters to be estimated, in the model's order."""
+        return tuple(n for n in self.model.parameters if any(fnmatchcase(n, glob) for glob in self.parameters))
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """(free,) what a parameter's error is measured by: its value, or its a-priori 1-sigma where that is zero."""
+        p = dict(zip(self.model.parameters, self.model.nominal_vector(self.values), strict=True))
+        sizes = [abs(p[name]) or self.model.prior_std.get(name, 1.0) for name in self.free]
+        return np.array(sizes)
+
+    @property
+    def t(self) -> np.ndarray:
+        """(N,) time stamps [s]."""
+        return np.arange(round(self.duration / self.dt) + 1) * self.dt
+
+    def record(self, moves: Mapping[str, np.ndarray], name: str) -> Record:
+        """The simulated record of deflections (N,) from rest by surface; its outputs are exact."""
+        channels = {n: self.rest[n] + moves.get(n, np.zeros(len(self.t))) for n in self.model.inputs}
+        record = Record(name=name, t=self.t, channels=channels, hold="linear", source="designed")
+        return simulate(self.model, record, self.start, self.values).as_record()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InputDesign:
+    """A designed input.
+
+    record      inputs and exact outputs, ready to be flown or simulated
+    std         parameter -> Cramer-Rao bound
+    cost        the criterion: mean log variance ("D") or log mean variance ("A") of the parameters over their sizes
+    unknowns    surface -> vector of its shape (see `Steps`, `Multisine`)
+    status      "optimal" where IPOPT's conditions hold to 1e-5, or in words why not; "given" for a standard input
+    """
+
+    record: Record
+    std: Mapping[str, float]
+    cost: float
+    unknowns: Mapping[str, np.ndarray]
+    status: str
+
+
+def design_input(
+    experiment: Experiment, shape: Shape = _STEPS, *, criterion: str = "D", starts: int = 4, seed: int = 0
+) -> InputDesign:
+    """The best input of a shape for every surface, from the best standard 3-2-1-1 and `starts` random ones.
+
+    The optimum is local: the best of all starts is returned. Raises InputError for a criterion other than "D" or "A" or
+    a shape that does not fit, EstimationError when no start leads to an input within the limits.
+    """
+    _check(experiment, shape, criterion)
+    search = _Search(experiment, shape, criterion)
+    rng, guesses = np.random.default_rng(seed), []
+    if isinstance(shape, Steps) and shape.pulses >= 4:
+        guesses.append(_standard_unknowns(search, shape))
+    for _ in range(starts):
+        parts = [shape.random(rng, experiment.duration) for _ in experiment.surfaces]
+        guesses.append(np.concatenate(parts))
+    found = [result for guess in guesses if (result := search.solved(guess)) is not None]
+    if not found:
+        raise EstimationError("design_input: no input within the limits was found; widen them, or try more starts")
+    best = search.finished(min(found, key=lambda result: search.cost(result.z)))
+    return search.design(best.z, best.status, "designed")
+
+
+def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float = _STEPS.rise_s) -> InputDesign:
+    """The best 3-2-1-1 with the same limits, for comparison: every surface one after another, its unit by search, its
+    size as large as the limits allow."""
+    shape = Steps(rise_s=rise_s)
+    _check(experiment, shape, criterion)
+    search = _Search(experiment, shape, criterion)
+    return search.design(_standard_unknowns(search, shape), "given", "standard 3-2-1-1")
+
+
+def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
+    if criterion not in ("D", "A"):
+        raise InputError(f"design_input: criterion is '{criterion}'; expected 'D' or 'A'")
+    shape.check(experiment.duration)
+
+
+def _standard_unknowns(search: _Search, shape: Steps) -> np.ndarray:
+    """Unknowns of the best 3-2-1-1: surfaces follow each other, one unit for all, as large as the limits allow."""
+    duration, count = search.experiment.duration, len(search.experiment.surfaces)
+    best, least = None, math.inf
+    for unit in _UNITS_S:
+        if unit < shape.shortest_s or 0.5 + count * (7 * unit + 0.5) + shape.shortest_s * (shape.pulses - 4) > duration:
+            continue
+        parts = [shape.standard(unit, 1.0) for _ in range(count)]
+        for i, part in enumerate(parts):
+            part[0] += i * (7 * unit + 0.5)
+        trial = search.within_limits(parts, shape)
+        cost = search.cost(trial)
+        if cost < least:
+            best, least = trial, cost
+    if best is None:
+        raise EstimationError(f"standard 3-2-1-1: none fits into {duration:g} s for {count} surfaces")
+    return best
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Found:
+    """Where IPOPT stopped: unknowns, status, multipliers of the unknowns' limits and of the constraints."""
+
+    z: np.ndarray
+    status: str
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+
+
+class _Search:
+    """The problem of a design as CasADi functions of the vector of unknowns of all surfaces."""
+
+    def __init__(self, experiment: Experiment, shape: Shape, criterion: str) -> None:
+        self.experiment, self.shape, self.criterion = experiment, shape, criterion
+        low, high = shape.bounds(experiment.duration)
+        self.count = len(low)
+        self.low, self.high = (np.tile(b, len(experiment.surfaces)) for b in (low, high))
+        z = ca.MX.sym("z", len(self.low))
+        moves = self._moves(z)
+        information, paths = _integrated(experiment, ca.vertcat(*[m.T for m in moves.values()]))
+        cost = _criterion(experiment, criterion)(information)
+        ends = [shape.ends(part) / experiment.duration for part in self._parts(z) if isinstance(shape, Steps)]
+        over = [m / experiment.surfaces[n] for n, m in moves.items() if not isinstance(shape, Steps)]
+        self.g = ca.vertcat(*ends, *over, ca.vec(paths))
+        self.g_low = np.r_[np.zeros(len(ends)), -np.ones(self.g.shape[0] - len(ends))]
+        self._value = ca.Function("value", [z], [cost, information, self.g])
+        self._nlp = {"x": z, "f": cost, "g": self.g}
+
+    @cached_property
+    def _quasi_newton(self) -> ca.Function:
+        options = {
+            "max_iter": _ITERATIONS,
+            "hessian_approximation": "limited-memory",
+            "acceptable_tol": 1e-3,
+            "acceptable_iter": 8,
+        }
+        return self._solver(options)
+
+    @cached_property
+    def _exact(self) -> ca.Function:
+        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
+        options = {"max_iter": _EXACT_ITERATIONS, "acceptable_iter": 0, "warm_start_init_point": "yes", "mu_init": 1e-4}
+        return self._solver(options | {f"warm_start_{name}": _NEAR for name in pushes})
+
+    def _solver(self, options: dict[str, Any]) -> ca.Function:
+        common = {"print_level": 0, "sb": "yes", "tol": _TOLERANCE}
+        whole = {"print_time": False, "error_on_fail": False, "ipopt": common | options}
+        return ca.nlpsol("design", "ipopt", self._nlp, whole)
+
+    def _parts(self, z: Any) -> list[Any]:
+        return [z[i * self.count : (i + 1) * self.count] for i in range(len(self.experiment.surfaces))]
+
+    def _moves(self, z: Any) -> dict[str, Any]:
+        limits, t = self.experiment.surfaces, self.experiment.t
+        return {n: limits[n] * self.shape.samples(p, t) for n, p in zip(limits, self._parts(z), strict=True)}
+
+    def cost(self, z: np.ndarray) -> float:
+        """The criterion; infinite for what departs or tells nothing of a parameter."""
+        value = float(self._value(z)[0])
+        return value if math.isfinite(value) else math.inf
+
+    def worst(self, z: np.ndarray) -> float:
+        """Largest limited quantity over its limit; infinite for what departs."""
+        beyond = np.abs(np.asarray(self._value(z)[2]))
+        return float(beyond.max(initial=0.0)) if np.isfinite(beyond).all() else math.inf
+
+    def within_limits(self, parts: list[np.ndarray], shape: Steps) -> np.ndarray:
+        """Steps with the sizes of each surface as large as the limits allow when it moves alone, then all of them by a
+        common factor where they are too large together."""
+        sizes = np.arange(self.count) > shape.pulses
+        alone = []
+        for i, part in enumerate(parts):
+            still = [np.where(sizes, 0.0, p) for p in parts]
+            own = np.concatenate([part if k == i else p for k, p in enumerate(still)])
+            alone.append(np.where(sizes, self._largest(own, sizes) * part, part))
+        together = np.concatenate(alone)
+        factor = self._largest(together, sizes)
+        return np.where(np.tile(sizes, len(parts)), factor * together, together)
+
+    def _largest(self, z: np.ndarray, sizes: np.ndarray) -> float:
+        """Largest factor, up to 1, on the sizes in z that keeps all limits, by bisection."""
+        if self.worst(z) <= 1.0 + 1e-9:
+            return 1.0
+        low, high, scaled = 0.0, 1.0, np.tile(sizes, len(z) // self.count)
+        for _ in range(12):
+            middle = 0.5 * (low + high)
+            inside = self.worst(np.where(scaled, middle * z, z)) <= 1.0
+            low, high = (middle, high) if inside else (low, middle)
+        return low
+
+    def solved(self, guess: np.ndarray) -> _Found | None:
+        """From a guess by BFGS; None when that ends outside the limits."""
+        return self._run(self._quasi_newton, x0=np.clip(guess, self.low, self.high))
+
+    def finished(self, found: _Found) -> _Found:
+        """With the exact Hessian from where BFGS stopped, unless it stopped at an optimum."""
+        if found.status == "optimal":
+            return found
+        further = self._run(self._exact, x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
+        return found if further is None or self.cost(further.z) > self.cost(found.z) else further
+
+    def _run(self, solver: ca.Function, **start: np.ndarray) -> _Found | None:
+        result = solver(**start, lbx=self.low, ubx=self.high, lbg=self.g_low, ubg=1.0)
+        z, lam_x, lam_g = (np.asarray(result[name]).ravel() for name in ("x", "lam_x", "lam_g"))
+        if not np.isfinite(z).all() or self.worst(z) > 1.0 + _SLACK or not math.isfinite(self.cost(z)):
+            return None
+        said = str(solver.stats()["return_status"])
+        status = "optimal" if said == "Solve_Succeeded" else f"stopped: {said}"
+        return _Found(z=z, status=status, lam_x=lam_x, lam_g=lam_g)
+
+    def design(self, z: np.ndarray, status: str, name: str) -> InputDesign:
+        experiment = self.experiment
+        cost, information, _ = self._value(z)
+        covariance = _eliminated(experiment, np.asarray(information))
+        std = np.sqrt(np.diagonal(covariance)) * experiment.sizes
+        moves = {n: np.asarray(m).ravel() for n, m in self._moves(z).items()}
+        return InputDesign(
+            record=experiment.record(moves, name),
+            std=dict(zip(experiment.free, std.tolist(), strict=True)),
+            cost=float(cost),
+            unknowns=dict(zip(experiment.surfaces, self._parts(z), strict=True)),
+            status=status,
+        )
+
+
+def _integrated(experiment: Experiment, moves: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Information (n+f, n+f) of (initial state, parameters) in units of their sizes, and the limited quantities
+    (limits, N) over their limits, of deflections `moves` (surfaces, N)."""
+    model = experiment.model
+    n, f, count = len(model.states), len(experiment.free), len(experiment.t)
+    p = model.nominal_vector(experiment.values)
+    rest = np.array([experiment.rest[name] for name in model.inputs])
+    place = np.zeros((len(rest), len(experiment.surfaces)))
+    for k, name in enumerate(experiment.surfaces):
+        place[model.inputs.index(name), k] = 1.0
+    inputs = np.repeat(rest[:, None], count, axis=1) + ca.mtimes(ca.DM(place), moves)
+    following = ca.horzcat(inputs[:, 1:], inputs[:, -1])
+    steps = np.r_[np.full(count - 1, experiment.dt), 0.0][None]
+    informed, limited = _advance(experiment, p)
+    scales = np.diag(model.scale_vector())
+    z0 = ca.vertcat(experiment.start, ca.vec(ca.DM(np.hstack([scales, np.zeros((n, f))]))))
+    _, gained = informed.mapaccum("information", count)(z0, inputs, following, steps)
+    # a chain of its own: derivatives of the limits at every sample do not go through the sensitivities
+    _, paths = limited.mapaccum("limits", count)(experiment.start, inputs, following, steps)
+    total = ca.tril2symm(ca.MX(ca.Sparsity.lower(n + f), ca.sum2(gained)))
+    # the prior of the initial state is as wide as its scale, the one that Problem has by default
+    return total + ca.DM(np.diag(np.r_[np.ones(n), np.zeros(f)])), paths
+
+
+def _advance(experiment: Experiment, p: np.ndarray) -> tuple[ca.Function, ca.Function]:
+    """([x; sensitivities], u0, u1, dt) -> the same after the step, information of the sample (its lower triangle by
+    columns); and (x, u0, u1, dt) -> x after the step, limited quantities."""
+    model = experiment.model
+    n, f = len(model.states), len(experiment.free)
+    step, output = step_function(model), output_function(model)
+    symbols = [ca.SX.sym(name, *size) for name, size in zip(("x", "u0", "u1", "dt", "p"), _sizes_of(step), strict=True)]
+    x, u0, u1, dt, q = symbols
+    free = [model.parameters.index(name) for name in experiment.free]
+    after, y = step(*symbols), output(x, u0, q)
+    size = ca.DM(np.diag(experiment.sizes))
+    a, b = ca.jacobian(after, x), ca.jacobian(after, q)[:, free] @ size
+    c, d = ca.jacobian(y, x), ca.jacobian(y, q)[:, free] @ size
+    s = ca.SX.sym("s", n, n + f)
+    following = a @ s + ca.horzcat(ca.SX.zeros(n, n), b)
+    weight = np.array([1.0 / experiment.noise[o] if o in experiment.noise else 0.0 for o in model.outputs])
+    rows = ca.diag(ca.DM(weight)) @ (c @ s + ca.horzcat(ca.SX.zeros(len(weight), n), d))
+    gained = rows.T @ rows
+    lower = ca.vertcat(*[gained[i, j] for j in range(n + f) for i in range(j, n + f)])
+    both, names = ca.vertcat(x, y), (*model.states, *model.outputs)
+    at_rest = ca.Function("rest", [x, u0, q], [both])(
+        experiment.start, [experiment.rest[name] for name in model.inputs], p
+    )
+    limited = [
+        (both[names.index(k)] - float(at_rest[names.index(k)])) / limit for k, limit in experiment.limits.items()
+    ]
+    results = [
+        ca.vertcat(after, ca.vec(following)),
+        lower,
+        after,
+        ca.vertcat(*limited) if limited else ca.SX(0, 1),
+    ]
+    results = ca.substitute([ca.densify(r) for r in results], [q], [ca.SX(ca.DM(p))])
+    return (
+        ca.Function("informed", [ca.vertcat(x, ca.vec(s)), u0, u1, dt], ca.cse(results[:2])),
+        ca.Function("limited", [x, u0, u1, dt], ca.cse(results[2:])),
+    )
+
+
+def _sizes_of(function: ca.Function) -> list[tuple[int, int]]:
+    return [function.size_in(i) for i in range(function.n_in())]
+
+
+def _criterion(experiment: Experiment, criterion: str) -> ca.Function:
+    """(n+f, n+f) information -> the cost of the parameters with the initial state eliminated."""
+    n, f = len(experiment.model.states), len(experiment.free)
+    m = ca.SX.sym("m", n + f, n + f)
+    # ordered (initial state, parameters), the lower right block of the Cholesky factor is that of the Schur complement
+    root = ca.chol(0.5 * (m + m.T))[n:, n:]
+    if criterion == "D":
+        cost = -2.0 / f * ca.sum1(ca.log(ca.diag(root)))
+    else:
+        cost = ca.log(ca.sumsqr(ca.solve(root, ca.SX.eye(f))) / f)
+    return ca.Function("criterion", [m], [cost])
+
+
+def _eliminated(experiment: Experiment, information: np.ndarray) -> np.ndarray:
+    """(free, free) covariance of the parameters over their sizes."""
+    n = len(experiment.model.states)
+    return np.linalg.inv(information)[n:, n:]

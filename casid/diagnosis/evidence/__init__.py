@@ -1,0 +1,1 @@
+"""The linearised innovations: fingerprints of causes, small terms, histories at ports."""

@@ -1,0 +1,41 @@
+"""Aerodynamic coefficients along the records of a fit, and what its derivatives leave of a time history."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from casid.diagnosis.flight.evaluation import Fit
+from casid.model.path import aerodynamic_parameters, coefficient_names
+from casid.model.terms import parse_term
+
+
+def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
+    """coefficient -> (N, R) its value along the records, by the fitted derivatives and terms."""
+    values = fit.derivatives
+    series = {c: np.zeros(fit.batch.live.shape) for c in coefficient_names(fit.flight.aircraft.force_axes)}
+    for coefficient, name, term in aerodynamic_parameters(fit.flight.aircraft):
+        if name in values and "dot" not in term:
+            series[coefficient] = series[coefficient] + values[name] * parse_term(term).evaluate(fit.regressors)
+    return series
+
+
+def variation(fit: Fit) -> dict[str, float]:
+    """Standard deviation of every coefficient along the records."""
+    return {c: float(np.std(s[fit.batch.live])) for c, s in coefficient_series(fit).items()}
+
+
+def unlike_derivatives(
+    fit: Fit, coefficient: str, series: np.ndarray, regressors: dict[str, np.ndarray] | None = None
+) -> np.ndarray:
+    """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms, which are
+    functions of the fit's `regressors` or of others."""
+    live, regressors = fit.batch.live, fit.regressors if regressors is None else regressors
+    present = [
+        np.broadcast_to(parse_term(term).evaluate(regressors), live.shape)[live]
+        for c, _, term in aerodynamic_parameters(fit.flight.aircraft)
+        if c == coefficient and "dot" not in term
+    ]
+    basis = np.stack([np.ones(int(live.sum())), *present], axis=1)
+    left = np.zeros(series.shape)
+    left[live] = series[live] - basis @ np.linalg.lstsq(basis, series[live], rcond=None)[0]
+    return left

@@ -1,0 +1,228 @@
+"""A fit with small structural errors of its aerodynamics marginalised: what screening and naming judge by.
+
+No linear aircraft model is exact: `small_terms` may be present in each coefficient, and how bent each one is, is
+estimated from the data. What they can explain is no evidence for any other cause; a term well beyond what is usual on
+this aircraft still shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import get_blas_funcs
+
+from casid.diagnosis.evidence.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
+from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
+from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.native.processors import share_out, side_by_side
+
+_SURE = 3.0  # times its spread that a value must be from zero
+_KNOWN = 0.005  # of a value: what samples leave open between them, and another simulator does otherwise
+_STRETCH, _OWN = 5.0, 0.7  # s; and the largest part of a slot's information that a stretch counts for
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evidence:
+    """A fit seen through the nuisance of small terms.
+
+    by_record   for each record (samples, k) whitened sensitivities of the fitted slots and of the small `terms`
+    covariance  (k, k) of their joint posterior; `newton` (k,) posterior mean, zero for converged slots
+    deviance    -2 log marginal likelihood up to a constant of the data: small terms integrated out
+    terms       (coefficient, term) of the small terms, after the slots in `by_record`, in units of `factors`
+    scales      coefficient -> how bent it is: prior 1-sigma of its small terms in units of the smallest
+    """
+
+    fit: Fit
+    by_record: tuple[np.ndarray, ...]
+    covariance: np.ndarray
+    newton: np.ndarray
+    deviance: float
+    terms: tuple[tuple[str, str], ...]
+    factors: np.ndarray
+    scales: Mapping[str, float]
+    _sums: _Sums
+
+    @property
+    def samples(self) -> int:
+        return self.fit.readings
+
+    @property
+    def bent(self) -> bool:
+        """Whether a coefficient is more bent than usual."""
+        return max(self.scales.values(), default=1.0) > 1.0
+
+    def deviance_as_bent(self, scales: Mapping[str, float]) -> float:
+        """The deviance if no coefficient were more bent than `scales` says."""
+        least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
+        return self.fit.deviance + self._sums.posterior(least)[2]
+
+
+def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
+    """Evidence of a fit; without `discrepancy` the model structure is taken as exact."""
+    small = small_terms(fit) if discrepancy else no_terms(fit)
+    stations = [fit.model.disturbances.index(f"d{coefficient}") for coefficient, _ in small.names]
+    white = fit.filter.whiten_histories(stations, small.series * small.factors) if small.names else None
+    k, by_record = len(fit.slots), []
+    for r in range(len(fit.batch.names)):
+        slots = fit.columns[:, r].reshape(fit.white[:, r].size, k)
+        by_record.append(np.hstack([slots, white[:, r].reshape(len(slots), -1)]) if white is not None else slots)
+    sums = _sums(fit, by_record, small)
+    scales = sums.most_likely()
+    covariance, newton, deviance = sums.posterior(scales)
+    return Evidence(
+        fit=fit,
+        by_record=tuple(by_record),
+        covariance=covariance,
+        newton=newton,
+        deviance=fit.deviance + deviance,
+        terms=small.names,
+        factors=small.factors,
+        scales=scales,
+        _sums=sums,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Sums:
+    """Normal equations `gram`, `slope` of slots (prior included) and small terms, whose prior information is `alike` at
+    a scale of one, and the coefficients that own the small terms."""
+
+    gram: np.ndarray
+    slope: np.ndarray
+    alike: np.ndarray
+    owners: tuple[str, ...]
+
+    def most_likely(self) -> dict[str, float]:
+        k = len(self.slope) - len(self.owners)
+        by_slots = self.gram[k:, :k] @ scaled_inverse(self.gram[:k, :k]) if k else np.zeros((len(self.owners), 0))
+        square = self.gram[k:, k:] - by_slots @ self.gram[:k, k:]
+        return most_likely_scales(square, self.slope[k:] - by_slots @ self.slope[:k], self.alike, self.owners)
+
+    def posterior(self, scales: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
+        """(covariance, newton, and by what the marginalised small terms change the deviance)."""
+        k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
+        prior = self.alike / scale[:, None] / scale
+        information = self.gram.copy()
+        information[k:, k:] += prior
+        covariance = scaled_inverse(information)
+        newton = covariance @ self.slope
+        deviance = -float(self.slope @ newton)
+        if self.owners:
+            by_slots = information[k:, :k] @ scaled_inverse(information[:k, :k]) @ information[:k, k:] if k else 0.0
+            before, after = np.linalg.slogdet(prior)[1], np.linalg.slogdet(information[k:, k:] - by_slots)[1]
+            deviance += float(after - before)
+        return covariance, newton, deviance
+
+
+def _sums(fit: Fit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _Sums:
+    k, n = len(fit.slots), len(fit.slots) + len(small.names)
+    gram = sum(side_by_side(gram_of, by_record)) + np.zeros((n, n))
+    slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
+    gram[range(k), range(k)] += fit.prior_weight
+    slope[:k] -= fit.prior_pull
+    return _Sums(gram=gram, slope=slope, alike=small.alike, owners=tuple(c for c, _ in small.names))
+
+
+def deviation(evidence: Evidence, name: str) -> float:
+    """Honest 1-sigma of a fitted slot: its `spread`, where small terms of the structure would move the value to, what
+    records leave open that are sampled and noisy, and `_KNOWN`, for no value is known better."""
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    parts = spread(evidence, name), evidence.newton[index], _KNOWN * evidence.fit[name]
+    return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
+
+
+def left_open(evidence: Evidence, index: int) -> tuple[float, float]:
+    """By how much the records an effect is made of leave its slot open. The straight lines between samples: a third of
+    what leaving out every second sample does, for the error goes with the square of the interval (Richardson). The
+    noise of recorded inputs: what the most likely ones do in their place."""
+    fit, slot = evidence.fit, evidence.fit.slots[index]
+    one = None if slot.attached is None else fit.attached[slot.attached]
+    if one is None or (one.effect.series is None and one.effect.output is None):
+        return 0.0, 0.0
+    made = fit.known | fit.flight.regressors(fit.model).recorded
+    coarse = {name: _every_second(fit.batch.t, series) for name, series in made.items()}
+    return _moved(evidence, index, one, coarse, made) / 3.0, _moved(evidence, index, one, fit.known, made)
+
+
+def _moved(
+    evidence: Evidence, index: int, one: Attached, known: dict[str, np.ndarray], instead: dict[str, np.ndarray]
+) -> float:
+    """By how much a slot moves when its effect is made of other time histories."""
+    fit, names, t, stations = (
+        evidence.fit,
+        evidence.fit.batch.names,
+        evidence.fit.batch.t,
+        evidence.fit.model.disturbances,
+    )
+    change = disturbance_series([one], names, t, known, stations) - disturbance_series(
+        [one], names, t, instead, stations
+    )
+    white = fit.filter.whiten_histories(list(range(len(stations))), change).sum(axis=3)
+    if one.effect.output is not None:
+        read = [readings([one], names, t, fit.linear.output, fit.model.outputs, some) for some in (known, instead)]
+        Y = np.where(fit.linear.seen, read[0] - read[1], 0.0)[..., None]
+        white = white + fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, 1)))[..., 0]
+    pull = sum(flat.T @ white[:, r].reshape(-1) for r, flat in enumerate(evidence.by_record))
+    return abs(float(evidence.covariance[index] @ pull))
+
+
+def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """(N, R) series with every second sample, and straight lines between them."""
+    return np.stack([np.interp(at, at[::2], y[::2]) for at, y in zip(t.T, series.T, strict=True)], axis=1)
+
+
+def is_sure(evidence: Evidence, name: str) -> bool:
+    """Whether no stretch of record contradicts a value, and its 95 % interval, in which small terms of the structure
+    may replace it, leaves zero out; a value that is not fitted itself is taken as sure."""
+    if name not in {slot.name for slot in evidence.fit.slots}:
+        return True
+    return abs(evidence.fit[name]) > max(_SURE * spread(evidence, name), 1.96 * deviation(evidence, name))
+
+
+def spread(evidence: Evidence, name: str) -> float:
+    """1-sigma of a fitted slot with small terms of the structure allowed for, or how far stretches of record pull it
+    apart, if that is more."""
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    return max(float(np.sqrt(evidence.covariance[index, index])), scatter(evidence, index))
+
+
+def scatter(evidence: Evidence, index: int) -> float:
+    """1-sigma of a fitted slot from how far stretches of `_STRETCH` pull it apart, whatever makes them disagree.
+
+    The sandwich covariance with stretches as clusters, each weighed up by what it determines of the slot itself (the
+    jackknife's: Bell and McCaffrey 2002): without error of the model it is the posterior 1-sigma on average; what is
+    left of the aircraft's real structure makes it larger.
+    """
+    direction, pulls, shares = evidence.covariance[index], [], []
+    for r, flat in enumerate(evidence.by_record):
+        samples = max(1, round(_STRETCH / evidence.fit.flight.records[r].dt))
+        along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
+        left = evidence.fit.white[:, r] - (flat @ evidence.newton).reshape(along.shape)
+        first = np.arange(0, len(along), samples)
+        pulls.append(np.add.reduceat((along * left).sum(axis=1), first))
+        shares.append(np.add.reduceat((along**2).sum(axis=1), first))
+    share = np.concatenate(shares)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), _OWN)
+    return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
+
+
+def gram_of(columns: np.ndarray) -> np.ndarray:
+    """columns' columns, at half the cost of the product."""
+    if not columns.shape[1]:
+        return np.zeros((0, 0))
+    (syrk,) = get_blas_funcs(("syrk",), (columns,))
+    half = syrk(1.0, columns.T)
+    return half + np.triu(half, 1).T
+
+
+def cross_of(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """left' right, for many columns on the right."""
+    found = np.empty((left.shape[1], right.shape[1]))
+
+    def run(first: int, last: int) -> None:
+        np.matmul(left.T, right[:, first:last], out=found[:, first:last])
+
+    share_out(right.shape[1], run)
+    return found

@@ -1,0 +1,184 @@
+"""Fingerprints: the whitened response of the linearised, filtered aircraft to a unit of a cause.
+
+They are kept record by record, as sums over the samples, so that a cause that is in some records only costs no further
+pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import Evidence, cross_of
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
+from casid.filtering.innovations import linearise
+from casid.model.effect import Effect
+from casid.model.terms import parse_term
+from casid.native.processors import side_by_side
+
+_AT_ONCE, _LEAST, _MOST = 1.8e6, 24, 96  # numbers of whitened responses, and responses, that are in memory together
+ONSET_STEP, _FINE_UP_TO = 1.0, 30.0  # s, between onsets, and length of a record up to which they are as near as asked
+EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fingerprint:
+    """Sums over each record of the whitened response m to one cause: square (R,), cross with the fitted slots (R, k),
+    and with the residual (R,)."""
+
+    effect: Effect
+    values: Mapping[str, float]
+    onset: float | None
+    square: np.ndarray
+    cross: np.ndarray
+    match: np.ndarray
+
+
+_Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its further values, and its onset
+
+
+def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarray | None = None) -> list[Fingerprint]:
+    """The fingerprints of effects on the whole grid of their further values and onsets.
+
+    onsets  [s] after each record's first sample; default `onset_grid` over the longest record
+    """
+    effects, base = list(effects), evidence.fit
+    rows: list[_Row] = []
+    for effect in effects:
+        for values in effect.grid:
+            if not effect.timed:
+                rows.append((effect, values, None))
+                continue
+            at = onset_grid(evidence, ONSET_STEP, values.get("length", np.inf)) if onsets is None else onsets
+            rows += [(effect, values, float(onset)) for onset in at]
+    rows.sort(key=lambda row: row[2] or 0.0)  # what has not begun yet needs no work
+    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
+    direct = [row for row in rows if not _a_history(row[0])]
+    known = [row for row in rows if _a_history(row[0])]
+
+    def some(of: Sequence[_Row]) -> list[Fingerprint]:
+        white = _white_histories(base, of) if _a_history(of[0][0]) else _white_direct(base, of, symbolic)
+        return _fingerprints(evidence, of, white)
+
+    together = _together(base)
+    parts = [of[at : at + together] for of in (known, direct) for at in range(0, len(of), together)]
+    return [print_ for found in side_by_side(some, parts) for print_ in found]
+
+
+def onset_grid(evidence: Evidence, step: float, length: float = np.inf) -> np.ndarray:
+    """Onsets [s] after a record's first sample to look at, `step` apart, and further in long records, so that the work
+    grows as the records do; but no further than an event of that `length` takes."""
+    longest = max(record.duration for record in evidence.fit.flight.records)
+    wider = max(step, min(step * longest / _FINE_UP_TO, length))
+    return np.arange(EDGE, longest - EDGE, wider)
+
+
+def _a_history(effect: Effect) -> bool:
+    """Whether an effect is time histories at disturbances of the model."""
+    return effect.quasi_steady or (effect.series is not None and not effect.symbolic)
+
+
+def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
+    """Of the whitened responses to the rows (last samples, R, ny, rows), zero before."""
+    before = evidence.fit.white[: len(evidence.fit.white) - len(white), 0].size
+    parts = [white[:, r].reshape(-1, len(rows)) for r in range(white.shape[1])]
+    square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
+    cross = np.stack([cross_of(c[before:], w) for c, w in zip(evidence.by_record, parts, strict=True)])
+    match = np.stack([evidence.fit.white[:, r].reshape(-1)[before:] @ w for r, w in enumerate(parts)])
+    return [
+        Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
+        for j, (e, v, o) in enumerate(rows)
+    ]
+
+
+def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """name -> (Y, F) of symbolic effects, from the Jacobians of a model that has them all at their null."""
+    already = [a.effect for a in base.attached]
+    effects = [e for e in effects if e.name not in {a.name for a in already}]
+    if not effects:
+        return {}
+    model = base.flight.model([*already, *effects])
+    P = np.tile(model.nominal_vector(), (len(base.batch.names), 1))
+    P[:, [model.parameters.index(name) for name in base.model.parameters]] = base.parameters
+    names = [e.name for e in effects]
+    linear = linearise(base.flight.functions(model, names), base.batch, P, base.linear.X, base.moving)
+    return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
+
+
+def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
+    """`_whitened` responses to a unit of effects that are time histories."""
+    histories, index = [], base.model.disturbances.index
+    for effect, values, onset in rows:
+        if effect.quasi_steady:
+            term = parse_term(effect.regressor or "0").evaluate(base.regressors)
+            found = {f"d{effect.target}": np.broadcast_to(term, base.batch.live.shape)}
+        else:
+            found = station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
+        histories.append({index(station): series for station, series in found.items()})
+    return _whitened(base, histories)
+
+
+def history(base: Fit, one: Attached) -> np.ndarray:
+    """(N, R, nw) what an effect puts on the stations of a fit."""
+    return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
+
+
+def _by_station(W: np.ndarray) -> dict[int, np.ndarray]:
+    """Station -> (N, R) time history, of those of (N, R, nw) that act; one if none does. Copies: W is large."""
+    acting = np.flatnonzero(W.any(axis=(0, 1)))
+    return {int(s): W[..., s].copy() for s in (acting if len(acting) else [0])}
+
+
+def _whitened(base: Fit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
+    """(last samples, R, ny, histories) whitened responses to time histories by station, from where the first of them
+    begins."""
+    stations = [station for one in histories for station in one]
+    series = np.stack([h for one in histories for h in one.values()], axis=2)
+    parts = np.array([len(one) for one in histories])
+    begins = int(np.argmax(series.any(axis=(1, 2))))
+    return base.filter.whiten_histories(stations, series, np.cumsum(parts) - parts)[begins:]
+
+
+def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:
+    """The fingerprints of time histories (N, R, nw), as those of an effect."""
+    found, following = [], map(_by_station, histories)
+    while some := list(islice(following, _together(evidence.fit))):
+        found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(evidence.fit, some))
+    return found
+
+
+def _together(base: Fit) -> int:
+    """Responses that are in memory at a time."""
+    return int(np.clip(_AT_ONCE / base.white.size, _LEAST, _MOST))
+
+
+def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
+    """(N, R, ny, rows) whitened responses to a unit of effects in the model's equations, from their Jacobians, and of
+    effects on readings, to the whole of one that is not linear."""
+    seen, shape = base.linear.seen, base.linear.defect.shape
+    outputs, states = [], {}
+    for i, (effect, values, onset) in enumerate(rows):
+        if effect.symbolic:
+            Y, F = symbolic.get(effect.name, (np.zeros(base.read.shape), np.zeros(shape)))
+            outputs.append(Y)
+            states[i] = F
+            continue
+        one, output = _unit(effect, values, onset, base), base.read
+        read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
+        outputs.append(np.where(seen, read - output, 0.0))
+    F = np.zeros((*shape, len(rows)))
+    for i, state in states.items():
+        F[..., i] = state
+    # by way of rows: columns written one by one take twice the time
+    Y = np.stack(outputs).reshape(len(rows), -1).T.reshape(*base.read.shape, len(rows))
+    return base.filter.whiten(Y, F)
+
+
+def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: Fit) -> Attached:
+    """The effect at unit amplitude in every record, its onset counted from each record's first sample."""
+    onsets = {r.name: r.t[0] + onset for r in base.flight.records} if onset is not None else {}
+    return Attached(effect=effect, values={"value": 1.0} | dict(values), onsets=onsets)

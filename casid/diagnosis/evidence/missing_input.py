@@ -1,0 +1,225 @@
+"""Something is missing, and it enters here: an anonymous Gaussian-process input at each station of the signal path.
+
+For every coefficient, every axis of moving air and every reading, an unknown time history with covariance
+s^2 exp(-|t|/tau) on a grid of nodes is added to the fitted model. Its exact marginal-likelihood gain (fitted slots
+eliminated, s and tau maximised) says where something is missing before a cause is named, and whether something still is
+afterwards. What is added to a reading is slow, like the drift of an instrument: a fast one could imitate anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special, stats
+
+from casid.diagnosis.evidence.evidence import Evidence, cross_of, gram_of
+from casid.diagnosis.flight.evaluation import Fit
+from casid.model.dynamics import moved_coefficients
+from casid.native.processors import side_by_side
+
+READING = "reading_"  # and the channel: station of what is added to a reading
+ONE_READING = 1.5  # times what moving air gains, by an unknown input at one reading: then it drifts, and no air moves
+_SPACING, _TIMES = 0.4, (0.4, 1.5, 6.0)  # s, between nodes, and correlation times
+_MOST_NODES = 500  # of all records: longer ones are looked at less finely
+_DRIFT_SPACING, _DRIFT_TIMES = 2.0, (6.0, 20.0)  # s, of readings
+_BY_CHANCE = 1e-6
+_RATIOS = np.logspace(-3.0, 6.0, 46)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MissingInput:
+    """What an unknown input at `station` could gain, 2 ln L; `history` record -> (nodes t, estimate, 1-sigma)."""
+
+    station: str
+    gain: float
+    size: float
+    history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    frequency: float | None = None  # Hz, of an oscillation
+
+    def concerns(self, records: Iterable[str]) -> bool:
+        """Whether it is missing in one of these records."""
+        return not self.history.keys().isdisjoint(records)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square about the mean, in the unit of the station."""
+        return float(np.std(np.concatenate([mean for _, mean, _ in self.history.values()])))
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation from the mean of its record, in the unit of the station."""
+        return max(float(np.max(np.abs(mean - np.mean(mean)))) for _, mean, _ in self.history.values())
+
+
+def stations(fit: Fit) -> list[str]:
+    """Coefficients and wind axes that the axes of the flight know, as disturbances of the model."""
+    moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
+    winds = [f"wind_{axis}" for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
+    return [f"d{c}" for c in moved_coefficients(fit.flight.aircraft, fit.flight.axes)] + winds
+
+
+def moving_air(evidence: Evidence) -> list[MissingInput]:
+    """An unknown velocity of the air along each axis, largest gain first."""
+    return missing_at(evidence, [station for station in stations(evidence.fit) if station.startswith("wind_")])
+
+
+def missing_inputs(evidence: Evidence) -> list[MissingInput]:
+    """An unknown input at each station, largest gain first."""
+    return missing_at(evidence, [*stations(evidence.fit), *_readings(evidence.fit)])
+
+
+def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
+    """An unknown input at each of these stations, largest gain first."""
+    found = side_by_side(lambda station: _one_station(evidence, station), names)
+    return sorted(found, key=lambda m: -m.gain)
+
+
+def drifts(evidence: Evidence) -> list[MissingInput]:
+    """An unknown input at each reading, largest gain first."""
+    return missing_at(evidence, _readings(evidence.fit))
+
+
+def _readings(fit: Fit) -> list[str]:
+    return [READING + name for name in fit.model.outputs]
+
+
+def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
+    """The oscillation that the innovations show most clearly, as an unknown input at each station, largest gain first;
+    nothing when no frequency above those of `missing_inputs` stands out.
+
+    A hum is too fast for nodes of an unknown time history. Its frequency is the highest peak of the innovations'
+    periodogram, pooled over records; its amplitude and phase are free in every record.
+    """
+    frequency = _peak_frequency(evidence.fit)
+    if frequency is None:
+        return []
+    found = [_oscillation(evidence, station, frequency) for station in stations(evidence.fit)]
+    return sorted(found, key=lambda m: -m.gain)
+
+
+def _peak_frequency(fit: Fit) -> float | None:
+    """Frequency [Hz] of the highest peak that white innovations would show in `_BY_CHANCE` of all cases at most."""
+    steps = np.array([record.dt for record in fit.flight.records])
+    frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
+    frequency = frequency[(frequency > 0.5 / _SPACING) & (frequency < 0.4 / steps.min())]
+    if not len(frequency):
+        return None
+    power, dof = np.zeros((len(frequency), len(fit.model.outputs))), np.zeros(len(frequency))
+    for r, dt in enumerate(steps):
+        seen = fit.linear.seen[:, r]
+        white = np.where(seen, fit.white[:, r], 0.0)
+        nodes = np.fft.rfftfreq(2 * len(white), dt)
+        own = 2.0 * np.abs(np.fft.rfft(white, 2 * len(white), axis=0)) ** 2 / np.maximum(seen.sum(axis=0), 1)
+        below = frequency < 0.4 / dt
+        at = np.clip(np.rint(frequency[below] / nodes[1]).astype(int), 0, len(nodes) - 1)
+        power[below] += own[at]  # chi-square, two degrees of freedom
+        dof[below] += 2.0
+    chance = _log_chance(power, dof[:, None]) + np.log(power.size)
+    at, _ = np.unravel_index(np.argmin(chance), chance.shape)
+    return float(frequency[at]) if chance.min() < np.log(_BY_CHANCE) else None
+
+
+def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
+    """Logarithm of the chance that a chi-square is larger; far out, where scipy has nothing left of it, by the leading
+    term of its expansion."""
+    near, half = stats.chi2.logsf(power, dof), np.maximum(power, 1.0) / 2.0
+    far = (dof / 2.0 - 1.0) * np.log(half) - half - special.gammaln(dof / 2.0)
+    return np.where(np.isfinite(near), near, far)
+
+
+def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingInput:
+    fit = evidence.fit
+    since = fit.batch.t - fit.batch.t[0]
+    angle = 2.0 * np.pi * frequency * since
+    series = np.where(fit.batch.live[..., None], np.stack([np.cos(angle), np.sin(angle)], axis=2), 0.0)
+    white = response(fit, station, series)
+    gain, history, sizes, first = 0.0, {}, [], fit.batch.t[0]
+    for r, name in enumerate(fit.batch.names):
+        w = white[:, r].reshape(-1, 2)
+        cross = evidence.by_record[r].T @ w
+        gram = w.T @ w - cross.T @ evidence.covariance @ cross
+        match = w.T @ fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
+        inverse = np.linalg.pinv(gram, hermitian=True)
+        amplitude = inverse @ match
+        gain += float(match @ amplitude)
+        sizes.append(float(np.hypot(*amplitude)))
+        t = since[fit.batch.live[:, r], r]
+        wave = np.stack([np.cos(2.0 * np.pi * frequency * t), np.sin(2.0 * np.pi * frequency * t)], axis=1)
+        sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", wave, inverse, wave), 0.0))
+        history[name] = (t + first[r], wave @ amplitude, sigma)
+    return MissingInput(station=station, gain=gain, size=max(sizes), history=history, frequency=frequency)
+
+
+def _one_station(evidence: Evidence, station: str) -> MissingInput:
+    fit, slow = evidence.fit, station.startswith(READING)
+    spacing, times = (_DRIFT_SPACING, _DRIFT_TIMES) if slow else (_SPACING, _TIMES)
+    longest = max(record.duration for record in fit.flight.records)
+    spacing = max(spacing, len(fit.flight.records) * longest / _MOST_NODES)
+    nodes = np.arange(0.0, longest + spacing, spacing)
+    since = fit.batch.t - fit.batch.t[0]
+    hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - nodes) / spacing)
+    white = response(fit, station, np.where(fit.batch.live[..., None], hats, 0.0))
+    by_record = [white[:, r].reshape(-1, len(nodes)) for r in range(len(fit.batch.names))]
+    return _most_likely(evidence, station, nodes, by_record, times)
+
+
+def response(fit: Fit, station: str, series: np.ndarray) -> np.ndarray:
+    """(N, R, ny, k) whitened response to time histories (N, R, k) at a station."""
+    if not station.startswith(READING):
+        return fit.filter.whiten_histories([fit.model.disturbances.index(station)] * series.shape[2], series)
+    Y = np.zeros((*fit.white.shape, series.shape[2]))
+    channel = fit.model.outputs.index(station.removeprefix(READING))
+    Y[:, :, channel] = np.where(fit.linear.seen[:, :, channel, None], series, 0.0)
+    return fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, series.shape[2])))
+
+
+def _most_likely(
+    evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray], times: Sequence[float]
+) -> MissingInput:
+    fit, R, n = evidence.fit, len(by_record), len(nodes)
+    gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
+    cross = np.zeros((evidence.by_record[0].shape[1], R * n))
+    for r, w in enumerate(by_record):
+        own = slice(r * n, (r + 1) * n)
+        gram[own, own] = gram_of(w)
+        cross[:, own] = cross_of(evidence.by_record[r], w)
+        match[own] = w.T @ fit.white[:, r].reshape(-1)
+    match -= cross.T @ evidence.newton
+    gram -= cross.T @ evidence.covariance @ cross
+    best = (0.0, times[0], 0.0)
+    for tau in times:
+        root = _prior_root(nodes, tau, R)
+        values, vectors = np.linalg.eigh(root.T @ gram @ root)
+        values = np.maximum(values, 0.0)
+        power = (vectors.T @ (root.T @ match)) ** 2
+        for variance in _RATIOS / max(values[-1], 1e-300):
+            gain = float(np.sum(variance * power / (1 + variance * values)) - np.sum(np.log1p(variance * values)))
+            if gain > best[0]:
+                best = (gain, tau, variance)
+    gain, tau, variance = best
+    history = _history(gram, match, nodes, tau, variance, R)
+    inside = {}
+    for (mean, sigma), record in zip(history, fit.flight.records, strict=True):
+        here = nodes <= record.duration
+        inside[record.name] = record.t[0] + nodes[here], mean[here], sigma[here]
+    return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), history=inside)
+
+
+def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:
+    covariance = np.exp(-np.abs(nodes[:, None] - nodes) / tau) + 1e-9 * np.eye(len(nodes))
+    return np.kron(np.eye(records), np.linalg.cholesky(covariance))
+
+
+def _history(
+    gram: np.ndarray, match: np.ndarray, nodes: np.ndarray, tau: float, variance: float, records: int
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Posterior mean and 1-sigma of the unknown input at the nodes, per record."""
+    n = len(nodes)
+    if variance <= 0.0:
+        return [(np.zeros(n), np.zeros(n)) for _ in range(records)]
+    root = np.sqrt(variance) * _prior_root(nodes, tau, records)
+    posterior = root @ np.linalg.inv(np.eye(records * n) + root.T @ gram @ root) @ root.T
+    mean, sigma = posterior @ match, np.sqrt(np.diag(posterior))
+    return [(mean[r * n : (r + 1) * n], sigma[r * n : (r + 1) * n]) for r in range(records)]

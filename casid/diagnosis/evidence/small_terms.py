@@ -1,0 +1,132 @@
+"""The small structural errors that any linear aircraft model has: which terms, how large, and how alike they are.
+
+Of a coefficient every low-order term that symmetry allows and the model lacks may be present. What they make together
+is a function of the motion; of it, each of the orthogonal parts that the fitted terms leave has a prior 1-sigma of
+`SMALL` of the variation of the coefficient, times a scale that says how bent this coefficient is (Zellner's g-prior).
+The prior is thus one of functions: no matter which terms are written down, and in what order, and a curve with a kink
+needs no large terms that cancel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from scipy.linalg import block_diag, solve_triangular
+
+from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
+from casid.diagnosis.flight.evaluation import Fit
+from casid.model.dynamics import moved_coefficients
+from casid.model.path import MOMENTS, aerodynamic_parameters
+from casid.model.terms import parse_term
+
+SMALL = 0.0025
+_SCALES = (1.0, 2.0, 4.0)  # at most 1 % a part, some 4 % in all: a coefficient more bent than that misses something
+_LEFT = 1e-6  # of a term, beside the fitted ones: less is rounding
+_RESTS = 1e-7  # rad, of a variable: rounding, where a surface does not move
+_RIDGE = 1e-3  # of a term's own prior information, for those that are nearly the sum of others
+_LONGITUDINAL = ("alpha", "q", "delta_e")
+_LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SmallTerms:
+    """Small terms of a fit.
+
+    names    (coefficient, term) of each;  series (N, R, n) its regressor
+    factors  (n,) value of each that alone makes `SMALL` of the variation of its coefficient
+    alike    (n, n) correlations, within a coefficient, of what fitted terms leave of them: the inverse of the prior
+             covariance of the values, in units of `factors`, at a scale of one
+    """
+
+    names: tuple[tuple[str, str], ...]
+    series: np.ndarray
+    factors: np.ndarray
+    alike: np.ndarray
+
+
+def no_terms(fit: Fit) -> SmallTerms:
+    """None: the structure of the model is exact."""
+    return SmallTerms(names=(), series=np.zeros((*fit.batch.live.shape, 0)), factors=np.zeros(0), alike=np.eye(0))
+
+
+def small_terms(fit: Fit) -> SmallTerms:
+    """All that symmetry allows and the model of the fit lacks."""
+    aircraft = fit.flight.aircraft
+    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
+    present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
+    names: list[tuple[str, str]] = []
+    series: list[np.ndarray] = []
+    factors: list[np.ndarray] = []
+    blocks: list[np.ndarray] = []
+    moved = moved_coefficients(fit.flight.aircraft, fit.flight.axes)
+    for coefficient, size in variation(fit).items():
+        if coefficient not in moved or size <= 0.0:
+            continue
+        allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
+        along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in allowed]
+        whole = np.stack(along, axis=2)
+        left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
+        spread = np.std(left, axis=0)
+        rests = np.array([_RESTS ** parse_term(term).degree for term in allowed])
+        varies = np.flatnonzero(spread > np.maximum(_LEFT * np.std(whole[fit.batch.live], axis=0), rests))
+        unit = left[:, varies] / spread[varies]
+        names += [(coefficient, allowed[i]) for i in varies]
+        series.append(whole[..., varies])
+        factors.append(SMALL * size / spread[varies])
+        blocks.append((unit.T @ unit / len(unit) + _RIDGE * np.eye(len(varies))) / (1.0 + _RIDGE))
+    if not names:
+        return no_terms(fit)
+    return SmallTerms(
+        names=tuple(names),
+        series=np.concatenate(series, axis=2),
+        factors=np.concatenate(factors),
+        alike=np.asarray(block_diag(*blocks)),
+    )
+
+
+def most_likely_scales(
+    square: np.ndarray, match: np.ndarray, alike: np.ndarray, owners: Sequence[str]
+) -> dict[str, float]:
+    """owner -> scale with the largest marginal likelihood (empirical Bayes), by coordinate descent.
+
+    square, match  (n, n), (n,) normal equations of the small terms, all else eliminated
+    alike          (n, n) their prior information at a scale of one;  owners  the coefficient of each
+    """
+    n, root = len(match), np.linalg.cholesky(alike)
+    match = solve_triangular(root, match, lower=True)
+    square = solve_triangular(root, solve_triangular(root, square, lower=True).T, lower=True)
+
+    def deviance(of: dict[str, float]) -> float:
+        scale = np.array([of[owner] for owner in owners])
+        factor = np.linalg.cholesky(np.eye(n) + square * scale[:, None] * scale)
+        pulled = solve_triangular(factor, match * scale, lower=True, check_finite=False)
+        return 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(pulled @ pulled)
+
+    best = dict.fromkeys(owners, _SCALES[0])
+    lowest, settled = deviance(best), False
+    while not settled:
+        settled = True
+        for owner in best:
+            for scale in _SCALES:
+                if (found := deviance(best | {owner: scale})) < lowest:
+                    lowest, best, settled = found, best | {owner: scale}, False
+    return best
+
+
+def _symmetric_terms(coefficient: str) -> list[str]:
+    """Second order, and third order in one variable, as left-right symmetry of the aircraft allows; the linear terms of
+    the own plane, and what the rate of the own flow angle and Mach do. Longitudinal coefficients are even, lateral ones
+    odd in the lateral variables."""
+    lateral = coefficient == "CY" or (coefficient in MOMENTS and coefficient != "Cm")
+    own = _LATERAL if lateral else _LONGITUDINAL
+    if lateral:
+        products = [("betadot",), *((a, b) for a in _LONGITUDINAL for b in _LATERAL)]
+    else:
+        products = [("alphadot",), ("mach",), ("alpha", "mach")]
+        for group in (_LONGITUDINAL, _LATERAL):
+            products += list(combinations_with_replacement(group, 2))
+    cubes = [(v, v, v) for v in own] + [("alpha", "alpha", v) for v in own if lateral]
+    return [parse_term("*".join(factors)).name for factors in [(v,) for v in own] + products + cubes]

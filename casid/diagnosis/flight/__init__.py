@@ -1,0 +1,1 @@
+"""The flight as a diagnosis sees it: records made ready, a hypothesis, its fit."""

@@ -1,0 +1,391 @@
+"""A hypothesis at given values: its innovations, and their sensitivities to everything that is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached, acting_noise, disturbance_series, readings
+from casid.diagnosis.flight.prior import OFFSET, prior
+from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
+from casid.filtering.kalman import Filter, kalman_filter, residual_about
+from casid.model.causes import group_channels
+from casid.model.path import STATES
+from casid.model.system import Model
+
+_MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
+_NOTHING_KNOWN = 1e-30  # information: less is rounding, as of the end of what outlasts the records
+_HELD = 0.1  # relative change of its strength from which noise counts as held
+
+# what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
+# nothing
+Free = Literal["all", "effects", "offsets", "states"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slot:
+    """One fitted number: a parameter of the model, or a value of an attached effect that enters a time series."""
+
+    name: str
+    attached: int | None = None
+    key: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
+    """What a model is linearised about: the trajectory X (N, R, nx), and the most likely histories of the coloured
+    disturbances (N, R, nc) and of the noise of the recorded inputs (N, R, ni), in the order of the acting noise."""
+
+    X: np.ndarray
+    coloured: np.ndarray
+    inputs: np.ndarray
+
+    def moved(self, step: Motion, length: float = 1.0) -> Motion:
+        return Motion(
+            X=self.X + length * step.X,
+            coloured=self.coloured + length * step.coloured,
+            inputs=self.inputs + length * step.inputs,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit:
+    """A fitted hypothesis.
+
+    parameters   (R, np) parameters of the model in every record
+    values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
+    noise        of instruments and recorded inputs; `held` what does no more to the motion than it did in the fit
+                 before, by `reference`; `acting` what that is behind the attached effects
+    read         (N, R, ny) what the instruments read of the outputs of `linear`
+    disturbances (N, R, nw) that attached effects make
+    motion       that the model is linearised about, its inputs where `known` has them: `errors` (N, R, ni) beside the
+                 recorded ones
+    white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
+    known        name -> (N, R) motion and inputs, denoised: what effects are made of; `regressors` as the
+                 aerodynamics see them, behind the effects on surfaces and in the wind that effects make
+    deviance     -2 log likelihood up to a constant of the data, prior included
+    """
+
+    flight: Flight
+    attached: tuple[Attached, ...]
+    model: Model
+    batch: Batch
+    noise: NoiseModel
+    acting: NoiseModel
+    held: NoiseModel
+    reference: dict[str, np.ndarray]
+    functions: PointFunctions
+    parameters: np.ndarray
+    slots: tuple[Slot, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    linear: Linear
+    read: np.ndarray
+    filter: Filter
+    disturbances: np.ndarray
+    motion: Motion
+    errors: np.ndarray
+    white: np.ndarray
+    columns: np.ndarray
+    known: dict[str, np.ndarray]
+    regressors: dict[str, np.ndarray]
+    prior_pull: np.ndarray
+    prior_weight: np.ndarray
+    deviance: float
+    data_deviance: float
+    converged: bool
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[[s.name for s in self.slots].index(name)])
+
+    def std(self, name: str) -> float:
+        index = [s.name for s in self.slots].index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+    def output_along(self, X: np.ndarray) -> np.ndarray:
+        """(N, R, ny) outputs of the fitted model along a trajectory, instrument operators not yet applied."""
+        return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
+
+    @property
+    def deviance_by_sample(self) -> np.ndarray:
+        """(N, R) what each sample contributes to `data_deviance`."""
+        return np.sum(self.white**2, axis=2) + self.filter.log_determinant
+
+    @property
+    def moving(self) -> np.ndarray:
+        """(N, R, nw) all disturbances of the linearisation."""
+        W = _scattered(self.model, self.acting.coloured, self.motion.coloured)
+        return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.errors)
+
+    @property
+    def filter_held(self) -> bool:
+        """Whether there are disturbances and what decides how they move the aircraft is fitted: derivatives, or
+        offsets, one of which is that of the airspeed."""
+        offsets = any(slot.name.startswith(OFFSET) for slot in self.slots)
+        return bool(self.noise.coloured and (offsets or self.derivatives))
+
+    @property
+    def noise_held(self) -> bool:
+        """Whether noise of an input is clearly not as strong as its effectiveness in this fit makes it, or does not yet
+        pass through an effect that it should."""
+        if any(one.effect.noise is not None and not one.passes for one in self.attached):
+            return True
+        return any(abs(held / self.noise.inputs[name] - 1.0) > _HELD for name, held in self.held.inputs.items())
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """(slots,) what is left of the slope of the log likelihood: zero at a maximum."""
+        return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
+
+    @property
+    def readings(self) -> int:
+        """How many readings are compared."""
+        return int(self.linear.seen.sum())
+
+    @property
+    def derivatives(self) -> dict[str, float]:
+        """Fitted derivatives and terms of the aircraft file."""
+        given = {name for name in self.flight.model().parameters if not name.startswith(OFFSET)}
+        return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
+
+
+class Work:
+    """What stays the same over the iterations of one fit."""
+
+    def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> None:
+        self.flight, self.noise = flight, noise
+        self.model = flight.model([a.effect for a in attached])
+        self.batch = flight.batch(self.model)
+        self.dt = float(np.median(self.batch.dt))
+        symbolic = [a.name for a in attached if a.effect.symbolic]
+        aerodynamic = [n for n in self.model.parameters if not n.startswith(OFFSET) and n not in symbolic]
+        offsets = [OFFSET + name for name in self.model.outputs]
+        by_free = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "offsets": [*offsets, *symbolic]}
+        names = by_free.get(free, [])
+        self.functions = flight.functions(self.model, names)
+        self.regressors = flight.regressors(self.model)
+        numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
+        self.slots = (
+            *(Slot(name=name) for name in names),
+            *(
+                Slot(name=attached[i].name + ("" if key == "value" else f".{key}"), attached=i, key=key)
+                for i, key in numeric
+            ),
+        )
+        names = [slot.name if slot.attached is None else None for slot in self.slots]
+        self.mean, self.weight = prior(flight, self.model, names)
+        slight = {a.name: a.effect.smallest_that_matters(flight.aircraft) or np.inf for a in attached if a.slight}
+        for i, slot in enumerate(self.slots):
+            if slot.name in slight:
+                self.weight[i] = slight[slot.name] ** -2.0
+        self.reference: dict[str, np.ndarray] = {}
+        self.filter: Filter | None = None
+
+    def with_recorded(self, known: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What effects are made of while they are fitted: the inputs as recorded. Made of the most likely inputs they
+        depend on a motion that does not know of them, and a fit stops short of its maximum."""
+        return known | self.regressors.recorded
+
+    def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
+        """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
+        an effect is accounted for."""
+        names, t, stations = self.batch.names, self.batch.t, self.model.disturbances
+        passing = [one for one in attached if one.passes_noise]
+        others = [one for one in attached if one not in passing]
+        recorded = known | {name: self.batch.U[..., i] for i, name in enumerate(self.model.inputs)}
+        W = disturbance_series(others, names, t, known, stations)
+        return W + disturbance_series(passing, names, t, recorded, stations) if passing else W
+
+    def parameters(self, values: np.ndarray, attached: Sequence[Attached]) -> np.ndarray:
+        """(R, np) parameters of every record."""
+        P = np.tile(self.model.nominal_vector(), (len(self.batch.names), 1))
+        for slot, value in zip(self.slots, values, strict=True):
+            if slot.attached is None:
+                P[:, self.model.parameters.index(slot.name)] = value
+        for one in attached:
+            if one.effect.symbolic:
+                index = self.model.parameters.index(one.name)
+                if one.name not in {slot.name for slot in self.slots}:
+                    P[:, index] = one.values["value"]
+                P[:, index] *= [one.concerns(record) for record in self.batch.names]
+        return P
+
+
+def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
+    """(N, R, nw) histories (N, R, names) of named disturbances in their places among all."""
+    W = np.zeros((*histories.shape[:2], len(model.disturbances)))
+    W[..., [model.disturbances.index(name) for name in names]] = histories
+    return W
+
+
+def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
+    """The hypothesis at values of its slots, along a motion."""
+    batch, model = work.batch, work.model
+    acting = acting_noise(work.noise, attached, work.dt)
+    moving = _scattered(model, acting.coloured, motion.coloured)
+    inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
+    at = [model.inputs.index(name.removeprefix("d_")) for name in acting.inputs]
+    errors = inputs[..., at] - batch.U[..., at]
+    known = work.regressors.along(motion.X, moving, inputs)
+    made_of = work.with_recorded(known)
+    W = work.series(attached, made_of)
+    quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
+    regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
+    P = work.parameters(values, attached)
+    linear = linearise(work.functions, batch, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
+    read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
+    linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
+    late, seen = _lateness(attached, work), linear.seen
+    if late.any():
+        linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
+    into = _into_the_motion(linear, work.noise.inputs)
+    reference = work.reference or into
+    strength = {name: s * _as_strong(into[name], reference[name]) for name, s in work.noise.inputs.items()}
+    held = replace(work.noise, inputs=strength)
+    acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
+    kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
+    Y, F = _columns(work, attached, linear, made_of, late)
+    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
+    columns = kalman.whiten(Y, F)
+    deviation = values - work.mean
+    data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
+    flat = columns.reshape(white.size, len(work.slots))
+    information = flat.T @ flat + np.diag(work.weight)
+    return Fit(
+        flight=work.flight,
+        attached=attached,
+        model=model,
+        batch=batch,
+        noise=work.noise,
+        acting=acting,
+        held=held,
+        reference=reference,
+        functions=work.functions,
+        parameters=P,
+        slots=work.slots,
+        values=values,
+        covariance=scaled_inverse(information),
+        linear=linear,
+        read=read,
+        filter=kalman,
+        disturbances=W,
+        motion=motion,
+        errors=errors,
+        white=white,
+        columns=columns,
+        known=known,
+        regressors=regressors,
+        prior_pull=work.weight * deviation,
+        prior_weight=work.weight,
+        data_deviance=data,
+        deviance=data + float(np.sum(work.weight * deviation**2)),
+        converged=False,
+    )
+
+
+def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
+    """name -> (states of an aircraft,) what noise of an input does to the motion, on average, in typical sizes."""
+    model = linear.model
+    drive = (linear.Bw0 + linear.Bw1).mean(axis=(0, 1)) / model.scale_vector()[:, None]
+    rows = [i for i, state in enumerate(model.states) if state in STATES]
+    return {name: drive[rows, model.disturbances.index(name)] for name in inputs}
+
+
+def _as_strong(into: np.ndarray, reference: np.ndarray) -> float:
+    """Factor with which noise of an input does no more to the motion than in the reference: a cause must not gain by
+    making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
+    measured, and not stronger than that."""
+    ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
+    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / _MOST, 1.0))
+
+
+def _lateness(attached: Sequence[Attached], work: Work) -> np.ndarray:
+    """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
+    outputs, records = work.model.outputs, work.flight.records
+    late = np.zeros((len(records), len(outputs)), dtype=int)
+    for one in (a for a in attached if a.effect.late):
+        rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
+        for j, record in enumerate(records):
+            late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0
+    return np.maximum(late, 0)
+
+
+def _earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
+    """(N, R, ny, ...) series of readings moved to the time of what they speak of; zero at the end."""
+    moved = series.copy()
+    for j, i in np.argwhere(late):
+        k = min(late[j, i], len(series))
+        moved[: len(series) - k, j, i], moved[len(series) - k :, j, i] = series[k:, j, i], 0
+    return moved
+
+
+def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
+    """What the samples that late readings lose at the end of a record would add to the deviance: as much as the others
+    of their channel do on average."""
+    kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
+    by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
+    mean = np.where(kalman.linear.seen, by_channel, 0.0).sum(axis=(0, 1)) / np.maximum(kept, 1)
+    return float(((all_of_it - kept) * mean).sum())
+
+
+def scaled_inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix, scaled to unit diagonal; directions without information get none."""
+    diagonal = np.diag(information)
+    scale = np.where(diagonal > _NOTHING_KNOWN, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING_KNOWN)), 0.0)
+    return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
+
+
+def _columns(
+    work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
+    batch, model = work.batch, work.model
+    Y, F = [linear.Dp], [linear.Bp]
+    symbolic = {a.name: a for a in attached if a.effect.symbolic}
+    for i, slot in enumerate(s for s in work.slots if s.attached is None):
+        if slot.name in symbolic:
+            mask = np.array([symbolic[slot.name].concerns(record) for record in batch.names])
+            Y[0][..., i] *= mask[None, :, None]
+            F[0][..., i] *= mask[None, :, None]
+    for slot in work.slots:
+        if slot.attached is None:
+            continue
+        one = attached[slot.attached]
+        h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
+        sides = [one.with_values({slot.key: one.values[slot.key] + sign * h}) for sign in (1, -1)]
+        if one.effect.series is not None:
+            plus, minus = (work.series([side], known) for side in sides)
+            change = (plus - minus) / (2 * h)
+            acting = np.flatnonzero(change.any(axis=(0, 1)))
+            y, f = inject(linear, [int(s) for s in acting], change[..., acting])
+            Y.append(y.sum(axis=3, keepdims=True))
+            F.append(f.sum(axis=3, keepdims=True))
+        else:
+            chains = [[side if a is one else a for a in attached] for side in sides]
+            plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
+            Y.append(np.where(linear.seen, _earlier((plus - minus) / (2 * h), late), 0.0)[..., None])
+            F.append(np.zeros((*linear.defect.shape, 1)))
+    return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
+
+
+def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
+    """Change of values and motion by one full Gauss-Newton step."""
+    change = now.covariance @ now.gradient
+    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
+    late = _lateness(now.attached, work)
+    by_slot = _columns(work, now.attached, now.linear, work.with_recorded(now.known), late)
+    nx = len(work.model.states)
+    F[:, :, :nx] -= by_slot[1] @ change[:, None]
+    return change, smoothed(now, Y - by_slot[0] @ change[:, None], F, first)
+
+
+def smoothed(now: Fit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
+    """Change to the most likely motion, given a residual."""
+    moved, noise = now.filter.smooth(Y, F, first)
+    most, nx = _MOST * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
+    noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
+    return Motion(X=moved[..., :nx], coloured=moved[..., nx:], inputs=noise - now.motion.inputs)

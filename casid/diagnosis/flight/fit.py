@@ -1,0 +1,227 @@
+"""Fit a hypothesis to a flight: Gauss-Newton on the innovations, trajectory and parameters together."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.flight.evaluation import Fit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached, acting_noise
+from casid.errors import InputError
+from casid.filtering.innovations import NoiseModel
+from casid.filtering.kalman import kalman_filter, residual_about
+
+_FAR, _WIDER = 100.0, 10.0  # deviance per reading of a fit that is far from the data, and times the noise for it
+_MUCH_LESS, _HARDLY_MORE = 0.25, 1.01  # of what a step promises, and of the sum of squares
+_RELAXATIONS, _STILL = 5, 0.5  # of the filter in turbulence, at most, and 1-sigmas that no value moves by any more
+
+
+def fit(
+    flight: Flight,
+    attached: Sequence[Attached],
+    noise: NoiseModel,
+    start: Fit | None = None,
+    *,
+    free: Free = "all",
+    iterations: int = 10,
+    tolerance: float = 0.5,
+    give_up: float = np.inf,
+    anew: bool = False,
+) -> Fit:
+    """Maximum likelihood of derivatives, effects and trajectory under `noise`; `free` may leave out the derivatives, or
+    all but the trajectory.
+
+    In turbulence derivatives decide how the air moves the aircraft, and with the filter free a fit, or a cause, gains
+    by making it move less. There the filter is that of `start`, so that prediction errors are compared; and noise of a
+    recorded input does no more to the motion than in `start`, whatever the control's effectiveness. Both are those of
+    the first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
+
+    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
+    the last step changed the sum of squares (`_squares`) and the next one promises to lower it by less than
+    `tolerance`, in units of what is left per reading where that is more than noise. A fit that after three iterations
+    is unlikely to come below the deviance `give_up` is left as it stands. Raises InputError where even the first point
+    cannot be flown.
+    """
+    work = Work(flight, attached, noise, free)
+    if start is not None and start.flight.records is flight.records and not anew:
+        work.reference = start.reference
+        if start.filter_held and start.noise == noise:
+            work.filter = start.filter
+    attached = tuple(attached)
+    values = _start_values(work, attached, start)
+    motion = _start_motion(work, attached, start, values)
+    best: _Point | None = None
+    step, shrink = None, 1.0
+    for iteration in range(1, iterations + 1):
+        now = None
+        with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
+            now = _Point.of(work, _flown(work, attached, values, motion))
+        if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
+            shrink *= 0.4
+            if shrink < 0.02 or step is None or best is None:
+                break
+            values, motion = best.fit.values + shrink * step[0], best.fit.motion.moved(step[1], shrink)
+            continue
+        if now.fit.filter_held and work.filter is None:
+            work.filter = now.fit.filter
+        gained = np.inf if best is None else abs(best.squares - now.squares)
+        best, shrink = now, 1.0
+        if max(gained, now.promise) < tolerance * now.misfit:
+            return replace(now.fit, converged=True)
+        if iteration >= 3 and now.fit.deviance - 2.0 * gained > give_up:
+            break
+        step = gauss_newton_step(work, now.fit)
+        values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
+    if best is None:
+        raise RuntimeError("a fit without iterations")
+    return best.fit
+
+
+def from_elsewhere(fitted: Fit) -> Fit | None:
+    """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
+    something large: it begins from a fit under `_WIDER` noise, for which there are fewer minima. None of other fits."""
+    if fitted.converged or fitted.deviance < _FAR * fitted.readings:
+        return None
+    wide = replace(fitted.noise, measurement={name: _WIDER * s for name, s in fitted.noise.measurement.items()})
+    first = fit(fitted.flight, fitted.attached, wide, iterations=20)
+    return fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
+
+
+def without(fitted: Fit, names: Collection[str]) -> Fit:
+    """The fit without some of its effects, to the end."""
+    others = [a for a in fitted.attached if a.name not in names]
+    return fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
+
+
+def relaxed(fitted: Fit) -> Fit:
+    """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
+    for _ in range(_RELAXATIONS if fitted.filter_held else 1):
+        before = fitted
+        attached = [replace(one, passes=True) for one in before.attached]
+        fitted = fit(before.flight, attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
+        if np.all(np.abs(fitted.values - before.values) < _STILL * np.sqrt(np.diag(before.covariance))):
+            break
+    return fitted
+
+
+def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
+    try:
+        return evaluate(work, _with_values(attached, work.slots, values), values, motion)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
+            "units and signs of its derivatives, of its mass properties and of the records' channels"
+        ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A point on the way to the maximum: `squares` that steps lower, and what the next full step promises to."""
+
+    fit: Fit
+    squares: float
+    promise: float
+
+    @classmethod
+    def of(cls, work: Work, fit: Fit) -> _Point:
+        return cls(fit, _squares(work, fit), float(fit.gradient @ fit.covariance @ fit.gradient))
+
+    @property
+    def misfit(self) -> float:
+        """Squares per reading, where that is more than noise."""
+        return max(1.0, self.squares / self.fit.readings)
+
+    def leads_to(self, now: _Point, tolerance: float, *, full: bool) -> bool:
+        """Whether a point is nearer to the maximum than this one, or as near but for `tolerance`.
+
+        The sum of squares is that of the model linearised about the motion. While that is not the most likely one it is
+        too low, and near the maximum a full step that is right may raise it. Such a step leaves less to the next one
+        (Deuflhard's natural monotonicity); far away, where that may mislead, it must leave much less. Not in
+        turbulence, where air and motion trade off so that they hardly settle.
+        """
+        if now.squares - self.squares < tolerance * now.misfit or now.fit.deviance < self.fit.deviance:
+            return True
+        left = now.promise / self.promise if self.promise else np.inf
+        nearer = left < _MUCH_LESS or (left < 1.0 and now.squares < _HARDLY_MORE * self.squares)
+        return full and nearer and not now.fit.noise.coloured
+
+
+def _squares(work: Work, now: Fit) -> float:
+    """What Gauss-Newton steps lower: the sum of squares, prior included, with noise of inputs as strong as the fit's
+    own effectiveness makes it, and without the logarithm of its covariance.
+
+    Noise in a regressor draws an estimate towards zero, and the most likely noise, which regressors have in them, makes
+    up for that. Such regressors are the slope of this sum, in which noise costs what it is unlikely (orthogonal
+    distance), and not of the deviance, in which models are compared: by that, fits stopped anywhere between the two.
+    """
+    white = now.white
+    if now.held != now.noise:
+        acting = acting_noise(now.noise, now.attached, work.dt)
+        kalman = now.filter.along(now.linear, acting) if now.filter_held else kalman_filter(now.linear, acting)
+        residual = residual_about(now.linear, acting, now.motion.coloured, now.errors, kalman.through)
+        white = kalman.whiten(*residual)[..., 0]
+    measured, compared = (seen.sum(axis=(0, 1)) for seen in (np.isfinite(now.batch.Z), now.linear.seen))
+    by_channel = np.sum(white**2, axis=(0, 1)) * measured / np.maximum(compared, 1)  # a late reading loses its last
+    return float(by_channel.sum()) + now.deviance - now.data_deviance
+
+
+def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray) -> Motion:
+    """The motion to begin with.
+
+    Without a start, what the filter makes of the measured motion: the deviance of a model linearised about noise cannot
+    be compared with any other, and a line search that begins there may stay there.
+    """
+    acting, shape = acting_noise(work.noise, attached, work.dt), work.batch.live.shape
+    still = Motion(
+        X=work.flight.measured(work.model),
+        coloured=np.zeros((*shape, len(acting.coloured))),
+        inputs=np.zeros((*shape, len(acting.inputs))),
+    )
+    if start is None or start.flight.records is not work.flight.records:
+        measured = _flown(work, attached, values, still)
+        return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
+    before = start.motion
+    same = tuple(start.acting.coloured) == tuple(acting.coloured)
+    return Motion(
+        X=_carried(work.model.states, start.model.states, before.X, still.X),
+        coloured=before.coloured if same else still.coloured,
+        inputs=_carried(acting.inputs, start.acting.inputs, before.inputs, still.inputs),
+    )
+
+
+def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """(N, R, names) columns of `before`, which has those of `known`, and of `otherwise` what is not among them."""
+    found, at = otherwise.copy(), list(known)
+    for i, name in enumerate(names):
+        if name in at:
+            found[..., i] = before[..., at.index(name)]
+    return found
+
+
+def _start_values(work: Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:
+    before = {} if start is None else {s.name: v for s, v in zip(start.slots, start.values, strict=True)}
+    own = {a.name: a for a in attached}
+    values = []
+    for slot in work.slots:
+        if slot.attached is not None:
+            values.append(attached[slot.attached].values[slot.key])
+        elif slot.name in own:
+            values.append(own[slot.name].values["value"])
+        else:
+            values.append(before.get(slot.name, work.model.nominal[slot.name]))
+    return np.array(values, dtype=float)
+
+
+def _with_values(attached: Sequence[Attached], slots: Sequence[Slot], values: np.ndarray) -> tuple[Attached, ...]:
+    by_effect: dict[int, dict[str, float]] = {}
+    names = {a.name: i for i, a in enumerate(attached)}
+    for slot, value in zip(slots, values, strict=True):
+        if slot.attached is not None:
+            by_effect.setdefault(slot.attached, {})[slot.key] = float(value)
+        elif slot.name in names:
+            by_effect.setdefault(names[slot.name], {})["value"] = float(value)
+    return tuple(a.with_values(by_effect.get(i, {})) for i, a in enumerate(attached))

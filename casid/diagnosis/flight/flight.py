@@ -1,0 +1,326 @@
+"""What is to be explained: an aircraft, its records made ready for the model, and the noise of every channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+
+import casadi as ca
+import numpy as np
+
+from casid.diagnosis.flight.redundant import RATE_OF, is_derived
+from casid.errors import InputError
+from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
+from casid.model import operators
+from casid.model.aircraft import Aircraft
+from casid.model.applied import axes_of
+from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs
+from casid.model.path import (
+    AIR_STATES,
+    STATES,
+    SignalPath,
+    air_data_station,
+    disturbance_names,
+    surface_station,
+    wind_station,
+)
+from casid.model.system import Model
+from casid.model.terms import Term
+from casid.native.compiler import BUILDING, Compilable
+from casid.records.noise import density_sigma, high_band_holds, mean_over, motion_edge, pooled_sigma, quiet_windows
+from casid.records.record import Record
+from casid.signals import SURFACES
+
+# with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
+_NOT_JUDGED = ("altitude",)
+_NOTHING: Mapping[str, str] = MappingProxyType({})
+_CLEARLY = 1.2  # ratio above which a noise density is more than a high band within its scatter
+_COMMON = 0.7  # part of the outputs that a filter common to all channels shows in
+_LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flight:
+    """An aircraft and its prepared records.
+
+    axes, outputs  which model the records can feed, and which channels it must explain
+    sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
+    doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
+                   to be raised by `with_noise_above`
+    turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
+    held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
+    """
+
+    aircraft: Aircraft
+    axes: str
+    outputs: tuple[str, ...]
+    records: tuple[Record, ...]
+    sigma: dict[str, float]
+    input_sigma: dict[str, float]
+    doubted: tuple[str, ...] = ()
+    turning: Mapping[str, float] = field(default_factory=dict)
+    held: float = 0.0
+    _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
+    _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(record.name for record in self.records)
+
+    def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
+        """Measurement and input noise, and `coloured` disturbances beside them."""
+        return NoiseModel(measurement=self.sigma, inputs=self.input_sigma, coloured=coloured or {})
+
+    def model(self, effects: Sequence = ()) -> Model:
+        """The aircraft model of this flight, with symbolic `effects` among its parameters."""
+        symbolic = [effect for effect in effects if effect.symbolic]
+        key = tuple(effect.name for effect in symbolic)
+        with BUILDING:
+            if key not in self._models:
+                self._models[key] = aircraft_model(
+                    self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic, turning=self.turning
+                )
+        return self._models[key]
+
+    def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
+        """The functions of one of its models, with derivatives by the `free` parameters."""
+        key = model, tuple(free)
+        with BUILDING:
+            if key not in self._functions:
+                self._functions[key] = PointFunctions(model, free)
+        return self._functions[key]
+
+    def regressors(self, model: Model) -> Regressors:
+        """The aerodynamic regressors of one of its models."""
+        with BUILDING:
+            if model not in self._regressors:
+                self._regressors[model] = Regressors(self, model)
+        return self._regressors[model]
+
+    def batch(self, model: Model) -> Batch:
+        batch = make_batch(model, self.records)
+        return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held)) if self.held else batch
+
+    def measured(self, model: Model) -> np.ndarray:
+        """(N, R, states) motion as it was measured, what is not measured by the trim."""
+        X = np.zeros((max(map(len, self.records)), len(self.records), len(model.states)))
+        for j, record in enumerate(self.records):
+            guess = model.guess(record)
+            X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+        return X
+
+    def with_noise_above(self, left: Sequence[Record]) -> Flight:
+        """This flight with the noise of doubted outputs as in `left`, what a fitted model leaves of every record.
+
+        Counted is what is left in the octave above the motion (`motion_edge`), and of that no more than was measured
+        there. Assumes that the noise is as dense below that octave as in it, and that what is left in it is no fault.
+        """
+        edge = motion_edge(self.records)
+        if edge == 0.0:
+            return self
+        raised = {}
+        for name in self.doubted:
+            both = (_that_have(records, name) for records in (left, self.records))
+            density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in both)
+            if density > _CLEARLY * self.sigma[name]:
+                raised[name] = density
+        return replace(self, sigma=self.sigma | raised)
+
+    def with_filtered_inputs(self) -> Flight:
+        """This flight with the noise of inputs as dense in the band of the motion as a filter common to all channels
+        has left it: where most outputs were filtered, as much above what the high band shows as theirs is.
+
+        An input's own spectrum cannot tell, for it moves at will.
+        """
+        edge = motion_edge(self.records)
+        factors = [self.sigma[o] / _sigma([r[o] for r in of]) for o, of in self._filtered(self.outputs, edge).items()]
+        if len(factors) < _COMMON * len(self.outputs):
+            return self
+        names = [name.removeprefix("d_") for name in self.input_sigma]
+        stated = self.aircraft.noise
+        filtered = [name for name in self._filtered(names, edge) if not stated.get(name)]
+        denser = {f"d_{name}": max(float(np.median(factors)), 1.0) * self.input_sigma[f"d_{name}"] for name in filtered}
+        return replace(self, input_sigma=self.input_sigma | denser, _regressors={})
+
+    def _filtered(self, names: Sequence[str], edge: float) -> dict[str, list[Record]]:
+        """Channels whose high band does not show their noise, with the records that have them."""
+        having = {name: _that_have(self.records, name) for name in names}
+        return {name: records for name, records in having.items() if not high_band_holds(records, name, edge)}
+
+    def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
+        """The same records in a model that moving air turns, too."""
+        return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
+
+    def with_inputs_held(self, share: float) -> Flight:
+        """This flight with inputs held over a share of the sample interval (`Batch.held`), and a note of it."""
+        late = 0.5e3 * share * float(np.median([record.dt for record in self.records]))
+        note = f"inputs: taken to act {abs(late):.2g} ms {'after' if late > 0.0 else 'before'} the straight line"
+        note += f" between their samples, as the surfaces agree: held over {share:.0%} of an interval"
+        others = (tuple(n for n in record.notes if not n.startswith("inputs: ")) for record in self.records)
+        noted = zip(self.records, others, strict=True)
+        return replace(self, held=share, records=tuple(replace(r, notes=(*notes, note)) for r, notes in noted))
+
+    def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
+        """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than
+        two of the outputs."""
+        ready = [flight_inputs(aircraft, record, self.axes) for record in records]
+        ready = tuple(_with_all(record, self.outputs) for record in ready)
+        return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
+
+
+def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
+    """Decide axes, outputs and noise from what the records hold. Offsets of all six coefficients are always fitted.
+
+    Raises InputError when the records cannot feed any model, or hold nothing to be explained.
+    """
+    axes = axes_of(records)
+    offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
+    aircraft = aircraft.with_derivatives(offsets)
+    ready = [flight_inputs(aircraft, record, axes) for record in records]
+    moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
+    outputs = tuple(o for o in moved if _moves(ready, o))
+    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in _that_have(ready, o)]) for o in outputs}
+    left_out = {o: "constant in all records" for o in moved if o not in outputs}
+    for acceleration, rate in RATE_OF.items():
+        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma[rate]):
+            del sigma[acceleration]
+            left_out[acceleration] = f"computed from {rate}, whose noise it has, and nothing new"
+    outputs = tuple(sigma)
+    ready = tuple(_with_all(record, outputs, left_out) for record in ready)
+    inputs = {f"d_{name}": [r[name] for r in ready] for name in (*SURFACES, "thrust")}
+    input_sigma = {
+        name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
+        for name, series in inputs.items()
+        if np.ptp(np.concatenate(series)) > 0.0
+    }
+    input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
+    edge = motion_edge(ready)
+    unsure = [o for o in outputs if not aircraft.noise.get(o)]
+    doubted = tuple(o for o in unsure if not high_band_holds(_that_have(ready, o), o, edge))
+    return Flight(
+        aircraft=aircraft,
+        axes=axes,
+        outputs=outputs,
+        records=ready,
+        sigma=sigma,
+        input_sigma=input_sigma,
+        doubted=doubted,
+    )
+
+
+def _has(record: Record, name: str) -> bool:
+    """Whether more than a tenth of the samples are there."""
+    return name in record and np.isfinite(record[name]).sum() > len(record) // 10
+
+
+def _that_have(records: Sequence[Record], name: str) -> list[Record]:
+    return [record for record in records if _has(record, name)]
+
+
+def _moves(records: Sequence[Record], name: str) -> bool:
+    """Whether a channel is measured in some record, and is no constant."""
+    values = [record[name][np.isfinite(record[name])] for record in _that_have(records, name)]
+    return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
+
+
+def _with_all(record: Record, outputs: Sequence[str], left_out: Mapping[str, str] = _NOTHING) -> Record:
+    """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
+    channels that are `left_out`, with the reason. Raises InputError when it measures less than two."""
+    shown = [name for name in outputs if _has(record, name)]
+    if len(shown) < 2:
+        raise InputError(
+            f"record '{record.name}': of the outputs {', '.join(outputs) or 'of the model'} it has only "
+            f"{', '.join(shown) or 'none'}; at least two are needed: add the columns, or leave the record out"
+        )
+    absent = {name: np.full(len(record), np.nan) for name in outputs if name not in shown}
+    notes = [f"{name}: not measured here, so the other records alone tell of it" for name in absent]
+    notes += [f"{name}: {why}, so it is left out" for name, why in left_out.items() if name in record]
+    return replace(record.with_channels(**absent), notes=(*record.notes, *notes)) if notes else record
+
+
+def _sigma(series: list[np.ndarray]) -> float:
+    """1-sigma of the noise; `_LEAST_NOISE` where the samples are too few to tell."""
+    noise, variation = pooled_sigma(series), float(np.nanstd(np.concatenate(series)))
+    return max(noise if np.isfinite(noise) else 0.0, _LEAST_NOISE * variation, 1e-12)
+
+
+class Regressors:
+    """The aerodynamic regressors of an aircraft along trajectories, by name, and its inputs with them."""
+
+    def __init__(self, flight: Flight, model: Model) -> None:
+        named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
+        moving = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
+        air = [AIR_STATES[axis][0] for axis in flight.turning]
+        path = SignalPath(
+            aircraft=flight.aircraft,
+            state={s: named[s] for s in (*STATES, *air) if s in named},
+            inputs=named,
+            parameter={},
+            turning={axis: sign for axis, sign in flight.turning.items() if AIR_STATES[axis][0] in named},
+            disturbance={d: moving.get(d, ca.SX(0)) for d in disturbance_names(flight.aircraft.force_axes)},
+        )
+        for station in (surface_station, wind_station, air_data_station):
+            station(path)
+        self.names = tuple(path.regressor)
+        self._inputs, self._states, self._sigma = model.inputs, model.states, flight.input_sigma
+        self._batch = make_batch(model, flight.records)
+        self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
+        expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
+        self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
+        self._measured, self._disturbances = flight.measured(model), len(model.disturbances)
+        self._windows = {name: self._quiet(i, name) for i, name in enumerate(self._inputs)}
+        quiet = self.inputs({})
+        self.recorded = {name: quiet[..., i] for i, name in enumerate(self._inputs)}
+
+    def _quiet(self, i: int, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each record the windows over which an input may be averaged."""
+        sigma, samples = self._sigma.get(f"d_{name}", 0.0), self._batch.live.sum(axis=0)
+        return [quiet_windows(self._batch.U[:n, j, i], sigma) for j, n in enumerate(samples)]
+
+    def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N, R, nu) recorded inputs with the most likely `noise` (disturbance -> (N, R)) that the motion shows taken
+        into account, denoised.
+
+        Noise in a recorded input is noise in what is made of it, and would match the residual that it causes itself;
+        what is left of it beside the motion does not. More noise than there can be is a fault's, and counts the less
+        the more of it there is.
+        """
+        U, live = self._batch.U.copy(), self._batch.live
+        for i, name in enumerate(self._inputs):
+            if (station := f"d_{name}") in noise:
+                power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
+                U[..., i] += noise[station] / np.maximum(power, 1.0)
+            for j, windows in enumerate(self._windows[name]):
+                samples = len(windows[0])
+                U[:samples, j, i] = mean_over(U[:samples, j, i], *windows)
+                U[samples:, j, i] = U[samples - 1, j, i]
+        return U
+
+    def variation(self, term: Term) -> float:
+        """Standard deviation of a term along the motion as it was measured."""
+        live = self._batch.live
+        return float(np.std(np.broadcast_to(term.evaluate(self._as_measured), live.shape)[live]))
+
+    @cached_property
+    def _as_measured(self) -> dict[str, np.ndarray]:
+        X = self._measured
+        return self.along(X, np.zeros((*X.shape[:2], self._disturbances)), self._batch.U)
+
+    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
+        """name -> (N, R): regressors of the trajectory X (N, R, nx) with `inputs` (N, R, nu) in moving air
+        (disturbances W (N, R, nw)), rates of the flow angles by differences included, and the inputs."""
+        values = at_points(self._function, X, inputs, W)[0][..., 0]
+        table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
+        table |= {name: values[..., i] for i, name in enumerate(self.names)}
+        motion = {name: X[..., i] for i, name in enumerate(self._states)}
+        table |= {name: motion[name] for name in ("phi", "theta") if name in motion}
+        if all(name in motion for name in operators.TURNING):
+            columns = zip(self._batch.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
+            table["turned"] = np.stack([operators.turned(*column) for column in columns], axis=1)
+        for angle, length in self._lengths.items():
+            rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._batch.t.T, strict=True)]
+            table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]
+        return table

@@ -1,0 +1,114 @@
+"""How well a fitted model explains each channel: residual, whiteness, Theil, R2, spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal, stats
+
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.hypothesis import readings
+
+_LAGS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFit:
+    """One channel over all records.
+
+    rms          of measured minus simulated, the simulation running freely from each record's fitted initial state
+    noise        1-sigma of the instrument, from the band above the motion
+    whiteness_p  Ljung-Box p-value of the innovations; small: something systematic is left
+    theil        inequality coefficient of measured and simulated, 0 perfect, 1 useless
+    R2           share of the channel's variance that the simulation explains
+    """
+
+    rms: float
+    noise: float
+    whiteness_p: float
+    theil: float
+    R2: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Simulated:
+    """Free simulation of a fit: `output` (N, R, ny), `residual` measured minus simulated with NaN where not seen."""
+
+    output: np.ndarray
+    residual: np.ndarray
+
+
+def free_simulation(fit: Fit) -> Simulated:
+    """Fly every record from its fitted initial state, open loop on the recorded inputs."""
+    model, batch = fit.model, fit.batch
+    N, R = batch.live.shape
+    chain = fit.functions.step_function.mapaccum("chain", N - 1)
+    X = np.empty((N, R, len(model.states)))
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances, batch.held_at(model))
+    for r in range(R):
+        P = np.tile(fit.parameters[r][:, None], (1, N - 1))
+        given = (one[:, r].T for one in (U0, U1))
+        states = chain(fit.linear.X[0, r], *given, P, W0[:, r].T, W1[:, r].T, batch.dt[:, r][None])
+        X[:, r] = np.vstack([fit.linear.X[0, r][None], states.full().T])
+    output = fit.output_along(X)
+    output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
+    seen = np.isfinite(batch.Z) & batch.live[..., None]
+    return Simulated(output=output, residual=np.where(seen, batch.Z - output, np.nan))
+
+
+def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
+    """Statistics of every output that some record measures, over all records."""
+    table = {}
+    for i, name in enumerate(fit.model.outputs):
+        if not fit.linear.seen[..., i].any():
+            continue
+        error, measured = simulated.residual[..., i], np.where(fit.linear.seen[..., i], fit.batch.Z[..., i], np.nan)
+        predicted = measured - error
+        rms = _rms(error)
+        table[name] = ChannelFit(
+            rms=rms,
+            noise=fit.noise.measurement[name],
+            whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i]),
+            theil=rms / (_rms(measured) + _rms(predicted)),
+            R2=1.0 - rms**2 / float(np.nanvar(measured)),
+        )
+    return table
+
+
+def _rms(values: np.ndarray) -> float:
+    with np.errstate(over="ignore"):  # of a simulation that diverges: infinite
+        return float(np.sqrt(np.nanmean(values**2)))
+
+
+def whiteness(white: np.ndarray, seen: np.ndarray) -> float:
+    """Ljung-Box p-value over `_LAGS` lags, pooled over the columns (records) of a channel (N, R)."""
+    statistic, dof = 0.0, 0
+    for r in range(white.shape[1]):
+        e = white[seen[:, r], r]
+        n = len(e)
+        if n <= 2 * _LAGS:
+            continue
+        e = e - e.mean()
+        correlation = np.array([e[k:] @ e[: n - k] for k in range(1, _LAGS + 1)]) / (e @ e)
+        statistic += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
+        dof += _LAGS
+    return float(stats.chi2.sf(statistic, dof)) if dof else 1.0
+
+
+def band_energy(fit: Fit, simulated: Simulated, edges_hz: np.ndarray) -> np.ndarray:
+    """(ny, bands) energy of the free-simulation residual over that of the instrument's noise, per frequency band."""
+    ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
+    for i, name in enumerate(fit.model.outputs):
+        total = np.zeros(len(edges_hz) - 1)
+        measured = [r for r in range(len(fit.batch.names)) if fit.linear.seen[:, r, i].any()]
+        for r in measured:
+            record = fit.flight.records[r]
+            error = np.nan_to_num(simulated.residual[: len(record), r, i])
+            frequency, power = signal.periodogram(error - error.mean(), 1.0 / record.dt)
+            floor = 2.0 * fit.noise.measurement[name] ** 2 * record.dt
+            for b, (low, high) in enumerate(zip(edges_hz[:-1], edges_hz[1:], strict=True)):
+                inside = (frequency >= low) & (frequency < high)
+                total[b] += power[inside].mean() / floor if inside.any() else 0.0
+        ratio[i] = total / len(measured) if measured else np.nan
+    return ratio

@@ -1,0 +1,64 @@
+"""The extended aircraft file: what was estimated, and the causes that were named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.result import Cause
+from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.applied import with_estimates
+from casid.model.causes import turbulence as turbulence_effect
+
+
+def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
+    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects, and
+    what is `minor` but stands in the fit beside them, terms of the aerodynamics as such."""
+    known = {(e.kind, e.target, e.term) for e in aircraft.effects}
+    missing = {one.effect.key for one in fit.attached}
+    if fit.noise.coloured:
+        missing.add(turbulence_effect("").key)
+    missing -= known
+    terms: dict[str, dict[str, float]] = {}
+    effects = []
+    for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
+        key = cause.kind, cause.target, cause.term
+        if key not in missing:
+            continue
+        missing.remove(key)
+        if not named and cause.term:
+            terms.setdefault(cause.target, {})[cause.term] = cause.value
+        else:
+            effects.append(_as_effect(cause, fit.batch.names))
+    std = {slot.name: fit.std(slot.name) for slot in fit.slots}
+    estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
+    return (
+        replace(estimated, effects=tuple(_as_fitted(e, fit) for e in estimated.effects))
+        .with_terms(terms)
+        .with_effects(effects)
+    )
+
+
+def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
+    return EffectValue(
+        kind=cause.kind,
+        target=cause.target,
+        term=cause.term,
+        value=cause.value,
+        std=cause.std,
+        records=cause.records if set(cause.records) != set(fitted) else (),
+        onset_s=dict(cause.onset_s) if cause.onset_s else None,
+        parameters=dict(cause.parameters),
+        sentence=cause.sentence,
+    )
+
+
+def _as_fitted(effect: EffectValue, fit: Fit) -> EffectValue:
+    """An effect of the file with its onsets as they were fitted, their intervals as wide as they were."""
+    onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
+    moved = dict(effect.onset_s or {})
+    for record, onset in onsets.items():
+        low, high = moved[record]
+        moved[record] = (onset - 0.5 * (high - low), onset + 0.5 * (high - low))
+    return replace(effect, onset_s=moved or None)

@@ -1,0 +1,176 @@
+"""Judge fitted models on records that no fit has seen: only initial states, and onsets of events, are found anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit, without
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.kinematics import free_forces
+from casid.diagnosis.naming.events import BETWEEN, at_peak
+from casid.diagnosis.result import Trial
+from casid.errors import InputError
+from casid.model.applied import with_estimates
+from casid.records.record import Record
+
+_MOVES = 2  # of the onsets of an event
+_OF_THE_GAIN = 0.05  # part of what a step gains in the fitted records: to lose less in the held-out ones is no loss
+
+
+def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """(records to fit, records held back). Without `hold_out` the last record is held back, or of a single one its last
+    third. Raises InputError when two records share a name."""
+    if not records:
+        raise InputError("no record to diagnose")
+    names = [r.name for r in (*records, *hold_out)]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise InputError(f"two records are named '{twice[0]}'; names must differ")
+    if hold_out:
+        return list(records), list(hold_out)
+    if len(records) > 1:
+        return list(records[:-1]), [records[-1]]
+    only = records[0]
+    cut = only.t[0] + 2.0 / 3.0 * only.duration
+    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, last third")]
+
+
+def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
+    """The fitted model on other records, derivatives and effects fixed."""
+    held = fitted.flight.with_records(with_estimates(fitted.flight.aircraft, fitted.derivatives, {}), records)
+    steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
+    base = fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0)
+    for one in fitted.attached:
+        if one.records:
+            without = _states(base, [a for a in base.attached if a.name != one.name])
+            base = min(base, without, key=lambda f: f.deviance)
+    recurring = [a for a in fitted.attached if a.effect.recurring]
+    for one in (*recurring, *recurring[:-1]):  # once more, beside those that were not there yet
+        base = _recurred(base, one)
+    return base
+
+
+def with_events(held: Fit, fitted: Fit) -> Fit:
+    """The fit of held-out records with those events too that need not repeat, where they do."""
+    for one in fitted.attached:
+        if one.effect.timed and not one.effect.recurring:
+            held = _recurred(held, one)
+    return held
+
+
+def _recurred(base: Fit, one: Attached) -> Fit:
+    """The fit with the event where it helps most, or without it, whichever is better."""
+    others = [a for a in base.attached if a.name != one.name]
+    without = base if len(others) == len(base.attached) else _states(base, others)
+    found = [base, without]
+    if onsets := _onsets(without, one):
+        moved = _states(without, [*others, replace(one, onsets=onsets)])
+        found.append(at_peak(weigh(moved, discrepancy=False), _MOVES, free="states")[0].fit)
+    return min(found, key=lambda f: f.deviance)
+
+
+def _states(base: Fit, attached: Sequence[Attached]) -> Fit:
+    return fit(base.flight, attached, base.noise, base, free="states", iterations=4, tolerance=1.0)
+
+
+def _everywhere(one: Attached) -> Attached:
+    return replace(one, records=())
+
+
+def _onsets(base: Fit, one: Attached) -> dict[str, float]:
+    """Where the event, at its known size, helps most in each record; a record that it does not help is left out."""
+    judge, found = Screen(weigh(base, discrepancy=False)), {}
+    size = one.values["value"]
+    further = {k: v for k, v in one.values.items() if k != "value"}
+    effect = replace(one.effect, grid=({**further, "value": size},))
+    prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, BETWEEN, further.get("length", np.inf)))
+    for r, record in enumerate(base.flight.records):
+        drops = [judge.drop(print_, r) for print_ in prints]  # none in records too short for an event
+        if max(drops, default=0.0) > 2.0 * np.log(max(len(prints), 1)):
+            found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
+    return found
+
+
+def steps_to_keep(gains: Sequence[float | None]) -> int:
+    """Number of first steps whose gains (None: not known) add up to the most, the largest of equals."""
+    sums = np.cumsum([0.0, *(gain or 0.0 for gain in gains)])
+    return int(len(gains) - np.argmax(sums[::-1]))
+
+
+def best_on_held(
+    held: Sequence[Record],
+    steps: Sequence[Fit],
+    on_held: Sequence[Fit],
+    gains: Sequence[float | None],
+    on_fitted: Sequence[float],
+) -> tuple[Fit, Fit]:
+    """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
+    of them that lost there and are still no help beside the later ones. A loss that is nothing beside what the step
+    gains `on_fitted` records, in 2 ln L, is none: the held-out ones may hardly move what the cause is about."""
+    samples = on_held[-1].readings
+    gains = [
+        gain if gain is None or -2.0 * gain * samples > _OF_THE_GAIN * fitted else max(gain, 0.0)
+        for gain, fitted in zip(gains, on_fitted, strict=True)
+    ]
+    kept = steps_to_keep(gains)
+    final, held_final = steps[kept], on_held[kept]
+    for before, after, gain in zip(steps[:kept], steps[1 : kept + 1], gains, strict=False):
+        new = {a.name for a in after.attached} - {a.name for a in before.attached}
+        if gain is None or gain >= 0.0 or not new:
+            continue
+        others = without(final, new)
+        held_others = judge_on(held, others)
+        if held_others.data_deviance <= held_final.data_deviance:
+            final, held_final = others, held_others
+    return final, held_final
+
+
+def kinematic_gain(
+    flight: Flight, held: Sequence[Record], before: Fit, after: Fit, moving: Mapping[str, tuple[float, float]]
+) -> float:
+    """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
+    is wrong with the aerodynamics of the held-out records cannot refuse it."""
+    there = flight.with_records(flight.aircraft, held)
+    noise = there.noise(free_forces(there) | dict(moving))
+    found = []
+    for step in (before, after):
+        faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
+        found.append(fit(there, faults, noise, free="states", iterations=6, tolerance=1.0))
+    return 0.5 * (found[0].data_deviance - found[1].data_deviance) / found[1].readings
+
+
+def gains_by_kinematics(
+    flight: Flight,
+    held: Sequence[Record],
+    steps: Sequence[Fit],
+    gains: Sequence[float | None],
+    trials: Sequence[Trial],
+    moving: Mapping[str, tuple[float, float]],
+) -> list[float | None]:
+    """`gains` of the steps, the last of which named `trials`; instruments that kinematics found and that lose there are
+    judged by the held-out kinematics."""
+    found = list(gains)
+    for i, trial in enumerate(trials, start=len(found) - len(trials)):
+        if trial.confirmed and trial.effect.of_an_instrument and (found[i] or 0.0) < 0.0:
+            found[i] = kinematic_gain(flight, held, steps[i], steps[i + 1], moving)
+    return found
+
+
+def held_gains(on_held: Sequence[Fit]) -> list[float | None]:
+    """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat,
+    whatever slight errors of instruments were put in beside it."""
+    gains: list[float | None] = []
+    for before, after in pairwise(on_held):
+        new = {a.name for a in after.attached if not a.slight} - {a.name for a in before.attached}
+        gain = 0.5 * (before.data_deviance - after.data_deviance) / after.readings
+        gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
+    return gains

@@ -1,0 +1,373 @@
+"""From naming to a verdict: causes in words, what is minor, what stays unexplained, and the extended aircraft file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
+from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
+from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_oscillation
+from casid.diagnosis.evidence.screening import Candidate
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.naming.comparing import ALIKE, sine
+from casid.diagnosis.naming.events import Intervals
+from casid.diagnosis.naming.explaining import mostly_gone
+from casid.diagnosis.naming.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming
+from casid.diagnosis.naming.size import SHARE, meaningful_share, missing_share, plausible
+from casid.diagnosis.naming.trials import gain_asked, matters
+from casid.diagnosis.result import Cause, Trial
+from casid.model.aircraft import Aircraft
+from casid.model.causes import aero_term, unsteady_aero
+from casid.model.causes import turbulence as turbulence_effect
+from casid.model.terms import parse_term
+from casid.model.vocabulary import effect_sentence
+
+MISSING_GAIN = 150.0
+_DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
+_LASTING = ("length", "duration")  # values that say how long an event takes
+# times what matters, from which structure that every aircraft has is a cause, and times that beside what gains more
+_NOTABLE, _BESIDE = 2.0, 1.5
+_HINT = 0.5  # part of the gain of a name from which a cause that is none is worth a look
+_MOST = 0.75  # of what is missing, that something too small to matter explains if it is what is missing
+_SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
+_OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
+_STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
+
+
+def causes_of(
+    naming: Naming,
+    evidence: Evidence,
+    turbulence: Turbulence,
+    held_gains: Sequence[float | None],
+    structure: Sequence[Attached] = (),
+    structure_gain: float | None = None,
+    least: float = 0.0,
+    left: Sequence[MissingInput] = (),
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """(causes, minor), strongest first.
+
+    evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
+                minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside
+                others, or that never mattered
+    held_gains  log likelihood per held-out sample of turbulence and then of every named round
+    structure   what is expected of any aircraft and was put into the model beforehand, which together gained
+                `structure_gain` on the held-out records: minor, unless it is a term that gains more than `least`,
+                matters twice as much as one that is named must, three times beside what gains more, nothing is
+                unexplained, which distorts it, and little is `left` missing at its coefficient. What is expected of
+                some aircraft, and was named, is minor unless it cannot be told from another cause
+    """
+    named, final = naming.named, evidence.fit
+    there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
+    causes, minor, superseded, expected, small = [], [], [], [], []
+    if turbulence.named:
+        (causes if final.noise.coloured else minor).append(
+            _turbulence(turbulence, final.flight.aircraft, held_gains[0])
+        )
+    for round_, held in zip(named, held_gains[1:], strict=True):
+        name = round_.trials[0].candidate.name
+        if name in there and is_sure(evidence, name) and _still_matters(final, name):
+            alone = round_.trials[0].effect.expected and not round_.equivalents
+            group = expected if alone else causes
+            group.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
+        elif name in there:
+            group = superseded if round_.trials[0].meaningful else small
+            group.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
+        else:
+            (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
+    minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
+    minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
+    minor += [
+        *small,
+        *(
+            replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.")
+            for c in superseded
+        ),
+    ]
+    missing = {m.station: m.gain for m in left}
+    unexplained = still_missing(evidence, left, causes, least)
+    strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
+    for one in structure:
+        left_there = np.inf if unexplained else missing.get(f"d{one.effect.target}", 0.0)
+        put_in = _expected(one.name, evidence, structure_gain, least, left_there, strongest)
+        (causes if put_in.meaningful else minor).append(put_in)
+    return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
+
+
+def _still_matters(fit: Fit, name: str) -> bool:
+    """Whether a named cause is of a size that matters beside those that were named after it."""
+    return meaningful_share(fit, next(a for a in fit.attached if a.name == name)) >= 1.0
+
+
+def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
+    """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
+    small terms. What is missing distorts small things: while something is, only a cause that gains `_MOST` of what any
+    of the inputs `missing`, of whatever shape, does; then it may be what is missing."""
+    found = [_cause(trial, naming, (), None) for trial in minor_trials(naming, seen)]
+    if missing:
+        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > _MOST * missing[0].gain)
+    return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
+
+
+def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
+    """Trials of the round that named nothing that gain enough, and are only too small; most gain first, and of those
+    that look alike at one place the first."""
+    known, found = {(c.kind, c.target, c.term) for c in seen}, []
+    for round_ in [r for r in naming.rounds if not r.named][:1]:
+        for trial in sorted(round_.trials, key=lambda t: -t.net):
+            effect = trial.effect
+            if (
+                trial.net > gain_asked(effect)
+                and not trial.refuted
+                and not trial.meaningful
+                and plausible(trial.candidate.attached)
+                and effect.key not in known
+                and not any(t.effect.target == effect.target and sine(t, trial) < ALIKE for t in found)
+            ):
+                found.append(trial)
+                known.add(effect.key)
+    return found
+
+
+def _as_in(evidence: Evidence, trial: Trial) -> Trial:
+    """The trial with its value in the final fit, in which later causes stand beside it, and an honest 1-sigma."""
+    one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
+    candidate = replace(trial.candidate, attached=one)
+    share = meaningful_share(evidence.fit, one)
+    return replace(trial, candidate=candidate, std=deviation(evidence, one.name), share=share)
+
+
+def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
+    one, names = trial.candidate.attached, naming.evidence.fit.batch.names
+    effect, values = one.effect, one.effect.in_words(one.values)
+    dof, value, statistic = len(values), values["value"], trial.gain + trial.excess
+    return Cause(
+        kind=effect.kind,
+        target=effect.target,
+        term=effect.term,
+        value=value,
+        std=trial.std,
+        unit=effect.unit,
+        records=tuple(one.onsets) if effect.timed else one.records or names,
+        onset_s=onset_intervals(naming.evidence, one, naming.intervals.get(one.name, {})) if effect.timed else None,
+        statistic=statistic,
+        dof=dof,
+        p_value=float(stats.chi2.sf(max(statistic, 0.0), dof)),
+        held_out_gain=held,
+        indistinguishable_from=tuple(_named(t) for t in equivalents),
+        sentence=_sentence(one, value, len(names)),
+        parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
+        meaningful=trial.meaningful,
+        share=trial.share,
+    )
+
+
+def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> Intervals:
+    """95 % intervals of onsets with room for how long the event takes: what the data tell of it is its middle, unless
+    it outlasts the records."""
+    longest = max(record.duration for record in evidence.fit.flight.records)
+    lasting = {f"{one.name}.{key}" for key, value in one.values.items() if key in _LASTING and value < longest}
+    half = [0.5 * deviation(evidence, slot.name) for slot in evidence.fit.slots if slot.name in lasting]
+    room = 1.96 * sum(half)
+    return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
+
+
+def _expected(name: str, evidence: Evidence, held: float | None, least: float, left: float, strongest: float) -> Cause:
+    fit = evidence.fit
+    one = next(a for a in fit.attached if a.name == name)
+    effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
+    share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
+    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0)
+    meaningful = share > notable and statistic > least and matters(share, statistic) and is_sure(evidence, name)
+    meaningful = meaningful and not one.slight and (held is None or held >= 0.0) and mostly_gone(statistic, left)
+    return Cause(
+        kind=effect.kind,
+        target=effect.target,
+        term=effect.term,
+        value=value,
+        std=deviation(evidence, name),
+        unit=effect.unit,
+        records=fit.batch.names,
+        onset_s=None,
+        statistic=statistic,
+        dof=1,
+        p_value=float(stats.chi2.sf(statistic, 1)),
+        held_out_gain=held,
+        indistinguishable_from=(),
+        parameters={},
+        meaningful=meaningful,
+        share=share,
+        sentence=sentence if meaningful or one.slight else f"Expected of any aircraft, and added: {sentence}",
+    )
+
+
+def _named(trial: Trial) -> Mapping[str, object]:
+    effect = trial.effect
+    return {
+        "kind": effect.kind,
+        "target": effect.target,
+        "term": effect.term,
+        "value": float(trial.candidate.attached.values["value"]),
+        "unit": effect.unit,
+        "gain": trial.gain,
+    }
+
+
+def _sentence(one: Attached, value: float, records: int) -> str:
+    effect = one.effect
+    text = effect_sentence(effect.kind, effect.target, effect.term, value)
+    if effect.timed:
+        return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
+    if one.records and len(one.records) < records:
+        others = " (or the other way in the others: free derivatives show differences between records only)"
+        return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
+    return text
+
+
+def _turbulence(turbulence: Turbulence, aircraft: Aircraft, held: float | None) -> Cause:
+    effect = turbulence_effect("")
+    return Cause(
+        kind=effect.kind,
+        target=effect.target,
+        term=None,
+        value=turbulence.sigma,
+        std=turbulence.std,
+        unit=effect.unit,
+        records=turbulence.records,
+        onset_s=None,
+        statistic=turbulence.gain,
+        dof=1,
+        p_value=float(0.5 * stats.chi2.sf(turbulence.gain, 1)),
+        held_out_gain=held,
+        indistinguishable_from=(),
+        sentence=effect_sentence(*effect.key, turbulence.sigma),
+        parameters={},
+        meaningful=True,
+        share=turbulence.sigma / (effect.smallest_that_matters(aircraft) or 1.0),
+    )
+
+
+def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
+    """Terms that the data want clearly but that are too small to matter, from the marginalised posterior."""
+    fit, k, size = evidence.fit, len(evidence.fit.slots), variation(evidence.fit)
+    found = []
+    for i, (coefficient, term) in enumerate(evidence.terms):
+        mean, std = float(evidence.newton[k + i]), float(np.sqrt(evidence.covariance[k + i, k + i]))
+        if abs(mean) < _SIGNIFICANT * std or (coefficient, term) in known:
+            continue
+        factor = evidence.factors[i]
+        series = np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape)
+        left = unlike_derivatives(fit, coefficient, mean * factor * series)
+        share = float(np.std(left[fit.batch.live])) / size[coefficient]
+        if share > SHARE:
+            continue  # not small: it stands for something that is missing, and the verdict says where
+        effect = unsteady_aero(coefficient) if "dot" in term else aero_term(coefficient, term)
+        sentence = effect_sentence(*effect.key, mean * factor)
+        found.append(
+            Cause(
+                kind=effect.kind,
+                target=coefficient,
+                term=effect.term,
+                value=mean * factor,
+                std=std * factor,
+                unit=effect.unit,
+                records=fit.batch.names,
+                onset_s=None,
+                statistic=(mean / std) ** 2,
+                dof=1,
+                p_value=float(stats.chi2.sf((mean / std) ** 2, 1)),
+                held_out_gain=None,
+                indistinguishable_from=(),
+                parameters={},
+                meaningful=False,
+                share=share / SHARE,
+                sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
+            )
+        )
+    return sorted(found, key=lambda c: -c.statistic)[:5]
+
+
+def still_missing(
+    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float, share: float = SHARE
+) -> list[MissingInput]:
+    """Where something enters that no cause of the catalogue explains, largest gain first: unknown inputs `left` and an
+    oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter: more than a
+    `share` of the variation."""
+    rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
+    enough = max(MISSING_GAIN, least, rough)
+    if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
+        left = [m for m in left if m.station not in _OF_THE_AIR]
+    found = [*left, *missing_oscillation(evidence)]
+    return sorted(
+        (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > share), key=lambda m: -m.gain
+    )
+
+
+def verdict_of(
+    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, fit: Fit
+) -> tuple[str, str]:
+    """(verdict, the sentence that opens the report)."""
+    if causes:
+        told = " ".join(c.told for c in causes)
+        if unexplained:
+            where = _where(unexplained[0], fit.batch.names)
+            return "partly explained", f"{told} Something more is missing: it enters at {where}."
+        return "explained", told
+    if unexplained:
+        air, share = unexplained[0].station.startswith("wind"), missing_share(fit, unexplained[0])
+        size = f", {unexplained[0].rms:.2g} m/s" if air else f", {100 * share:.0f} % of it"
+        where = _where(unexplained[0], fit.batch.names, size)
+        return (
+            "unexplained",
+            f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
+        )
+    remark = " What is expected of such an aircraft, or too small to matter, is listed as minor." if minor else ""
+    adequate = f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+    return "adequate", f"{adequate}{_hint(naming)}"
+
+
+def _hint(naming: Naming) -> str:
+    """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
+    trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
+    near = [t for t in trials if t.net > _HINT * gain_asked(t.effect) and not t.refuted and t.meaningful]
+    if not near:
+        return ""
+    most = max(near, key=lambda t: t.net)
+    one = most.candidate.attached
+    sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(naming.evidence.fit.batch.names))
+    return (
+        f" Not clear enough to be named, but worth a look: {sentence[0].lower()}{sentence[1:-1]} ({_gain(most.gain)})."
+    )
+
+
+def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
+    oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
+    unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
+    return f"{_place(missing.station)}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
+
+
+def _place(station: str) -> str:
+    if station.startswith(READING):
+        return f"the reading of {station.removeprefix(READING)}"
+    return _STATIONS.get(station, station[1:])
+
+
+def _gain(gain: float) -> str:
+    return f"gain {gain:.0f} in 2 ln L"
+
+
+def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:
+    """Name -> smallest size that these records would show (5.6 sigma after projection), aerodynamic terms apart."""
+    return {
+        c.name: float(_DETECTABLE * c.std)
+        for c in candidates
+        if not c.attached.effect.quasi_steady
+        and not c.attached.effect.members
+        and c.attached.effect.linear
+        and np.isfinite(c.std)
+    }

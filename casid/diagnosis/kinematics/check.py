@@ -1,0 +1,117 @@
+"""What kinematics, which know no aerodynamics, say of a cause of the size that the full model finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import Evidence
+from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics import kinematics
+
+KINEMATIC_GAIN = 50.0  # that a cause must promise before kinematics can judge it
+# parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
+_REFUTED, CONFIRMED = 0.3, 0.7
+_LARGER = 1.5  # part above which kinematics find another, larger size
+_CONTRADICTION = 30.0  # chi-square of the size by kinematics against that of the full model, before they contradict it
+_SEEN, _OPPOSED = 9.0, 8.0  # statistic from which a cause shows in kinematics at all, and the same chi-square there
+
+
+@dataclass(frozen=True, kw_only=True)
+class KinematicCheck:
+    """Drop of the kinematic deviance that a cause of the size found in the full model should make, and the drop that it
+    makes; both zero of a cause that kinematics know nothing of.
+
+    The size that kinematics find is (1 + achieved / predicted) / 2 of the cause's, with a 1-sigma of 1 /
+    sqrt(predicted).
+    """
+
+    predicted: float = 0.0
+    achieved: float = 0.0
+
+    @property
+    def judges(self) -> bool:
+        """Whether kinematics could see it."""
+        return self.predicted > KINEMATIC_GAIN
+
+    @property
+    def refuted(self) -> bool:
+        """Whether they clearly do not find it, or find less than half of the little that they should see."""
+        opposed = self.achieved < 0.0 and _SEEN < self.predicted <= KINEMATIC_GAIN and self._contradiction > _OPPOSED
+        return opposed or (self._elsewhere and self.achieved < _REFUTED * self.predicted)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether they find it, of about the same size."""
+        larger = self._elsewhere and self.achieved > _LARGER * self.predicted
+        return self.judges and self.achieved > CONFIRMED * self.predicted and not larger
+
+    @property
+    def smaller(self) -> bool:
+        """Whether they find it of a smaller size."""
+        return self.achieved < self.predicted
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether they could see it, and do not find it of its size."""
+        return self.judges and not self.confirmed
+
+    @property
+    def gain(self) -> float:
+        """Drop of their deviance at the size that they find; none of what they cannot judge."""
+        return (self.predicted + self.achieved) ** 2 / (4.0 * self.predicted) if self.judges else 0.0
+
+    @property
+    def _elsewhere(self) -> bool:
+        """Whether the size by kinematics is clearly another one."""
+        return self.judges and self._contradiction > _CONTRADICTION
+
+    @property
+    def _contradiction(self) -> float:
+        """Chi-square of the size by kinematics against that of the full model."""
+        return (self.predicted - self.achieved) ** 2 / (4.0 * self.predicted)
+
+
+def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck:
+    """The check of a fitted cause; without kinematic evidence, or of moving air that is a process, none."""
+    effect = one.effect
+    if kinematic is None or not effect.kinematic or effect.stochastic:
+        return KinematicCheck()
+    if not effect.linear:
+        return _fitted_check(kinematic.fit, one)
+    size, judge, names = one.values["value"], Screen(kinematic), kinematic.fit.batch.names
+    if effect.timed:
+        parts = prints_of(kinematic, effect, [history(kinematic.fit, one.with_values({"value": 1.0}))])
+    else:
+        further = {key: v for key, v in one.values.items() if key != "value"}
+        parts = fingerprints(kinematic, [replace(effect, grid=(further,))])
+    left, match, _ = judge.projected(parts, np.array([[float(one.concerns(name)) for name in names]]))
+    return KinematicCheck(predicted=size**2 * left, achieved=2.0 * size * match - size**2 * left)
+
+
+def _fitted_check(without: Fit, one: Attached) -> KinematicCheck:
+    """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
+    on: a long delay does to a reading what no tangent at zero tells."""
+    found = kinematics.again(without, [*without.attached, one])
+    size, gain = one.values["value"], without.deviance - found.deviance
+    if gain <= 0.0:
+        predicted = (size / found.std(one.name)) ** 2
+        return KinematicCheck(predicted=predicted, achieved=-predicted)
+    part = found[one.name] / size
+    predicted = gain / part**2
+    return KinematicCheck(predicted=predicted, achieved=predicted * (2.0 * part - 1.0))
+
+
+def hopeless(kinematic: Evidence | None, one: Attached) -> bool:
+    """Whether kinematics refute a cause at half its predicted size and at any larger one. With x times that size they
+    expect x^2 `predicted` and get x (achieved + predicted) - x^2 predicted: refuted for all x above one half when it is
+    at one half."""
+    if one.effect.timed or not one.effect.linear:
+        return False
+    whole = kinematic_check(kinematic, one)
+    predicted, achieved = 0.25 * whole.predicted, 0.25 * whole.achieved
+    return predicted > KINEMATIC_GAIN and 2.0 * achieved + predicted < _REFUTED * predicted

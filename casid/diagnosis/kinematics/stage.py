@@ -1,0 +1,134 @@
+"""What kinematics say before any aerodynamics: which instrument or air cause shows, and is the air turbulent?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.missing_input import ONE_READING, drifts
+from casid.diagnosis.evidence.screening import Candidate, screen
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.check import CONFIRMED
+from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.naming.events import at_peak
+from casid.diagnosis.naming.size import plausible
+from casid.diagnosis.naming.structure import SKEWED, demanded_skews
+from casid.model.effect import Effect
+from casid.model.effects import catalogue
+
+_REPAIRS = 3
+_RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KinematicFindings:
+    """What the stage hands on.
+
+    evidence, ranked  with forces free, in the air as it moves, and its ranking of instrument and air causes; None where
+                      the records cannot free the forces
+    turbulence        whether the air moves
+    slight            errors of instruments that are too small to matter, to be put in beforehand. None in turbulence,
+                      where they stand for what the air does
+    """
+
+    evidence: Evidence | None
+    ranked: list[Candidate]
+    turbulence: Turbulence
+    slight: list[Attached]
+
+
+def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]) -> KinematicFindings:
+    """The kinematics beside effects that are `known` and the small `offsets` of instruments that a baseline asks for,
+    and beside the skews that the kinematics ask for themselves."""
+    if not kinematics.available(flight):
+        return KinematicFindings(
+            evidence=None, ranked=[], turbulence=kinematics.still_air(flight), slight=list(offsets)
+        )
+    of_the_file, slight = [one for one in known if one.effect.kinematic], list[Attached]()
+    calm = kinematics.reconstruct(flight, of_the_file)
+    turbulent = kinematics.turbulence(flight, calm)
+    if turbulent.named:
+        turbulent = _beside_faults(flight, turbulent, calm, _observable(flight, of_the_file))
+    if turbulent.named:
+        moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+        found = kinematics.reconstruct(flight, of_the_file, moving, calm)
+    else:
+        found = kinematics.again(calm, [*of_the_file, *offsets]) if offsets else calm
+        skews = _leading_skews(flight, found)
+        found = kinematics.again(found, [*found.attached, *skews]) if skews else found
+        slight = [*offsets, *skews]
+    evidence = weigh(found, discrepancy=False)
+    ranked = screen(evidence, _observable(flight, found.attached))
+    return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, slight=slight)
+
+
+def _leading_skews(flight: Flight, found: Fit) -> list[Attached]:
+    """Skews that explain more than any cause elsewhere does: a vane that stands metres off has some of them, too."""
+    skews, gained = demanded_skews(found)
+    if not skews:
+        return []
+    elsewhere = [e for e in _observable(flight, found.attached) if e.target not in SKEWED]
+    return skews if gained > max(c.net for c in screen(weigh(found, discrepancy=False), elsewhere)) else []
+
+
+def without_turbulence(
+    flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
+) -> tuple[Evidence, list[Candidate]] | None:
+    """Kinematic evidence in calm air and its ranking, as of `judge_kinematics`, when of what it said there,
+    `turbulent`, little is left beside the causes that were named in it, `attached`: moving air imitates faults until
+    they are found. None when there is."""
+    found = [one for one in attached if one.effect.kinematic]
+    before = [one for one in known if one.effect.kinematic]
+    if len(found) == len(before):
+        return None
+    left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
+    if left.named or left.gain > _RIVAL * turbulent.gain:
+        return None
+    evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
+    return evidence, screen(evidence, _observable(flight, before))
+
+
+def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
+    """Causes of which kinematics know, but for those that are `known`."""
+    taken = {one.effect.key for one in known}
+    return [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
+
+
+def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect]) -> Turbulence:
+    """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
+
+    Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
+    no turbulence, or when they explain more in moving air than it does beside them; and one drifting instrument that
+    tells more than all moving air is one. All beside small offsets of all instruments.
+    """
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+
+    def moved(faulty: Fit) -> float:
+        air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
+        return kinematics.beside_offsets(air).deviance
+
+    faulty, evidence = calm, weigh(kinematics.beside_offsets(calm), discrepancy=False)
+    if drifts(evidence)[0].gain > ONE_READING * turbulent.gain:
+        return kinematics.still_air(flight)
+    in_moving_air = [moved(calm)]
+    for _ in range(_REPAIRS):
+        taken = {a.effect.key for a in faulty.attached}
+        ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
+        if not ranked or ranked[0].net < _RIVAL * (evidence.deviance - in_moving_air[-1]):
+            break
+        other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
+        if ranked[0].attached.effect.timed:
+            other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
+        rested = weigh(kinematics.beside_offsets(other), discrepancy=False)
+        if evidence.deviance - rested.deviance < CONFIRMED * ranked[0].net:
+            break  # it does not keep what it promised: turbulence looks like an instrument fault too
+        faulty, evidence = other, rested
+        in_moving_air.append(moved(faulty))
+    if faulty is calm:
+        return turbulent
+    beside = kinematics.turbulence(flight, faulty)
+    return turbulent if beside.named and in_moving_air[0] - in_moving_air[-1] < beside.gain else beside

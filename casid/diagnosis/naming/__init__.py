@@ -1,0 +1,1 @@
+"""Naming by rules: trials, events, what explains what is missing."""

@@ -1,0 +1,79 @@
+"""Trials beside each other: which comes first, and which cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.naming.size import plausible
+from casid.diagnosis.result import Trial
+
+ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
+
+
+def can_be_named(trial: Trial, least: float) -> bool:
+    """Whether a trial gains more than `least`, and matters or is an instrument's fault that does not."""
+    gained = trial.total if trial.effect.regressor else trial.net
+    return gained > least and (trial.meaningful or _is_small(trial)) and not trial.refuted
+
+
+def _is_small(trial: Trial) -> bool:
+    """Whether it is a fault of an instrument that is too small to matter."""
+    return trial.effect.of_an_instrument and trial.share < 1.0 and plausible(trial.candidate.attached)
+
+
+def small_first(trials: Sequence[Trial], fits: Collection[Trial]) -> list[Trial]:
+    """`trials` in their order, but first a fault of an instrument that is too small to matter, where it explains
+    clearly more than what can be named: left out, it would make a cause of something else."""
+    first = trials[0]
+    small = max((t for t in fits if not t.meaningful), key=lambda t: t.total, default=first)
+    if small.total <= first.total + equivalence(first.gain):
+        return list(trials)
+    return [small, *(t for t in trials if t is not small)]
+
+
+def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
+    """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
+    kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
+    stays behind what they confirm: it owes its gain to the aerodynamics' structure, of which they know nothing. Not
+    what they find smaller, as noise in what makes it does, and what still explains more to them too."""
+    ranked = sorted(trials, key=lambda t: (t not in nameable, -t.total))
+    confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
+    if confirmed and ranked[0].check.judges:
+        first = max(confirmed, key=lambda t: t.total + t.check.gain)
+        leader = ranked[0].check
+        if not (leader.smaller and leader.gain > first.check.gain):
+            ranked.remove(first)
+            ranked.insert(0, first)
+    return ranked
+
+
+def equivalents_of(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
+    whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x. Where
+    the fingerprints have nothing in common both may be true, however near the gains. A fault of an instrument may be
+    too small to matter and explain as much as one elsewhere that is not."""
+    key = best.effect.key  # a variant of the best is no other cause
+    found = []
+    for trial in trials:
+        if trial.effect.key == key or trial.refuted or not (trial.meaningful or _is_small(trial)):
+            continue
+        angle, behind = sine(best, trial), best.total - trial.total
+        if best.check.confirmed and trial.check.judges:
+            behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
+        near = behind < equivalence(best.gain)
+        if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
+            # other small terms explain most of what a term does, and little is left of its gain to compare with
+            near = near or best.exact - trial.exact < equivalence(best.exact)
+        if (near and angle < _UNRELATED) or (angle < ALIKE and behind < 4.0 * np.sqrt(best.total) * angle):
+            found.append(trial)
+    return tuple(found)
+
+
+def sine(one: Trial, other: Trial) -> float:
+    """Sine of the angle between two fingerprints."""
+    a, b = one.fingerprint, other.fingerprint
+    cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
+    return float(np.sqrt(max(1.0 - cosine**2, 0.0)))

@@ -1,0 +1,318 @@
+"""Causes that set in at a time: when, with which uncertainty, and sets of coefficients that switch together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial, reduce
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import Evidence, cross_of, weigh
+from casid.diagnosis.evidence.fingerprints import EDGE, ONSET_STEP, fingerprints, history, onset_grid, prints_of
+from casid.diagnosis.evidence.missing_input import missing_at
+from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
+from casid.diagnosis.flight.evaluation import Fit, Free
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.model import operators
+from casid.model.causes import configuration_change
+from casid.model.path import coefficient_names
+
+_FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
+_STAYS, _HELPS = 0.02, 1.0  # s, and drop of the deviance: less is no move
+BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
+# chi-square 99.9 %, one degree of freedom, for intervals that promise 95 %: while a surface rests, the profile is flat
+# but for the noise of its record
+_DROP = 10.83
+_TOGETHER = 32  # onsets whose responses are in memory at a time
+_SLOW = 4  # polynomials of time that make a slow change
+# gain that a jump must have more than a slow change at least, and part of that which may be missing beside it
+_MORE, _LEFT = 100.0, 0.1
+# part of a jump's gain that a slow change must not reach: at most 86 % of a step in the middle is a cubic of time
+_SUDDEN, _ALWAYS = 0.93, 0.5  # and part of the square of what jumps that must be its mean, for it to act at any time
+_MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
+
+Intervals = dict[str, tuple[float, float]]
+
+
+def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals]:
+    """The attached effect of a fit with each onset moved to the peak of its profile likelihood, and 95 % intervals [s].
+
+    The profile is the predicted drop of the deviance when the event of fitted size is shifted in time, everything that
+    is fitted (its size too) adapting; the other records' onsets stay. It is taken over the whole record, finely around
+    the present onset; where nothing moves the surface concerned it is flat, and the interval wide.
+    """
+    base, judge = evidence.fit, Screen(evidence)
+    onsets, intervals = dict(one.onsets), {}
+    times = {record: _looked_at(evidence, record, onset) for record, onset in one.onsets.items()}
+    now, most = history(base, one), max(map(len, times.values()))
+    shifts = (  # records know nothing of each other: all of them at once
+        history(base, replace(one, onsets={record: float(t[min(i, len(t) - 1)]) for record, t in times.items()})) - now
+        for i in range(most)
+    )
+    prints = prints_of(evidence, one.effect, shifts)
+    for record, t in times.items():
+        drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])
+        onsets[record] = float(t[np.argmax(drops)])
+        inside = np.flatnonzero(drops > drops.max() - _DROP)
+        # the interval ends where the profile was first found too low, as near as the steps between its points tell
+        low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
+        ends = (round(float(t[low]) - 0.5 * _FINE, 3), round(float(t[high]) + 0.5 * _FINE, 3))
+        intervals[record] = ends
+    return replace(one, onsets=onsets), intervals
+
+
+def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
+    """Times [s] at which an event of a record is looked for, finely around its present onset."""
+    record = next(r for r in evidence.fit.flight.records if r.name == name)
+    near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
+    times = np.union1d(np.round(near, 6), np.round(record.t[0] + onset_grid(evidence, _COARSE), 6))
+    inside = times[(times >= record.t[0] + EDGE) & (times <= record.t[-1] - EDGE)]
+    return inside if len(inside) else np.array([onset])  # of a record too short for any other
+
+
+def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:
+    """Evidence of the fit with the onsets of one of its effects, the last by default, moved until they stay or moving
+    does not help, `moves` times at most, and their intervals: together by what the fit is linearised to, and each to
+    the peak of its own profile, which sees the whole record."""
+    interval: Intervals = {}
+    for _ in range(moves):
+        evidence = _slid(evidence, moves, free, which)
+        fitted = evidence.fit
+        before = fitted.attached[which]
+        moved, interval = moved_onsets(evidence, before)
+        if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):
+            break
+        attached = [moved if one is before else one for one in fitted.attached]
+        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        if other.deviance > fitted.deviance:
+            # the profile promised what the fit does not keep: both onsets are possible
+            interval = {
+                r: (min(low, before.onsets[r]), max(high, before.onsets[r])) for r, (low, high) in interval.items()
+            }
+            break
+        evidence = weigh(other, discrepancy=free == "all")
+    return evidence, interval
+
+
+def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
+    """Evidence of the fit with all onsets of an effect moved at once by Gauss-Newton steps, `moves` at most, while they
+    help: onsets and the length of an event lie in a narrow valley, along which none of them can go alone."""
+    for _ in range(moves):
+        fitted = evidence.fit
+        before = fitted.attached[which]
+        onsets = _together(evidence, before)
+        if all(abs(onsets[r] - t) < _STAYS for r, t in before.onsets.items()):
+            break
+        attached = [replace(one, onsets=onsets) if one is before else one for one in fitted.attached]
+        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        if other.deviance > fitted.deviance - _HELPS:
+            break
+        evidence = weigh(other, discrepancy=free == "all")
+    return evidence
+
+
+def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
+    """Record -> onset after one Gauss-Newton step of all of them, everything that is fitted adapting; a step is weighed
+    against `_NEAR`, so that an onset of which the data say nothing stays."""
+    base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
+    rows = [names.index(name) for name in one.onsets]
+    sooner, later = (
+        history(base, replace(one, onsets={record: onset + h for record, onset in one.onsets.items()}))
+        for h in (-0.5 * _FINE, 0.5 * _FINE)
+    )
+    (slope,) = prints_of(evidence, one.effect, [later - sooner])
+    C = slope.cross[rows]
+    gram = (np.diag(slope.square[rows]) - C @ judge.covariance @ C.T) / _FINE**2 + np.eye(len(rows)) / _NEAR**2
+    step = np.clip(np.linalg.solve(gram, (slope.match[rows] - C @ judge.newton) / _FINE), -_NEAR, _NEAR)
+    records = [base.flight.records[r] for r in rows]
+    return {
+        record.name: float(np.clip(onset + d, record.t[0] + EDGE, record.t[-1] - EDGE))
+        for record, onset, d in zip(records, one.onsets.values(), step, strict=True)
+    }
+
+
+def configuration_changes(evidence: Evidence) -> list[Candidate]:
+    """Sets of coefficients that switch together: the records, onsets and duration with the largest joint statistic less
+    its price, of one size in all of these records."""
+    base, price = evidence.fit, Screen(evidence).price
+    names, coefficients = base.batch.names, coefficient_names(base.flight.aircraft.force_axes)
+    onsets = onset_grid(evidence, ONSET_STEP)
+    durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
+    best: Candidate | None = None
+    for duration in durations if len(onsets) else ():
+        steps = _steps(evidence, coefficients, onsets, duration)
+        for chosen in grown_sets(len(steps), partial(_statistics, steps)):
+            statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
+            members = _members(np.abs(sizes[0]) / stds[0])
+            tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
+            net = float(statistic[0]) - (len(members) + 1) * price - 2.0 * np.log(tries)
+            if best is not None and net < best.net:
+                continue
+            values = {("value" if c == members[0] else coefficients[c]): float(sizes[0, c]) for c in members}
+            attached = Attached(
+                effect=configuration_change("+".join(coefficients[c] for c in members)),
+                values=values | {"duration": duration},
+                onsets={names[r]: float(base.flight.records[r].t[0] + onsets[o]) for r, o in chosen.items()},
+            )
+            best = Candidate(
+                attached=attached,
+                statistic=float(statistic[0]),
+                net=net,
+                dof=len(members) + 1,
+                value=float(sizes[0, members[0]]),
+                std=float(stds[0, members[0]]),
+                surviving=1.0,
+                tries=tries,
+            )
+    return [] if best is None else [best]
+
+
+def _members(strength: np.ndarray) -> list[int]:
+    """The coefficients that take part, by their size in 1-sigmas."""
+    strong = np.flatnonzero(strength > max(4.0, _MEMBER * strength.max()))
+    return [int(c) for c in strong] or [int(np.argmax(strength))]
+
+
+def is_sudden(evidence: Evidence, one: Attached, beside: Evidence) -> bool:
+    """Whether a jump gains clearly more on a fit than a slow change of the same would, a cubic of time in each of its
+    records; or more, where nothing to speak of is missing `beside` it, in the fit that has it. What depends on speed in
+    a long record, or on anything that drifts, resembles a jump somewhere. What acts only now and then cannot tell the
+    two apart, and counts as sudden."""
+    base, names = evidence.fit, evidence.fit.batch.names
+    rows = [names.index(record) for record in one.onsets]
+    live = base.batch.live[:, rows]
+
+    whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
+    acting = [s for s in range(whole.shape[2]) if _acts_always(whole[:, rows, s][live])]
+    if not acting:
+        return True
+    jump = _gain_of(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
+    slow = np.zeros((*whole.shape[:2], len(rows), len(acting), _SLOW))
+    for i, r in enumerate(rows):
+        own = base.batch.live[:, r]
+        powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, int(own.sum())), _SLOW - 1)
+        slow[own, r, i] = whole[own, r][:, acting, None] * powers[:, None]
+    stations = [station for _ in rows for station in acting for _ in range(_SLOW)]
+    slower = _gain_of(evidence, base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1)))
+    if _SUDDEN * jump > slower:
+        return True
+    more = jump - slower
+    if more < _MORE:
+        return False
+    left = missing_at(beside, [base.model.disturbances[station] for station in acting])
+    return left[0].gain < _LEFT * more
+
+
+def _acts_always(series: np.ndarray) -> bool:
+    return float(np.mean(series)) ** 2 > _ALWAYS * float(np.mean(series**2))
+
+
+def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
+    """Predicted drop of the deviance by columns of white (N, R, ny, k), free of one another."""
+    square, match = np.zeros((white.shape[3],) * 2), np.zeros(white.shape[3])
+    cross = np.zeros((len(evidence.newton), white.shape[3]))
+    for r, flat in enumerate(evidence.by_record):
+        own = white[:, r].reshape(-1, white.shape[3])
+        square += own.T @ own
+        cross += flat.T @ own
+        match += own.T @ evidence.fit.white[:, r].reshape(-1)
+    match -= cross.T @ evidence.newton
+    return float(match @ _inverse(square - cross.T @ evidence.covariance @ cross) @ match)
+
+
+def _inverse(square: np.ndarray) -> np.ndarray:
+    """Of symmetric matrices (..., n, n) that may be singular, scaled to a diagonal of ones."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(square, axis1=-2, axis2=-1), 1e-300))
+    scale = scale[..., :, None] * scale[..., None, :]
+    return np.linalg.pinv(square * scale, rcond=1e-8, hermitian=True) * scale
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Steps:
+    """Normal equations of unit steps of c coefficients at several onsets in one record: gram (onsets, c, c), cross
+    (onsets, k, c) with the fitted slots, their covariance times it `spent`, and match (onsets, c) with what is left."""
+
+    gram: np.ndarray
+    cross: np.ndarray
+    spent: np.ndarray
+    match: np.ndarray
+
+    def at(self, onset: int) -> _Steps:
+        return _Steps.joined([self], lambda parts: parts[0][[onset]])
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Steps], by: Callable[[list[np.ndarray]], np.ndarray]) -> _Steps:
+        return cls(**{part.name: by([getattr(one, part.name) for one in parts]) for part in fields(cls)})
+
+
+def _sum(parts: list[np.ndarray]) -> np.ndarray:
+    """Of the same size in several records."""
+    return reduce(np.add, parts)
+
+
+def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> list[_Steps]:
+    """Of every record, at the same times after its first sample."""
+    base, c = evidence.fit, len(coefficients)
+    since = base.batch.t - base.batch.t[0]
+    stations = [base.model.disturbances.index(f"d{name}") for name in coefficients]
+    found: list[list[_Steps]] = [[] for _ in base.batch.names]
+    for first in range(0, len(onsets), _TOGETHER):
+        some = onsets[first : first + _TOGETHER]
+        shapes = [operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in some]
+        series = np.repeat(np.stack(shapes, axis=2), c, axis=2)
+        white = base.filter.whiten_histories(stations * len(some), series)
+        for r, flat in enumerate(evidence.by_record):
+            columns = white[:, r].reshape(-1, len(some) * c)
+            cross = cross_of(flat, columns)
+            match = columns.T @ base.white[:, r].reshape(-1) - cross.T @ evidence.newton
+            blocks = columns.reshape(-1, len(some), c)
+            gram = np.stack([blocks[:, i].T @ blocks[:, i] for i in range(len(some))])
+            cross = np.moveaxis(cross.reshape(-1, len(some), c), 1, 0)
+            spent = evidence.covariance @ cross
+            found[r].append(_Steps(gram=gram, cross=cross, spent=spent, match=match.reshape(-1, c)))
+    return [_Steps.joined(parts, np.concatenate) for parts in found]
+
+
+def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(statistic (onsets,), sizes, 1-sigmas (onsets, c)) of coefficients that switch together, fitted slots
+    eliminated."""
+    inverse = _inverse(steps.gram - steps.cross.swapaxes(1, 2) @ steps.spent)
+    sizes = (inverse @ steps.match[..., None])[..., 0]
+    stds = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 1e-300))
+    return np.sum(steps.match * sizes, axis=1), sizes, stds
+
+
+def _statistics(steps: Sequence[_Steps], others: Mapping[int, int], records: Sequence[int]) -> np.ndarray:
+    """(onsets, records) statistic of each onset in a record beside those chosen in others."""
+    beside = [steps[other].at(onset) for other, onset in others.items()]
+    return np.stack([_joint(_Steps.joined([steps[r], *beside], _sum))[0] for r in records], axis=1)
+
+
+def further_records(evidence: Evidence, one: Attached) -> Attached:
+    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance; not where
+    that is at either end: what helps most when it hardly acts is no event."""
+    base, judge = evidence.fit, Screen(evidence)
+    if len(one.onsets) == len(base.flight.records):
+        return one
+    further = {k: v for k, v in one.values.items() if k != "value"}
+    effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
+    prints = fingerprints(evidence, [effect], onset_grid(evidence, BETWEEN, further.get("length", np.inf)))
+    onsets = dict(one.onsets)
+    for r, record in enumerate(base.flight.records):
+        if record.name in onsets:
+            continue
+        inside = [print_ for print_ in prints if EDGE <= (print_.onset or 0.0) <= record.duration - EDGE]
+        drops = [judge.drop(print_, r) for print_ in inside]
+        best = int(np.argmax(drops)) if drops else 0
+        if 0 < best < len(drops) - 1 and drops[best] > 2.0 * judge.price:
+            onsets[record.name] = float(record.t[0] + (inside[best].onset or 0.0))
+    return replace(one, onsets=onsets)
+
+
+def weak_members(fit: Fit, attached: Attached) -> Sequence[str]:
+    """Coefficients of a fitted configuration change that are not significant (below 4 sigma)."""
+    names = attached.effect.members
+    slots = {c: attached.name + ("" if c == names[0] else f".{c}") for c in names}
+    return [c for c, slot in slots.items() if abs(fit[slot]) < 4.0 * fit.std(slot)]

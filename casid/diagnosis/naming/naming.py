@@ -1,0 +1,338 @@
+"""Name causes one after the other: screen, fit the best few, keep what gains enough, look again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit, relaxed, without
+from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, in_order, sine, small_first
+from casid.diagnosis.naming.events import Intervals, configuration_changes
+from casid.diagnosis.naming.explaining import doubt
+from casid.diagnosis.naming.structure import demanded_offsets
+from casid.diagnosis.naming.trials import GAIN, gain_asked, is_same, settled, try_cause, worth_trying
+from casid.diagnosis.result import Round, Trial
+from casid.model.effect import Effect
+from casid.native.processors import side_by_side
+from casid.signals import SURFACES
+
+_ROUNDS = 6
+_NOTHING_LEFT = 30.0  # gain of any anonymous input
+_NEEDED = 25.0  # times the gain that is asked, predicted by the square of a size in 1-sigmas
+_TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
+# part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
+# to another event; to other causes, by a cause and by an event
+LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
+_LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
+_BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
+_AT_ONCE = 2  # trials
+# least part of a cause's gain, and sine of the angle between fingerprints, of a rival; and how many are tried again
+_RIVAL, _RESEMBLING, _RIVALS = 0.7, 0.8, 2
+_LEFT_BEHIND = 0.2  # of the gain of what was named before it
+_WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Naming:
+    """Where the naming stands: evidence of the current model, evidence of its kinematics and the ranking by these
+    alone, what the model still misses, the rounds so far, and onset intervals by cause name."""
+
+    evidence: Evidence
+    kinematic: Evidence | None
+    observed: Sequence[Candidate]
+    missing: tuple[MissingInput, ...]
+    rounds: tuple[Round, ...]
+    intervals: dict[str, Intervals]
+
+    @property
+    def named(self) -> list[Round]:
+        """The rounds that named a cause."""
+        return [one for one in self.rounds if one.named]
+
+
+def name_causes(
+    baseline: Evidence,
+    catalogue: Sequence[Effect],
+    kinematic: Evidence | None,
+    observed: Sequence[Candidate],
+    least: float,
+    report: Callable[[str], None],
+) -> Naming:
+    """Greedy naming from the fitted baseline, under its noise, with the evidence of `kinematic` and their ranking
+    `observed`; stops when nothing in the catalogue gains what is asked (`least`, if that is more) and matters. When
+    nothing is missing by any measure, instruments are still looked at, whose faults have a shape that no anonymous
+    input has, and what small terms of a bent coefficient explain as well, but no events."""
+    firm = state = _standing(baseline, kinematic, observed, (), {})
+    for number in range(1, _ROUNDS + 1):
+        report(f"naming, round {number}")
+        state = _one_round(state, catalogue, least)
+        if not state.rounds[-1].named:
+            break
+        why = _doubt(firm, state)
+        if why and (other := _all_reconsidered(state, least)) is not state:
+            state, why = other, _doubt(firm, other)
+        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
+        if not why:
+            firm = state
+        elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
+            break
+        if state.missing[0].gain < _NOTHING_LEFT:
+            bent = state.evidence.bent
+            catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
+    refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
+    firm = _all_reconsidered(firm, least)
+    return replace(firm, rounds=(*firm.rounds, *refused))
+
+
+def _doubt(firm: Naming, state: Naming) -> str:
+    """Why the last cause is not believed; "" when it is, and of what is too small to matter."""
+    last = state.rounds[-1].trials[0]
+    return doubt(firm.missing, state.missing, last, state.evidence) if last.meaningful else ""
+
+
+def _standing(
+    evidence: Evidence,
+    kinematic: Evidence | None,
+    observed: Sequence[Candidate],
+    rounds: tuple[Round, ...],
+    intervals: dict[str, Intervals],
+) -> Naming:
+    return Naming(
+        evidence=evidence,
+        kinematic=kinematic,
+        observed=observed,
+        missing=tuple(missing_inputs(evidence)),
+        rounds=rounds,
+        intervals=intervals,
+    )
+
+
+def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
+    attached = state.evidence.fit.attached
+    taken = {a.effect.key for a in attached}
+    effects = [e for e in catalogue if e.key not in taken]
+    prints = fingerprints(state.evidence, effects)
+    # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it; and what
+    # kinematics alone say of it does not drown in wrong aerodynamics
+    candidates = rank(Screen(state.evidence, exact=True), prints)
+    cautious = rank(Screen(state.evidence), prints)
+    names = {e.name for e in effects}
+    observed = [c for c in state.observed if c.name in names]
+    switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
+    switches = configuration_changes(state.evidence) if switching else []
+    chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
+    chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached) for one in chosen)]
+    trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), least)
+    nameable = [t for t in fits if t.meaningful]
+    trials = small_first(in_order(trials, nameable), fits) if nameable else in_order(trials, ())
+    best = trials[0] if nameable else None
+    equivalents = equivalents_of(best, trials) if best is not None and best.meaningful else ()
+    this = Round(
+        candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
+        trials=tuple(trials),
+        equivalents=equivalents,
+        named=best is not None,
+    )
+    if best is None:
+        return replace(state, rounds=(*state.rounds, this))
+    best, evidence, moved = settled(best, fits[best])
+    evidence = without_superseded(state.rounds, best, evidence)
+    evidence = _beside_offsets(_relaxed(evidence))
+    best = replace(best, fit=evidence.fit)
+    this = replace(this, trials=(best, *this.trials[1:]))
+    kinematic, observed = _kinematics_beside(state.kinematic, evidence.fit, best.effect), state.observed
+    if kinematic is not None and kinematic is not state.kinematic:
+        observed = screen(kinematic, [e for e in effects if e.kinematic and e.key != best.effect.key])
+    return _standing(evidence, kinematic, observed, (*state.rounds, this), intervals | moved)
+
+
+def _tried(
+    state: Naming, candidates: Sequence[Candidate], least: float
+) -> tuple[list[Trial], dict[Trial, Fit], dict[str, Intervals]]:
+    """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
+    by cause name. `_AT_ONCE` are fitted side by side on however many processors, so that the answer does not depend on
+    them: those that come later are given up when they are unlikely to come near the best before."""
+    trials: list[Trial] = []
+    fits: dict[Trial, Fit] = {}
+    intervals, give_up = dict(state.intervals), np.inf
+
+    def run(candidate: Candidate) -> tuple[Trial, Fit, Intervals]:
+        trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
+        return trial, beside.fit, interval
+
+    for first in range(0, len(candidates), _AT_ONCE):
+        for trial, fitted, interval in side_by_side(run, candidates[first : first + _AT_ONCE]):
+            trials.append(trial)
+            if not trial.refuted:
+                give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
+            if interval:
+                intervals[trial.candidate.name] = interval
+            if can_be_named(trial, price(trial, state, least)):
+                fits[trial] = fitted
+    return trials, fits, intervals
+
+
+def _left_behind(state: Naming) -> list[Candidate]:
+    """The best trial of the round before that has nothing in common with what it named: it is still there, and found,
+    where a screening beside what else is missing may look for it elsewhere."""
+    if not state.rounds:
+        return []
+    best, *others = state.rounds[-1].trials
+    apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key != best.effect.key]
+    return [t.candidate for t in apart if t.total > _LEFT_BEHIND * best.total and sine(best, t) > _RESEMBLING][:1]
+
+
+def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
+    """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
+    screening finds them: a shift of the centre of gravity moves the accelerometers the other way."""
+    found, names = [], {c.name for c in candidates}
+    for candidate in candidates:
+        one = candidate.attached
+        found.append(candidate)
+        for effect in (e for e in effects if e.name not in names):
+            if effect.shows_as == one.effect.kind and effect.target == one.effect.target:
+                alike = Attached(effect=effect, values={"value": -one.values["value"]}, records=one.records)
+                found.append(replace(candidate, attached=alike))
+    return found
+
+
+def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence) -> Evidence:
+    """Evidence of the fit without those earlier causes that had `best` as a rival when they were named and gain nothing
+    beside it: what was missing then and is named by now may have decided for the wrong one."""
+    key = best.effect.key
+    for earlier in (r for r in rounds if r.named):
+        name = earlier.trials[0].candidate.name
+        rivals = {trial.effect.key for trial in earlier.trials}
+        fitted = evidence.fit
+        if key not in rivals or name not in {a.name for a in fitted.attached} or _is_needed(evidence, name):
+            continue
+        others = weigh(without(fitted, {name}))
+        if others.deviance < evidence.deviance + GAIN:
+            evidence = others
+    return evidence
+
+
+def _relaxed(evidence: Evidence) -> Evidence:
+    """Evidence of the fit by its own noise, where it was compared under that of another."""
+    held = evidence.fit.filter_held or evidence.fit.noise_held
+    return weigh(relaxed(evidence.fit)) if held else evidence
+
+
+def _beside_offsets(evidence: Evidence) -> Evidence:
+    """Evidence of the fit with small offsets of instruments that what was named before had hidden; none in moving air,
+    which they imitate."""
+    fitted = evidence.fit
+    offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
+    return weigh(fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted)) if offsets else evidence
+
+
+def _is_needed(evidence: Evidence, name: str) -> bool:
+    """Whether a cause is so far from zero, in its 1-sigma, that no fit without it can come near."""
+    if name not in {slot.name for slot in evidence.fit.slots}:
+        return False
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    return evidence.fit[name] ** 2 > _NEEDED * GAIN * evidence.covariance[index, index]
+
+
+def price(trial: Trial, state: Naming, least: float) -> float:
+    """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
+    for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
+    that is no event gains while the event does not act counts as it does beside any other cause."""
+    effect = trial.effect
+    prices = [gain_asked(effect), 0.0 if trial.confirmed else least]
+    for round_ in state.named:
+        earlier = round_.trials[0]
+        one = earlier.candidate.attached
+        if trial.confirmed and not one.effect.kinematic:
+            continue
+        part = _LEFT_TO_OTHERS
+        if (one.effect.timed and effect.timed) or _of_one_shape(round_, effect):
+            part = LEFT_BY_AN_EVENT
+        elif one.effect.timed:
+            elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
+            part = min(_LEFT_BY_AN_EVENT_TO_OTHERS, _LEFT_TO_OTHERS / max(elsewhere, 1e-9))
+        prices.append(part * earlier.gain)
+    return max(prices)
+
+
+def _of_one_shape(round_: Round, other: Effect) -> bool:
+    """Whether both act on the same surface: where one has its rough shape, in a play the place at which the surface
+    first rests, an event looks like the other; or another coefficient has the same term, or one that was tried in its
+    place: a hundredth of a lift is drag where the angle of attack is half a degree off."""
+    one = round_.trials[0].effect
+    terms = {trial.effect.regressor for trial in round_.trials if trial.effect.target == one.target}
+    if one.regressor and other.regressor:
+        return other.regressor in terms
+    return one.target == other.target and one.target in SURFACES
+
+
+def _acts(event: Attached, fit: Fit) -> np.ndarray:
+    """(N, R) whether an event acts, or has just done so."""
+    t, names, stations = fit.batch.t, fit.batch.names, fit.model.disturbances
+    acting = disturbance_series([event], names, t, fit.known, stations)
+    series = np.any(acting != 0.0, axis=2)
+    acts = np.zeros(t.shape, dtype=bool)
+    for r in np.flatnonzero(series.any(axis=0)):
+        first, last = t[series[:, r], r][[0, -1]]
+        acts[:, r] = (t[:, r] > first - _BEFORE) & (t[:, r] < last + _AFTER)
+    return acts
+
+
+def _all_reconsidered(state: Naming, least: float) -> Naming:
+    """The naming with every cause but the last compared once more with its rivals."""
+    for at in range(len(state.rounds) - 1):
+        state = _reconsidered(state, at, least)
+    return state
+
+
+def _reconsidered(state: Naming, at: int, least: float) -> Naming:
+    """The naming with one of its causes compared once more with its rivals, beside those named since: what was missing
+    then may have decided between them."""
+    round_, fitted = state.rounds[at], state.evidence.fit
+    best, taken = round_.trials[0], {a.effect.key for a in fitted.attached}
+    rivals = [t for t in round_.trials[1:] if t.effect.key not in taken and t.meaningful and not t.refuted]
+    rivals = [t for t in rivals if t.total > _RIVAL * best.total and sine(best, t) < _RESEMBLING][:_RIVALS]
+    if not rivals or best.effect.key not in taken or not best.meaningful:
+        return state
+    alone = without(fitted, {best.candidate.name})
+    others = replace(
+        state,
+        evidence=weigh(alone),
+        kinematic=_kinematics_beside(state.kinematic, alone, best.effect),
+        rounds=tuple(r for r in state.rounds if r is not round_),
+    )
+    trials, fits, intervals = _tried(others, [t.candidate for t in (best, *rivals)], least)
+    nameable = [t for t in fits if t.meaningful]
+    trials = in_order(trials, nameable)
+    if not nameable:
+        return state
+    rounds = list(state.rounds)
+    rounds[at] = replace(round_, equivalents=equivalents_of(trials[0], trials))
+    if trials[0].effect.key == best.effect.key:
+        return replace(state, rounds=tuple(rounds))
+    first, evidence, moved = settled(trials[0], fits[trials[0]])
+    evidence = _relaxed(evidence)
+    rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
+    rounds[at] = replace(rounds[at], trials=(first, *trials[1:], *rest))
+    for i, one in enumerate(rounds):
+        later = {r.trials[0].candidate.name for r in rounds[i + 1 :]}
+        winner = replace(one.trials[0], fit=without(evidence.fit, later) if later else evidence.fit)
+        rounds[i] = replace(one, trials=(winner, *one.trials[1:]))
+    kinematic = _kinematics_beside(others.kinematic, evidence.fit, first.effect)
+    return _standing(evidence, kinematic, state.observed, tuple(rounds), intervals | moved)
+
+
+def _kinematics_beside(kinematic: Evidence | None, model: Fit, changed: Effect) -> Evidence | None:
+    """Evidence of the kinematics beside the instrument and air causes of a model, of which one has `changed`."""
+    if kinematic is None or not changed.kinematic:
+        return kinematic
+    return kinematics.beside(kinematic, model.attached)

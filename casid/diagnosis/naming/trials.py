@@ -1,0 +1,268 @@
+"""Try a cause: which are worth a fit, the fit itself, and whether the size that it finds matters and is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.fingerprints import EDGE
+from casid.diagnosis.evidence.screening import Candidate, equivalence
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.check import hopeless, kinematic_check
+from casid.diagnosis.naming.events import Intervals, at_peak, further_records, is_sudden, weak_members
+from casid.diagnosis.naming.size import meaningful_share, plausible
+from casid.diagnosis.result import Trial
+from casid.errors import InputError
+from casid.model.causes import configuration_change
+from casid.model.effect import Effect
+from casid.native.processors import side_by_side
+
+# net drop of the deviance that a named cause must reach on top of its price; and a fault of an instrument, which no
+# error of the aerodynamics imitates: on 150 clean sets the largest was 17
+GAIN, GAIN_OF_AN_INSTRUMENT = 40.0, 25.0
+_PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
+# A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
+# units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
+_CLEAR = 400.0
+_REACHED = 0.3  # part of the gain that must be predicted before a cause is tried
+_PROMISING = 0.2  # part of it that must be predicted before a cause is tried
+_TERMS, _TERMS_ALIKE = 2, 4  # of one coefficient that are tried, and when they promise the same
+_TRIALS, _FEW = 4, 2  # candidates of the first ranking that are tried, and of each other
+_APART = 2.0  # s, from which two onsets are two events
+_MOVES = 2  # of an onset in a trial; the winner is settled
+
+
+def worth_trying(
+    base: Fit,
+    candidates: Sequence[Candidate],
+    cautious: Sequence[Candidate],
+    observed: Sequence[Candidate],
+    switches: Sequence[Candidate],
+    least: float,
+) -> list[Candidate]:
+    """The best few of the three rankings, and only what could reach the gain that is asked, `least` unless kinematics
+    may confirm it, and a size that matters at all. A configuration change is scored in one record only, so it cannot be
+    ranked with the others."""
+    chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
+    for ranking in (cautious, observed):
+        before = tuple(chosen)
+        chosen += [
+            c for c in _best_few(base, ranking, _FEW) if not any(is_same(c.attached, b.attached) for b in before)
+        ]
+    return [c for c in chosen if c.net > _REACHED * least or c.attached.effect.kinematic]
+
+
+def is_same(one: Attached, other: Attached) -> bool:
+    """Whether two candidates are one: an event at another time, or the other way, is another."""
+    if one.name != other.name or not one.effect.timed:
+        return one.name == other.name
+    near = all(abs(other.onsets.get(record, np.inf) - onset) < _APART for record, onset in one.onsets.items())
+    return near and one.values["value"] * other.values["value"] > 0.0
+
+
+def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """`count` of them, no more than `_TERMS` terms of one coefficient; and beside these such as promise the same, for
+    they may be one set."""
+    chosen: list[Candidate] = []
+    alike: list[Candidate] = []
+    for candidate in candidates:
+        effect = candidate.attached.effect
+        if candidate.net < _REACHED * GAIN or len(chosen) == count:
+            break
+        share = meaningful_share(base, candidate.attached)
+        clear = effect.of_an_instrument or share**2 * candidate.statistic > _PROMISING * _CLEAR
+        if share < _PREDICTED or not clear:
+            continue
+        terms = [
+            c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
+        ]
+        if effect.quasi_steady and len(terms) >= _TERMS:
+            if len(terms) < _TERMS_ALIKE and terms[0].net - candidate.net < equivalence(terms[0].net):
+                alike.append(candidate)
+            continue
+        chosen.append(candidate)
+    names = {one.name for one in (*chosen, *alike)}
+    others = [c for c in candidates if c.name not in names and c.net > _REACHED * GAIN]
+    alike += [c for c in others if any(_promise_the_same(c, one) for one in chosen)]
+    return [*chosen, *alike]
+
+
+def _promise_the_same(one: Candidate, other: Candidate) -> bool:
+    """Whether two causes that are no terms act at the same place, as a lag and a delay do, and neither leads."""
+    effect, beside = one.attached.effect, other.attached.effect
+    of_one_place = effect.target == beside.target and not (effect.quasi_steady or beside.quasi_steady)
+    return of_one_place and abs(one.net - other.net) < equivalence(other.net)
+
+
+def try_cause(
+    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
+) -> tuple[Trial, Evidence, Intervals]:
+    """A candidate fitted beside what the evidence's model has: the trial, evidence, and intervals of onsets. It is
+    not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
+    half the predicted size and any larger one."""
+    base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
+    if hopeless(kinematic, attached):
+        return _given_up(base, candidate), evidence, {}
+    interval: Intervals = {}
+    # of size zero, the further values of an effect would be free of any sense
+    alone = attached.effect.linear and set(attached.values) == {"value"}
+    begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
+    try:
+        fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+    except InputError:  # of the predicted size it makes an aircraft that cannot fly the record
+        return _given_up(base, candidate), evidence, {}
+    beside = weigh(fitted)
+    if attached.effect.timed:
+        wider = further_records(beside, fitted.attached[-1])
+        if len(wider.onsets) > len(attached.onsets):
+            beside = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
+        if beside.fit.deviance < give_up:
+            beside, interval = at_peak(beside, _MOVES)
+    if attached.effect.members:
+        beside = _without_weak(base, beside)
+    fitted = beside.fit
+    one = fitted.attached[-1]
+    gain = evidence.deviance - beside.deviance
+    excess = evidence.deviance_as_bent(beside.scales) - evidence.deviance
+    # a term is one of those that bend the coefficient, and makes it look more bent: it is judged by the others
+    clear = gain + excess if one.effect.regressor else gain
+    share = meaningful_share(fitted, one)
+    check = kinematic_check(kinematic, one)
+    trial = Trial(
+        candidate=replace(candidate, attached=one),
+        std=_std(fitted, one),
+        fit=None,
+        fingerprint=_fingerprint(fitted, base, one),
+        gain=gain,
+        net=gain - (candidate.statistic - candidate.net),
+        excess=excess,
+        exact=base.deviance - fitted.deviance,
+        where=_where(base, fitted),
+        meaningful=matters(share, clear, check.confirmed or one.effect.of_an_instrument)
+        and plausible(one, share)
+        and not _from_the_start(fitted, one)
+        and (not one.effect.recurring or is_sudden(evidence, one, beside)),
+        share=share,
+        check=check,
+    )
+    return trial, beside, interval
+
+
+def _where(base: Fit, fitted: Fit) -> np.ndarray:
+    """(N, R) part of the likelihood gained at each sample."""
+    gained = base.deviance_by_sample - fitted.deviance_by_sample
+    return gained / gained.sum() if gained.sum() > 0.0 else np.zeros((0, 0))
+
+
+def _given_up(base: Fit, candidate: Candidate) -> Trial:
+    return Trial(
+        candidate=candidate,
+        std=candidate.std,
+        fit=None,
+        fingerprint=np.zeros(0),
+        gain=candidate.statistic,
+        excess=0.0,
+        exact=candidate.statistic,
+        where=np.zeros((0, 0)),
+        net=candidate.net,
+        share=meaningful_share(base, candidate.attached),
+        meaningful=False,
+        given_up=True,
+    )
+
+
+def gain_asked(effect: Effect) -> float:
+    """Net drop of the deviance that a cause must reach to be named."""
+    return GAIN_OF_AN_INSTRUMENT if effect.of_an_instrument else GAIN
+
+
+def matters(share: float, gain: float, unlike_aerodynamics: bool = False) -> bool:
+    """Whether a size, in units of the smallest that matters, matters and is clear enough to be believed, or nothing in
+    the aerodynamics could look like it."""
+    return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > _CLEAR)
+
+
+def _from_the_start(fitted: Fit, one: Attached) -> bool:
+    """Whether an event sets in as early in every record as events are looked for: then it is none."""
+    first = {record.name: record.t[0] + EDGE for record in fitted.flight.records}
+    return bool(one.onsets) and all(onset < first[record] + 0.1 for record, onset in one.onsets.items())
+
+
+def _std(fitted: Fit, one: Attached) -> float:
+    """1-sigma of the value; of a value that is not fitted itself, none."""
+    return fitted.std(one.name) if any(slot.name == one.name for slot in fitted.slots) else float("nan")
+
+
+def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
+    """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
+    flat = fitted.columns.reshape(fitted.white.size, len(fitted.slots))
+    own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
+    beside = {slot.name for slot in base.slots}
+    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in beside]]
+    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
+
+
+def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Intervals]]:
+    """The winner fitted to the end, its evidence, and intervals of onsets by cause: what a half-converged cause leaves
+    behind looks like another cause. Events that were named before it move to where they belong beside it."""
+    before, intervals = fitted.deviance, {}
+    name = fitted.attached[-1].name
+    fitted = _ended(fitted)
+    evidence = weigh(fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
+    earlier = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
+    if fitted.attached[-1].effect.timed:
+        evidence, intervals[name] = at_peak(evidence)
+        fitted = evidence.fit
+        wider = further_records(evidence, fitted.attached[-1])
+        if len(wider.onsets) > len(fitted.attached[-1].onsets):
+            attached = [*fitted.attached[:-1], wider]
+            fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+            evidence, intervals[name] = at_peak(weigh(fitted))
+    for i in earlier:
+        evidence, intervals[evidence.fit.attached[i].name] = at_peak(evidence, which=i)
+    if earlier and evidence.fit.attached[-1].effect.timed:
+        evidence, intervals[name] = at_peak(evidence)
+    fitted = evidence.fit
+    one, more = fitted.attached[-1], before - fitted.deviance
+    candidate = replace(trial.candidate, attached=one)
+    trial = replace(
+        trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
+    )
+    return trial, evidence, intervals
+
+
+def _ended(fitted: Fit) -> Fit:
+    """The fit with its last effect ending inside the records, where that is better: an end that lies behind all of them
+    is nowhere to be found by steps."""
+    one, longest = fitted.attached[-1], max(record.duration for record in fitted.flight.records)
+    endless = [name for name in one.effect.further if one.values[name] > longest]
+    if not one.effect.timed or not endless:
+        return fitted
+    shapes = [shape for shape in one.effect.grid if all(shape[name] < longest for name in endless)]
+    shorter = [replace(one, values={**one.values, **shape}) for shape in shapes]
+
+    def ending(other: Attached) -> Fit:
+        return fit(fitted.flight, [*fitted.attached[:-1], other], fitted.noise, fitted, iterations=8, tolerance=3.0)
+
+    return min([fitted, *side_by_side(ending, shorter)], key=lambda one: one.deviance)
+
+
+def _without_weak(base: Fit, evidence: Evidence) -> Evidence:
+    """A configuration change fitted again without the coefficients that do not take part."""
+    fitted = evidence.fit
+    one = fitted.attached[-1]
+    weak = weak_members(fitted, one)
+    names = [c for c in one.effect.members if c not in weak]
+    if not weak or not names:
+        return evidence
+    sizes = {c: one.values["value" if c == one.effect.members[0] else c] for c in names}
+    values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
+    values["duration"] = one.values["duration"]
+    slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
+    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0))

@@ -1,0 +1,1 @@
+"""Who minimises: Gauss-Newton, Newton, IPOPT, and the objective they share."""

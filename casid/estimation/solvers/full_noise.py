@@ -1,0 +1,186 @@
+"""Noise of the measured channels with correlations between them: one covariance, given or estimated.
+
+Of a sample that lacks channels, the marginal distribution of the others is used. Sufficient for everything here are the
+moments: for each pattern p of present channels the sum of r r' of its residuals, (patterns, o, o), zero where missing.
+
+For given residuals the covariance of highest likelihood is their mean square, where every sample is complete. Otherwise
+it is reached by expectation and maximisation (Dempster, Laird and Rubin, J. R. Stat. Soc. B 39, 1977): what is missing
+is replaced by what the present channels let expect of it, and no such step lowers the likelihood.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from casid.errors import InputError
+
+_ROUNDS = 2000  # of expectation and maximisation
+_SETTLED = 1e-12  # change of a covariance in units of its standard deviations
+
+
+class FullNoise:
+    """Covariance `matrix` (o, o) of the noise of the outputs; the same interface as NoiseLevels.
+
+    start     (o,) 1-sigma to begin with, floor (o,) 1-sigma that is always added: data without noise
+    given     the covariance when it is known, else None
+    seen      (patterns, o) 1 where present; counts (patterns,) samples with each pattern
+    measured  moments of the measurements: rounding of the residuals is relative to them
+    Raises InputError for a given covariance that is none.
+    """
+
+    full, proportional = True, False
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        start: np.ndarray,
+        floor: np.ndarray,
+        given: np.ndarray | None,
+        seen: np.ndarray,
+        counts: np.ndarray,
+        measured: np.ndarray,
+    ) -> None:
+        self.fixed = given is not None
+        self.matrix = np.diag(start**2) if given is None else _checked(given, names)
+        self.share = np.ones(len(names))
+        self.present = counts @ seen
+        self.count = max(int(self.present.sum()), 1)
+        self._measured = measured
+        self._patterns = [
+            (p, np.flatnonzero(present), int(count))
+            for p, (present, count) in enumerate(zip(seen, counts, strict=True))
+            if count and present.any()
+        ]
+        self._floor = np.zeros((len(seen), len(names), len(names)))
+        for p, s, count in self._patterns:
+            self._floor[p, s, s] = 0.0 if self.fixed else count * floor[s] ** 2
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(o,) 1-sigma of each channel."""
+        return np.sqrt(np.diagonal(self.matrix))
+
+    @property
+    def size(self) -> float:
+        """Norm of all measurements in units of the noise."""
+        return float(np.sqrt(2.0 * self.cost(self._measured)))
+
+    def whitening(self, seen: np.ndarray) -> np.ndarray:
+        """(patterns, o, o): the inverse of the Cholesky factor of the covariance of what is present."""
+        found = np.zeros((*seen.shape, seen.shape[1]))
+        for p, present in enumerate(seen):
+            s = np.flatnonzero(present)
+            found[p][np.ix_(s, s)] = np.linalg.inv(np.linalg.cholesky(self.matrix[np.ix_(s, s)]))
+        return found
+
+    def rms(self, moments: np.ndarray) -> np.ndarray:
+        """(o,) root mean square of the residuals of each channel."""
+        return np.sqrt(np.diagonal(moments.sum(axis=0)) / np.maximum(self.present, 1))
+
+    def relax(self, moments: np.ndarray) -> float:
+        """Put the covariance to what the residuals say; the largest relative change of a 1-sigma in any direction."""
+        if self.fixed:
+            return 0.0
+        former = np.linalg.inv(np.linalg.cholesky(self.matrix))
+        self.matrix = self._likeliest(moments)
+        return 0.5 * float(np.abs(np.log(np.linalg.eigvalsh(former @ self.matrix @ former.T))).max())
+
+    @property
+    def coordinates(self) -> np.ndarray:
+        """(o (o + 1)/2,) the logarithms of the diagonal of the Cholesky factor, what stands left of it over it, in
+        units of the standard deviations with which residuals tell them of channels that are independent."""
+        factor = np.linalg.cholesky(self.matrix)
+        diagonal = np.diagonal(factor)
+        return (np.tril(factor / diagonal[:, None], -1) + np.diag(np.log(diagonal)))[self._triangle] * self._precision
+
+    @coordinates.setter
+    def coordinates(self, found: np.ndarray) -> None:
+        factor = np.zeros_like(self.matrix)
+        factor[self._triangle] = found / self._precision
+        diagonal = np.exp(np.diagonal(factor))
+        factor = (np.tril(factor, -1) + np.eye(len(factor))) * diagonal[:, None]
+        self.matrix = factor @ factor.T
+
+    @property
+    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.tril_indices(len(self.matrix))
+
+    @property
+    def _precision(self) -> np.ndarray:
+        row, column = self._triangle
+        return np.sqrt(np.where(row == column, 2.0, 1.0) * np.maximum(self.present[row], 1))
+
+    def cost(self, moments: np.ndarray) -> float:
+        """Half the sum of squared whitened residuals."""
+        return 0.5 * self._squares(moments, self.matrix)
+
+    def concentrated(self, moments: np.ndarray) -> float:
+        """The cost with the covariance at its optimum for these residuals, up to a constant."""
+        if not np.isfinite(moments).all():
+            return np.inf
+        matrix = self._likeliest(moments)
+        return 0.5 * (self._log_determinants(matrix) + self._squares(moments + self._floor, matrix))
+
+    def log_likelihood(self, moments: np.ndarray) -> float:
+        """Of residuals with these moments under the present covariance."""
+        constant = self.count * np.log(2.0 * np.pi)
+        return -0.5 * float(self._log_determinants(self.matrix) + constant) - self.cost(moments)
+
+    def _squares(self, moments: np.ndarray, matrix: np.ndarray) -> float:
+        total = 0.0
+        for p, s, _ in self._patterns:
+            own = np.ix_(s, s)
+            total += float(np.trace(np.linalg.solve(matrix[own], moments[p][own])))
+        return total
+
+    def _log_determinants(self, matrix: np.ndarray) -> float:
+        return sum(count * float(np.linalg.slogdet(matrix[np.ix_(s, s)])[1]) for _, s, count in self._patterns)
+
+    def _likeliest(self, moments: np.ndarray) -> np.ndarray:
+        """The covariance of highest likelihood for residuals with these moments."""
+        matrix, moments = self.matrix, moments + self._floor
+        for _ in range(_ROUNDS):
+            former, matrix = matrix, self._expected(moments, matrix)
+            sigma = np.sqrt(np.diagonal(matrix))
+            if (np.abs(matrix - former) < _SETTLED * np.outer(sigma, sigma)).all():
+                break
+        return matrix
+
+    def _expected(self, moments: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+        """Mean over the samples of the expected r r', where a channel is missing under `matrix`."""
+        total, samples = np.zeros_like(matrix), 0
+        for p, s, count in self._patterns:
+            own = np.ix_(s, s)
+            gain = np.linalg.solve(matrix[own], matrix[s]).T
+            gain[s] = np.eye(len(s))
+            total += gain @ moments[p][own] @ gain.T
+            if len(s) < len(matrix):
+                rest = matrix - gain @ matrix[s]
+                rest[s], rest[:, s] = 0.0, 0.0
+                total += count * rest
+            samples += count
+        return 0.5 * (total + total.T) / samples
+
+
+def moments_of(residuals: np.ndarray, pattern: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(patterns, o, o) sum of r r' of the residuals (..., o) with each pattern (...)."""
+    found = np.empty((len(seen), seen.shape[1], seen.shape[1]))
+    for p, present in enumerate(seen):
+        own = residuals[pattern == p] * present
+        found[p] = own.T @ own
+    return found
+
+
+def _checked(given: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    matrix = np.array(given, dtype=float)
+    if matrix.shape != (len(names), len(names)):
+        raise InputError(
+            f"Problem: noise is an array of shape {matrix.shape}; expected the covariance of {', '.join(names)}, "
+            f"of shape {(len(names), len(names))}"
+        )
+    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+        raise InputError("Problem: noise is no covariance: it is not symmetric or not finite")
+    sigma = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
+    if not (sigma > 0.0).all() or np.linalg.eigvalsh(matrix / np.outer(sigma, sigma))[0] < 1e-12:
+        raise InputError("Problem: noise is no covariance: it is not positive definite")
+    return 0.5 * (matrix + matrix.T)

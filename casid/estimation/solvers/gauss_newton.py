@@ -1,0 +1,199 @@
+"""Gauss-Newton on the structured problem: full steps where the filter allows, damping where it does not."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaussNewton:
+    """Gauss-Newton with a filter line search.
+
+    tolerance    converged when a further step would move the solution by less than this many of its standard
+                 deviations, and the defects are below 1e-8 of the typical state
+    iterations   after how many steps to give up
+    seconds      after how much time to give up
+    """
+
+    tolerance: float = 1e-6
+    iterations: int = 100
+    seconds: float = 600.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """Where a solver stopped and why: status is "converged" or says in words what is the matter; `linear` is the
+    linearisation at the point when the solver has it."""
+
+    point: Point
+    value: Value
+    status: str
+    iterations: int
+    stationarity: float
+    limit_multipliers: np.ndarray
+    linear: Linearised | None = None
+    solver: str = "GaussNewton"  # the one that came to this point
+
+
+_DEFECT = 1e-8
+_ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
+_NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
+_COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
+
+
+def minimise(objective: Objective, solver: GaussNewton, patient: bool = True) -> Outcome:
+    """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
+
+    patient: whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
+    """
+    return _Iteration(objective, solver, patient).run()
+
+
+class _Iteration:
+    """State of one minimisation."""
+
+    def __init__(self, objective: Objective, solver: GaussNewton, patient: bool = True) -> None:
+        self.objective, self.solver, self.patient = objective, solver, patient
+        self.point = objective.start()
+        self.value = objective.value(self.point)
+        self.damping = 0.0
+        self.filter: list[tuple[float, float]] = []
+        self.widest = 100 * max(self.value.violation(), 1.0)
+        self.estimate_noise = not objective.levels.fixed
+        self.near = self.relaxing = False  # near enough to the solution for residuals to be noise
+        self.noise_change = np.inf if self.estimate_noise else 0.0
+        self.stationarity = np.inf
+        self.course: list[float] = []  # stationarity of all iterations
+        self.multipliers = np.zeros(len(objective.lower))
+        self.linear: Linearised | None = None
+
+    def run(self) -> Outcome:
+        if not np.isfinite(self.value.cost):
+            return self._outcome("departed: the simulation diverges at the start values; try MultipleShooting", 0)
+        deadline = time.perf_counter() + self.solver.seconds
+        for iteration in range(1, self.solver.iterations + 1):
+            status = self._iterate()
+            if status:
+                return self._outcome(status, iteration)
+            if not self.patient and self._creeps():
+                return self._outcome("stopped: the steps shrink too slowly", iteration)
+            if time.perf_counter() > deadline:
+                return self._outcome(f"stopped after {self.solver.seconds:g} s, not converged", iteration)
+        return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
+
+    def _iterate(self) -> str:
+        """One linearisation and accepted step; a status when that ends the iteration."""
+        objective = self.objective
+        if self.near and not self.relaxing:
+            self.relaxing = True
+            self.filter.clear()  # its costs were those at the former noise
+        try:
+            if self.relaxing:
+                # maximum likelihood for the present parameters
+                self.noise_change = objective.levels.relax(self.value.squares)
+            self.linear = linear = objective.linearise(self.point, self.value)
+        except np.linalg.LinAlgError as error:
+            return f"failed: {error}"
+        self.value = objective.weighed(self.point, self.value.trajectory, self.value.equations)
+        undamped: Step | None = None
+        while True:
+            try:
+                step = objective.step(self.point, self.value, linear, self.damping, self.relaxing)
+            except np.linalg.LinAlgError as error:
+                if not self._more_damping():
+                    return f"failed: {error}"
+                continue
+            undamped = undamped or step
+            if self._judge(step):
+                return "converged"
+            found = self._search(step)
+            if found is not None:
+                break
+            if not self._more_damping():
+                if objective.negligible(undamped, self.value, _ROUNDED) and self.value.worst() < _DEFECT:
+                    return "converged"  # what is left of the step is rounding
+                return "failed: no descent from a point that is not stationary"
+        self.point, self.value = found
+        self.linear = None
+        self.multipliers = step.limit_multipliers
+        self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
+        return ""
+
+    def _creeps(self) -> bool:
+        """Whether the last steps were all near the solution and would take too many more at the rate they shrink."""
+        self.course.append(self.stationarity)
+        last = self.course[-_COURSE - 1 :]
+        if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.objective.levels.count):
+            return False
+        rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
+        return rate >= 1.0 or np.log(self.solver.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
+
+    def _more_damping(self) -> bool:
+        self.damping = max(10 * self.damping, 1e-8)
+        return self.damping < 1e6
+
+    def _judge(self, step: Step) -> bool:
+        """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
+        length = np.sqrt(max(step.curvature, 0.0))
+        self.stationarity = self.objective.length(step, self.value)
+        if self.estimate_noise and self.value.worst() < 1e-3:
+            self.near |= bool(
+                length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.levels.size
+            )
+        still = self.objective.negligible(step, self.value, self.solver.tolerance)
+        settled = self.noise_change < 10 * self.solver.tolerance
+        if still and settled and self.value.worst() < _DEFECT and self.damping < 1e-3:
+            self.multipliers = step.limit_multipliers
+            return True
+        return False
+
+    def _search(self, step: Step) -> tuple[Point, Value] | None:
+        """The longest of the halved steps that the filter accepts (Waechter and Biegler, Math. Program. 106, 2006).
+
+        Cost and violation are not added up: a merit function that does refuses good steps along curved constraints.
+        """
+        cost, violation = self._cost(self.value), self.value.violation()
+        rounding = 1e-11 * max(abs(self.value.cost), abs(cost))
+        length = 1.0
+        for _ in range(14):
+            point = moved(self.point, step, length)
+            value = self.objective.value(point)
+            new_violation = value.violation()
+            new_cost = self._cost(value)
+            if np.isfinite(new_cost) and np.isfinite(new_violation):
+                # descent of the cost outweighs what the violation is worth: then it is the cost that must fall
+                by_cost = -length * step.slope > step.price * violation
+                if by_cost:
+                    better = new_cost <= cost + 1e-4 * length * step.slope + rounding
+                else:
+                    fallen = new_cost <= cost - 1e-4 * step.price * violation + rounding
+                    better = fallen or new_violation <= (1 - 1e-4) * violation + 1e-12
+                if better and new_violation <= self.widest and self._passes(new_violation, new_cost - rounding):
+                    if not by_cost:
+                        self.filter.append((violation, cost))
+                    return point, value
+            length *= 0.5
+        return None
+
+    def _cost(self, value: Value) -> float:
+        return self.objective.likelihood_cost(value) if self.relaxing else value.cost
+
+    def _passes(self, violation: float, cost: float) -> bool:
+        return all(violation < v or cost < c for v, c in self.filter)
+
+    def _outcome(self, status: str, iterations: int) -> Outcome:
+        return Outcome(
+            point=self.point,
+            value=self.value,
+            status=status,
+            iterations=iterations,
+            stationarity=float(self.stationarity),
+            limit_multipliers=self.multipliers,
+            linear=self.linear,
+        )

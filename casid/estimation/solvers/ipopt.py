@@ -1,0 +1,218 @@
+"""IPOPT on the problem as a general nonlinear programme, with the exact or the Gauss-Newton Hessian.
+
+Noise that is estimated with the parameters, and the covariance of soft defects, are brought to their fixed point by
+repeated, warm-started solutions; the fixed point is the one that Gauss-Newton finds. Where parameters and noise trade
+off, each solution comes only some two times nearer to it; so the noise is extrapolated to where it will settle, and has
+settled when that is where it is.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import unknown
+from casid.estimation.solvers.fixed_point import FixedPoint
+from casid.estimation.solvers.gauss_newton import Outcome
+from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.point import Point, Step, Value
+from casid.estimation.transcriptions.steps import cached
+from casid.native.programme import CompilableProgramme
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ipopt:
+    """IPOPT (interior point, MUMPS).
+
+    hessian      "exact" or "gauss-newton"
+    tolerance    of IPOPT's optimality conditions on the scaled problem
+    iterations   after how many steps of one solution to give up
+    seconds      after how much time to give up
+    """
+
+    hessian: str = "exact"
+    tolerance: float = 1e-9
+    iterations: int = 300
+    seconds: float = 600.0
+
+    def __post_init__(self) -> None:
+        if self.hessian not in ("exact", "gauss-newton"):
+            raise unknown("hessian", self.hessian, ("exact", "gauss-newton"), "Ipopt")
+
+
+_ROUNDS = 60  # of noise and covariance
+_SETTLED = 1e-8  # expected change of the noise in its standard deviations, relative change of the covariance
+_SOLVED = 1e-5  # standard deviations
+_WORDS = {
+    "Maximum_Iterations_Exceeded": "stopped at the iteration limit, not converged",
+    "Maximum_WallTime_Exceeded": "stopped at the time limit, not converged",
+    "Infeasible_Problem_Detected": "failed: the constraints cannot be satisfied together",
+    "Restoration_Failed": "failed: IPOPT found no point that satisfies the constraints better",
+    "Invalid_Number_Detected": "departed: the simulation diverges on the way",
+    "Solved_To_Acceptable_Level": "stopped at an acceptable point, not converged to the tolerance",
+}
+
+
+def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
+    """Minimise the objective with IPOPT; a bad course of the iteration is said in the status."""
+    point = objective.start()
+    value = objective.value(point)
+    nothing = np.zeros(len(objective.lower))
+    if not np.isfinite(value.cost):
+        status = "departed: the simulation diverges at the start values; try MultipleShooting"
+        return _outcome(point, value, status, 0, np.inf, nothing)
+    deadline = time.perf_counter() + solver.seconds
+    scale = _parameter_scale(objective, point, value)
+    x = Packing(variables(objective, point, scale))
+    gain = 1.0 / objective.levels.count
+    d = Packing(data(objective, scale, gain))
+    key = ("programme", solver, _signature(objective, x, d))
+    function, programme = cached(objective.problem.model, key, lambda: _solver(objective, x, d, solver))
+    iterations, status, multipliers, noise = 0, "", np.zeros(programme.g.numel()), FixedPoint()
+    for _ in range(_ROUNDS):
+        result, stats = function(
+            x0=x.pack(variables(objective, point, scale)),
+            p=d.pack(data(objective, scale, gain)),
+            lbg=programme.lower,
+            ubg=programme.upper,
+            lam_g0=multipliers,
+        )
+        iterations += int(stats["iter_count"])
+        multipliers = np.asarray(result["lam_g"]).ravel()
+        point = point_from(objective, x.unpack(np.asarray(result["x"]).ravel()), scale, point)
+        value = objective.value(point)
+        good = stats["return_status"] == "Solve_Succeeded" or _is_solution(objective, point, value)
+        reason = str(stats["return_status"])
+        status = "converged" if good else _WORDS.get(reason, f"failed: IPOPT says {reason}")
+        if status != "converged" or not np.isfinite(value.cost):
+            break
+        change = _relax(objective, point, value, noise)
+        value = objective.weighed(point, value.trajectory, value.equations)
+        # a cost of about one makes the tolerance relative to the residuals, whatever their weights are
+        fitting = 0.5 / max(value.cost, 1e-6 * objective.levels.count)
+        if change < _SETTLED and fitting < 30 * gain:
+            break
+        multipliers *= fitting / gain
+        gain = fitting
+        status = "stopped: the noise did not settle"
+        if time.perf_counter() > deadline:
+            break
+    limit_multipliers = multipliers[programme.linear]
+    active = np.abs(limit_multipliers) * np.abs(objective.rows @ scale) > 1e-5
+    limit_multipliers = np.where(active, limit_multipliers / gain, 0.0)
+    return _outcome(point, value, status, iterations, _stationarity(objective, point, value), limit_multipliers)
+
+
+def _outcome(
+    point: Point, value: Value, status: str, iterations: int, stationarity: float, multipliers: np.ndarray
+) -> Outcome:
+    return Outcome(
+        point=point,
+        value=value,
+        status=status,
+        iterations=iterations,
+        stationarity=stationarity,
+        limit_multipliers=multipliers,
+        solver="Ipopt",
+    )
+
+
+def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tuple[CompilableProgramme, Programme]:
+    programme = build(objective, x, d)
+    options: dict = {
+        "print_time": False,
+        "show_eval_warnings": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": solver.tolerance,
+            "constr_viol_tol": 1e-9,
+            "bound_relax_factor": 0.0,
+            "max_iter": solver.iterations,
+            "max_wall_time": solver.seconds,
+            "nlp_scaling_method": "none",
+            "acceptable_iter": 10,
+            "acceptable_tol": 1e3 * solver.tolerance,
+            "mu_strategy": "adaptive",
+        },
+    }
+    function = None
+    if solver.hessian == "gauss-newton":
+        factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.g.numel())
+        jacobian = ca.jacobian(programme.residual, programme.x)
+        hessian = ca.triu(factor * programme.gain * (jacobian.T @ jacobian))
+        function = ca.Function(
+            "nlp_hess_l",
+            [programme.x, programme.p, factor, multipliers],
+            [hessian],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        )
+    nlp = {"x": programme.x, "p": programme.p, "f": programme.f, "g": programme.g}
+    return CompilableProgramme(nlp, options, function), programme
+
+
+def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
+    """What two problems on one model must share to share a programme."""
+    problem = objective.problem
+    shapes = tuple((name, s.shape) for pack in (x, d) for name, s in pack.symbols.items())
+    layout = (tuple(objective.layout.record), objective.layout.length) if objective.dynamics is not None else ()
+    lengths = tuple(len(record) for record in problem.records)
+    limits = (objective.rows.tobytes(), objective.lower.tobytes(), objective.upper.tobytes(), problem.path_constraints)
+    return shapes, layout, lengths, problem.parameters, limits, type(problem.cost)
+
+
+def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.ndarray:
+    """A hundred conditional standard deviations of each parameter: its curvature is then that of the whole cost."""
+    try:
+        curvature = np.diagonal(objective.linearise(point, value).hessian)
+    except np.linalg.LinAlgError:
+        curvature = np.zeros(len(point.theta))
+    usual = np.maximum(np.abs(point.theta), 0.1)
+    with np.errstate(divide="ignore"):
+        return np.where(curvature > 0, np.minimum(100.0 / np.sqrt(np.abs(curvature)), 10 * usual), usual)
+
+
+def _relax(objective: Objective, point: Point, value: Value, noise: FixedPoint) -> float:
+    """Noise to where it is expected to settle, soft-defect covariance to what the present point says; the largest
+    change, of the noise in units of its standard deviations, of the covariance relative to it."""
+    levels, change = objective.levels, 0.0
+    if not levels.fixed:
+        before = levels.coordinates
+        levels.relax(value.squares)
+        expected = noise.following(before, levels.coordinates)
+        change = float(np.abs(expected - before).max(initial=0.0))
+        levels.coordinates = expected
+    if objective.factor is not None:
+        before = objective.factor
+        objective.linearise(point, value)
+        size = float(np.abs(objective.factor).max(initial=1e-300))
+        change = max(change, float(np.abs(objective.factor - before).max(initial=0.0)) / size)
+    return change
+
+
+def _is_solution(objective: Objective, point: Point, value: Value) -> bool:
+    """Whether a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
+    if objective.problem.path_constraints or value.worst() > 1e-8:
+        return False
+    step = _gauss_newton_step(objective, point, value)
+    return step is not None and objective.negligible(step, value, _SOLVED)
+
+
+def _gauss_newton_step(objective: Objective, point: Point, value: Value) -> Step | None:
+    if not np.isfinite(value.cost):
+        return None
+    try:
+        return objective.step(point, value, objective.linearise(point, value), 0.0)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _stationarity(objective: Objective, point: Point, value: Value) -> float:
+    """Length of a further Gauss-Newton step in standard deviations; not a number where there is none."""
+    step = _gauss_newton_step(objective, point, value)
+    return np.nan if step is None else objective.length(step, value)

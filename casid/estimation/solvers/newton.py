@@ -1,0 +1,209 @@
+"""Newton's method in the parameters alone, with the whole curvature, where Gauss-Newton creeps or gives up.
+
+Gauss-Newton leaves out the curvature of the residuals, which counts where they are large: a model that cannot follow
+its data. Here all other unknowns, states and estimated noise among them, are at their optimum for the parameters, so
+that the cost and its exact gradient are functions of the parameters alone; the Hessian is that gradient's differences.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.estimation.solvers.gauss_newton import GaussNewton, Outcome, minimise
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
+from casid.estimation.solvers.quadratic import free_directions, jacobi_scale
+
+_APART = 1e-3  # standard deviations between points whose gradients are compared
+# standard deviations, relative change of the noise, scaled defect: the other unknowns are at their optimum
+_EXACT = 1e-9
+_INNER = 50  # steps of the other unknowns
+_FLAT = 1e-6  # of the curvature of Gauss-Newton: less is no minimum
+_ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
+_LEAST, _MOST = 1e-3, 1e8  # damping
+_NO_MOTION = "failed: the model has no motion next to the present one"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Automatic:
+    """Gauss-Newton, continued by Newton's method with the whole curvature where it creeps or gives up; IPOPT where
+    path constraints ask for it. With process noise there is no Newton.
+
+    tolerance    converged when a further step would move the solution by less than this many of its standard
+                 deviations, and the defects are below 1e-8 of the typical state
+    iterations   after how many steps of each method to give up
+    seconds      after how much time to give up
+    """
+
+    tolerance: float = 1e-6
+    iterations: int = 100
+    seconds: float = 600.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Settled:
+    """A point whose states and noise are at their optimum for its parameters."""
+
+    point: Point
+    value: Value
+    linear: Linearised
+    cost: float
+
+
+def minimise_automatically(objective: Objective, solver: Automatic) -> Outcome:
+    """Minimise the objective; a bad course of the iteration is said in the status."""
+    begin = time.perf_counter()
+    usual = GaussNewton(tolerance=solver.tolerance, iterations=solver.iterations, seconds=solver.seconds)
+    # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
+    outcome = minimise(objective, usual, patient=objective.soft)
+    if outcome.status == "converged" or objective.soft or time.perf_counter() - begin > solver.seconds:
+        return outcome
+    return _Newton(objective, solver, outcome, begin + solver.seconds).run()
+
+
+class _Newton:
+    """State of one minimisation; `cost` of a settled point is the one with the noise at its optimum."""
+
+    def __init__(self, objective: Objective, solver: Automatic, begun: Outcome, deadline: float) -> None:
+        self.objective, self.solver, self.begun, self.deadline = objective, solver, begun, deadline
+        self.damping = 0.0
+        self.multipliers = begun.limit_multipliers
+
+    def run(self) -> Outcome:
+        # where the states are far from a motion of the model they start from the measured ones
+        measured = replace(self.objective.start(), theta=self.begun.point.theta)
+        at = self._settled(self.begun.point) or self._settled(measured)
+        if at is None:
+            return self.begun
+        status, iteration = "", 0
+        while not status and iteration < self.solver.iterations:
+            iteration += 1
+            try:
+                at, status = self._iterate(at)
+            except np.linalg.LinAlgError as error:
+                status = f"failed: {error}"
+        status = status or f"stopped after {self.solver.iterations} iterations of Newton, not converged"
+        return self._outcome(at, status, self.begun.iterations + iteration)
+
+    def _iterate(self, at: _Settled) -> tuple[_Settled, str]:
+        """One step; a status when that ends the iteration."""
+        root = _inverse_root(at.linear.hessian)
+        exact = self._curvature(at, root)
+        if exact is None:
+            late = time.perf_counter() > self.deadline
+            return at, f"stopped after {self.solver.seconds:g} s, not converged" if late else _NO_MOTION
+        first = self._step(at, root, exact, 0.0)
+        if self.objective.negligible(first, at.value, self.solver.tolerance):
+            return at, self._judged(root, exact, first)
+        step = first if self.damping == 0.0 else self._step(at, root, exact, self.damping)
+        while True:
+            found = self._tried(at, step)
+            if found is not None:
+                self.damping = self.damping / 10 if self.damping > _LEAST else 0.0
+                return found, ""
+            self.damping = max(10 * self.damping, _LEAST)
+            if self.damping > _MOST:
+                break
+            step = self._step(at, root, exact, self.damping)
+        if self.objective.negligible(first, at.value, _ROUNDED):
+            return at, self._judged(root, exact, first)
+        return at, "failed: no descent from a point that is not stationary"
+
+    def _step(self, at: _Settled, root: np.ndarray, exact: np.ndarray, damping: float) -> Step:
+        """Downhill also where the curvature is negative: its absolute value, plus `damping` times Gauss-Newton's."""
+        values, vectors = np.linalg.eigh(exact)
+        back = np.linalg.inv(root)
+        curvature = (vectors * (np.maximum(np.abs(values), _FLAT) + damping)) @ vectors.T
+        return self.objective.step_by(at.point, at.linear, back.T @ curvature @ back)
+
+    def _judged(self, root: np.ndarray, exact: np.ndarray, step: Step) -> str:
+        """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""
+        self.multipliers = step.limit_multipliers
+        basis = np.linalg.qr(np.linalg.inv(root) @ free_directions(self.objective.rows, step.limit_multipliers))[0]
+        least = float(np.linalg.eigvalsh(basis.T @ exact @ basis).min(initial=np.inf))
+        return "converged" if least > _FLAT else "failed: a stationary point that is no minimum"
+
+    def _tried(self, at: _Settled, step: Step) -> _Settled | None:
+        """The point after the step, when it is lower or the first within the limits."""
+        slope = float(at.linear.gradient @ step.theta)
+        found = self._settled(moved(at.point, step, 1.0))
+        rounding = 1e-11 * max(abs(at.cost), abs(at.value.cost))
+        beyond = np.abs(at.value.limits).max(initial=0.0) > _EXACT
+        if found is not None and (beyond or found.cost <= at.cost + 1e-4 * slope + rounding):
+            return found
+        return None
+
+    def _curvature(self, at: _Settled, root: np.ndarray) -> np.ndarray | None:
+        """(parameters, parameters) Hessian in units of `root`: central differences of the gradient. None when one of
+        the points has no motion or when time is up."""
+        columns = []
+        for direction in root.T:
+            if time.perf_counter() > self.deadline:
+                return None
+            ends = [self._gradient(at, sign * _APART * direction) for sign in (1.0, -1.0)]
+            if ends[0] is None or ends[1] is None:
+                return None
+            columns.append(root.T @ (ends[0] - ends[1]) / (2 * _APART))
+        return 0.5 * (np.array(columns) + np.array(columns).T)
+
+    def _gradient(self, at: _Settled, theta: np.ndarray) -> np.ndarray | None:
+        nothing = np.zeros(len(self.objective.lower))
+        step = self.objective.step_along(at.point, at.linear, theta, nothing)
+        found = self._settled(moved(at.point, step, 1.0))
+        return None if found is None else found.linear.gradient
+
+    def _settled(self, point: Point) -> _Settled | None:
+        """States and noise to their optimum with the parameters as they are; None when they find none."""
+        objective, former = self.objective, np.inf
+        fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.lower))
+        value = objective.value(point)
+        for _ in range(_INNER):
+            if not np.isfinite(value.cost):
+                return None
+            try:
+                change = objective.levels.relax(value.squares)
+                linear = objective.linearise(point, value)
+            except np.linalg.LinAlgError:
+                return None
+            value = objective.weighed(point, value.trajectory, value.equations)
+            step = objective.step_along(point, linear, fixed, nothing)
+            apart = max(np.abs(value.defects).max(initial=0.0), np.abs(value.gap).max(initial=0.0))
+            grown, former = step.curvature >= former, step.curvature  # next to the optimum that is rounding
+            still = objective.negligible(step, value, 100 * _EXACT if grown else _EXACT)
+            if still and change < _EXACT and apart < _EXACT:
+                cost = value.cost if objective.levels.fixed else objective.likelihood_cost(value)
+                return _Settled(point=point, value=value, linear=linear, cost=cost)
+            point = moved(point, step, 1.0)
+            value = objective.value(point)
+        return None
+
+    def _outcome(self, at: _Settled, status: str, iterations: int) -> Outcome:
+        self.objective.levels.relax(at.value.squares)  # a point that was tried after it has left its own
+        value = self.objective.weighed(at.point, at.value.trajectory, at.value.equations)
+        length = np.nan
+        with suppress(np.linalg.LinAlgError):
+            length = self.objective.length(self.objective.step(at.point, value, at.linear, 0.0), value)
+        return Outcome(
+            point=at.point,
+            value=value,
+            status=status,
+            iterations=iterations,
+            stationarity=length,
+            limit_multipliers=self.multipliers,
+            linear=at.linear,
+            solver="Newton",
+        )
+
+
+def _inverse_root(matrix: np.ndarray) -> np.ndarray:
+    """R with R' matrix R = 1; raises numpy.linalg.LinAlgError where the matrix is not positive definite."""
+    scale = jacobi_scale(matrix)
+    try:
+        factor = np.linalg.cholesky(matrix * np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        raise np.linalg.LinAlgError("the parameters cannot be told apart") from None
+    return scale[:, None] * np.linalg.inv(factor).T

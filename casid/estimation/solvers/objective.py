@@ -1,0 +1,345 @@
+"""The weighted residuals of a problem in one transcription: value at a point, and the step towards the minimum.
+
+A point is the parameters, the start states of all segments (nodes), the process noise of every tied pair of segments
+in units of its standard deviation, and, for collocation, the interior states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from casid.estimation.cost import cost_weights
+from casid.estimation.problem import Problem
+from casid.estimation.solvers.full_noise import FullNoise, moments_of
+from casid.estimation.solvers.kkt import BandedKKT, Reduced
+from casid.estimation.solvers.levels import NoiseLevels
+from casid.estimation.solvers.point import Linearised, Point, Step, Value
+from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
+from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.equation import EquationPart, EquationValue
+from casid.estimation.transcriptions.layout import Layout
+from casid.estimation.transcriptions.shooting import Blocks, Shooting, Trajectory
+
+_ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
+_MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
+
+
+class Objective:
+    """Residuals of `problem` on `layout`; `dynamics` is None for equation error, which simulates nothing."""
+
+    def __init__(self, problem: Problem, layout: Layout | None, dynamics: Shooting | LiftedCollocation | None) -> None:
+        self.problem, self.dynamics = problem, dynamics
+        self.part, equation_share = cost_weights(problem.cost)
+        self.equation_share = equation_share
+        self.equations = EquationPart(problem) if equation_share else None
+        n = len(problem.model.states)
+        self.scale = problem.model.scale_vector()
+        self.rows, self.lower, self.upper = problem.linear_rows
+        own = [problem.columns(r) for r in range(len(problem.records))]
+        self._columns = [(columns, np.ix_(columns, columns)) for columns in own]
+        self.factor: np.ndarray | None = None  # (T, n, n) square root of the covariance of soft defects
+        if layout is not None:
+            self.layout = layout
+            self.kkt = [BandedKKT(self._count(r), n) for r in range(len(problem.records))]
+            initial = problem.initial_state
+            known = [initial.value.get(s, np.nan) for s in problem.model.states]
+            guess = layout.start[layout.first]
+            self.centre = np.where(np.isnan(known), guess, known)
+            std = [initial.std.get(s, problem.model.state_scale[s]) for s in problem.model.states]
+            self.initial_std = np.array(std, dtype=float)
+            if self.soft:
+                self.factor = np.zeros((len(layout.tied), n, n))
+        self.levels = self._noise_levels()
+
+    def _count(self, record: int) -> int:
+        segments = self.layout.segments_of(record)
+        return segments.stop - segments.start
+
+    @property
+    def soft(self) -> bool:
+        """Whether defects are random with a covariance."""
+        return isinstance(self.dynamics, Shooting) and bool(self.dynamics.noise_names)
+
+    # ---- weights
+
+    def _noise_levels(self) -> NoiseLevels | FullNoise:
+        measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
+        if self.equations is not None:
+            measured = _side_by_side(measured, np.concatenate(self.equations.targets()))
+        outputs = len(self.problem.model.outputs) if self.dynamics is not None else 0
+        share = np.full(measured.shape[1], self.equation_share)
+        share[:outputs] = self.part
+        noise = self.problem.noise
+        if not isinstance(noise, str | np.ndarray):
+            return NoiseLevels(noise, self.channel_names, measured, share)
+        independent, seen = NoiseLevels(None, self.channel_names, measured, share), self.layout.seen
+        return FullNoise(
+            names=self.channel_names,
+            start=independent.sigma,
+            floor=independent.floor,
+            given=noise if isinstance(noise, np.ndarray) else None,
+            seen=seen,
+            counts=np.bincount(self.layout.pattern.ravel(), minlength=len(seen)),
+            measured=moments_of(self.layout.z, self.layout.pattern, seen),
+        )
+
+    def _measured_outputs(self) -> np.ndarray:
+        return np.concatenate([self.problem.measured(record) for record in self.problem.records])
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Outputs (when they take part), then equations."""
+        outputs = self.problem.model.outputs if self.dynamics is not None else ()
+        return outputs + (self.equations.names if self.equations is not None else ())
+
+    @property
+    def whitening(self) -> np.ndarray:
+        """(patterns, o, o) lower triangle that whitens the residuals of each pattern of present samples."""
+        return np.sqrt(self.part) * self.levels.whitening(self.layout.seen)
+
+    @property
+    def equation_weights(self) -> np.ndarray:
+        """(e,) factor of each equation residual."""
+        start = len(self.problem.model.outputs) if self.dynamics is not None else 0
+        return np.sqrt(self.equation_share) / self.levels.sigma[start:]
+
+    def _squares(self, trajectory: Trajectory | None, equations: EquationValue | None) -> np.ndarray:
+        """(channels,) sums of squared residuals; with a full covariance their moments."""
+        if self.levels.full and trajectory is not None:
+            return moments_of(trajectory.y - self.layout.z, self.layout.pattern, self.layout.seen)
+        found = []
+        if trajectory is not None and trajectory.squares is not None:
+            found.append(trajectory.squares.sum(axis=0))
+        elif trajectory is not None:
+            found.append(((trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
+        if equations is not None:
+            found.append(np.nansum(np.concatenate(equations.residuals) ** 2, axis=0))
+        return np.concatenate(found)
+
+    def likelihood_cost(self, value: Value) -> float:
+        """The cost with the noise at its optimum instead of its present value, up to a constant."""
+        return value.rest + self.levels.concentrated(value.squares)
+
+    # ---- value
+
+    def start(self) -> Point:
+        """Parameters at their start values, nodes at the model's guess from the measurements."""
+        theta = self.problem.start_vector
+        if self.dynamics is None:
+            return Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))
+        nodes = self.layout.start.copy()
+        nodes[self.layout.first] = self.centre
+        noise = np.zeros((len(self.layout.tied), nodes.shape[1]))
+        return Point(theta=theta, nodes=nodes, noise=noise, points=self.dynamics.points0)
+
+    def parameters(self, theta: np.ndarray) -> np.ndarray:
+        """(K, model parameters) per segment."""
+        return self.problem.model_parameters(theta)[self.layout.record]
+
+    def value(self, point: Point) -> Value:
+        """Simulate and evaluate; not finite where the simulation departs."""
+        trajectory = None
+        if self.dynamics is not None:
+            trajectory = self.dynamics.trajectory(point.nodes, self.parameters(point.theta), point.points)
+        equations = self.equations.value(point.theta) if self.equations is not None else None
+        return self.weighed(point, trajectory, equations)
+
+    def weighed(self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None) -> Value:
+        """The cost with the present weights, of what has been simulated already."""
+        prior = (point.theta - self.problem.nominal) / self.problem.prior_std
+        rest = float(prior @ prior)
+        defects = gap = np.zeros((0, 0))
+        if trajectory is not None:
+            layout = self.layout
+            x0 = (point.nodes[layout.first] - self.centre) / self.initial_std
+            rest += float((x0**2).sum() + (point.noise**2).sum())
+            defects = trajectory.end[layout.tied] - point.nodes[layout.tied + 1]
+            if self.factor is not None:
+                defects = defects + (self.factor @ point.noise[..., None])[..., 0]
+            defects = defects / self.scale
+            if trajectory.gap is not None:
+                gap = trajectory.gap / self.scale
+        squares = self._squares(trajectory, equations)
+        at = self.rows @ point.theta
+        beyond = np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)
+        return Value(
+            cost=0.5 * rest + self.levels.cost(squares),
+            rest=0.5 * rest,
+            squares=squares,
+            trajectory=trajectory,
+            equations=equations,
+            defects=defects,
+            limits=beyond,
+            gap=gap,
+        )
+
+    # ---- linearisation
+
+    def linearise(self, point: Point, value: Value) -> Linearised:
+        """Blocks, the reduced system of each record, and the information matrix of all parameters.
+
+        Raises numpy.linalg.LinAlgError when a record's states are not determined.
+        """
+        precision = 1.0 / self.problem.prior_std**2
+        hessian, equation_hessian = np.diag(precision), np.zeros((len(precision), len(precision)))
+        gradient = precision * (point.theta - self.problem.nominal)
+        channels = np.zeros((len(self.channel_names), len(gradient)))
+        reduced: list[Reduced] = []
+        blocks = None
+        if value.trajectory is not None and self.dynamics is not None:
+            layout, n = self.layout, len(self.scale)
+            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.whitening)
+            diagonal = np.arange(n)
+            blocks.hessian[layout.first[:, None], diagonal, diagonal] += 1.0 / self.initial_std**2
+            blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) / self.initial_std**2
+            if self.soft and blocks.covariance is not None:
+                self.factor = _square_root(blocks.covariance[layout.tied], self.scale)
+            for r in range(len(self.problem.records)):
+                reduced.append(self._reduce(r, blocks, point))
+                columns, grid = self._columns[r]
+                hessian[grid] += reduced[r].hessian
+                gradient[columns] += reduced[r].gradient
+                if not self.levels.fixed:
+                    own = blocks.channel_gradient[layout.segments_of(r)]
+                    along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
+                    channels[: along.shape[0], columns] += along
+        for r, residuals in enumerate(value.equations.residuals if value.equations is not None else ()):
+            columns, grid = self._columns[r]
+            for samples, rows in self.equation_slabs(point, r):
+                residual = np.nan_to_num(residuals[samples]) * self.equation_weights
+                flat = rows.reshape(-1, rows.shape[2])
+                equation_hessian[grid] += flat.T @ flat
+                by_equation = np.einsum("kef,ke->ef", rows, residual)
+                channels[-len(by_equation) :, columns] += by_equation
+                gradient[columns] += by_equation.sum(axis=0)
+        return Linearised(
+            point=point,
+            blocks=blocks,
+            reduced=reduced,
+            hessian=hessian + equation_hessian,
+            gradient=gradient,
+            channel_gradients=channels,
+            equation_hessian=equation_hessian,
+        )
+
+    def equation_slabs(self, point: Point, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Samples of a record and the derivatives (samples, equations, free) of the weighted equation residuals."""
+        if self.equations is not None:
+            for samples, rows in self.equations.slabs(point.theta, record):
+                yield samples, rows * self.equation_weights[:, None]
+
+    def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
+        own = self.layout.segments_of(record)
+        tied = slice(own.start, own.stop - 1)
+        following = slice(own.start + 1, own.stop)
+        covariance = blocks.covariance[tied] if blocks.covariance is not None else None
+        return self.kkt[record].solve(
+            blocks.hessian[own],
+            blocks.gradient[own],
+            blocks.transition[own],
+            blocks.end[tied] - point.nodes[following],
+            covariance,
+            self.scale,
+            self.dynamics.kernel if isinstance(self.dynamics, Shooting) else None,
+        )
+
+    def step(self, point: Point, value: Value, linear: Linearised, damping: float, concentrated: bool = False) -> Step:
+        """The Gauss-Newton step, with `damping` times the diagonal added to the information of the parameters.
+
+        concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
+        Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
+        """
+        curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
+        return self.step_by(point, linear, curved + damping * np.diag(np.diagonal(linear.hessian)))
+
+    def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> Step:
+        """The step whose parameters minimise the gradient's line with a curvature (parameters, parameters) of their
+        own within the linear limits. Raises numpy.linalg.LinAlgError when it is not positive definite."""
+        at = self.rows @ point.theta
+        theta, limits = parameter_step(curvature, linear.gradient, self.rows, self.lower - at, self.upper - at)
+        return self.step_along(point, linear, theta, limits)
+
+    def step_along(self, point: Point, linear: Linearised, theta: np.ndarray, limit_multipliers: np.ndarray) -> Step:
+        """The step that changes the parameters by `theta` and everything else as the linearisation then wants it."""
+        precision = 1.0 / self.problem.prior_std**2
+        slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
+        curvature = float(theta @ (precision * theta))
+        price = float(np.abs(limit_multipliers).max(initial=0.0))
+        nodes, noise, points = np.zeros_like(point.nodes), np.zeros_like(point.noise), None
+        if linear.blocks is not None:
+            blocks = linear.blocks
+            local = np.stack([theta[self.problem.columns(r)] for r in range(len(self.problem.records))])
+            nodes, multipliers = self._expand(linear.reduced, local)
+            whole = np.concatenate([nodes, local[self.layout.record]], axis=1)
+            slope += float((blocks.gradient * whole).sum())
+            curvature += float((whole * (blocks.hessian @ whole[..., None])[..., 0]).sum())
+            price = max(price, float(np.abs(multipliers * self.scale).max(initial=0.0)))
+            if self.factor is not None:
+                noise = (self.factor.transpose(0, 2, 1) @ multipliers[..., None])[..., 0] - point.noise
+                slope += float((point.noise * noise).sum())
+                curvature += float((noise**2).sum())
+            if blocks.lift is not None:
+                points = blocks.lift.points(nodes, local[self.layout.record], len(self.scale))
+                price = max(price, blocks.lift.price(self.layout.tied, multipliers, self.scale))
+        if self.equations is not None:
+            slope += float(linear.channel_gradients[-len(self.equations.names) :].sum(axis=0) @ theta)
+            curvature += float(theta @ linear.equation_hessian @ theta)
+        return Step(
+            theta=theta,
+            nodes=nodes,
+            noise=noise,
+            points=points,
+            slope=slope,
+            curvature=curvature,
+            price=price,
+            limit_multipliers=limit_multipliers,
+        )
+
+    def length(self, step: Step, value: Value) -> float:
+        """Length of a step in standard deviations of the solution."""
+        noise = np.sqrt(2 * value.cost / self.levels.count)
+        return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
+
+    def negligible(self, step: Step, value: Value, tolerance: float) -> bool:
+        """Whether a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""
+        noise = np.sqrt(2 * value.cost / self.levels.count)
+        length = np.sqrt(max(step.curvature, 0.0))
+        return bool(length < tolerance * max(noise, _ROUNDING * self.levels.size))
+
+    def _noise_curvature(self, linear: Linearised) -> np.ndarray:
+        """What the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares) has the
+        term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each other.
+        With a full covariance it is the part of the whitened channels' own variances."""
+        if self.levels.proportional:
+            return np.zeros_like(linear.hessian)
+        counts = np.maximum(self.levels.share * self.levels.present, 1.0)
+        root = linear.channel_gradients.T * np.sqrt(2.0 / counts)
+        scale = jacobi_scale(linear.hessian)
+        scaled = root * scale[:, None]
+        inner = scaled.T @ np.linalg.lstsq(linear.hessian * np.outer(scale, scale), scaled, rcond=1e-12)[0]
+        largest = float(np.linalg.eigvalsh(0.5 * (inner + inner.T))[-1])
+        return root @ root.T * min(1.0, _MOST / max(largest, 1e-300))
+
+    def _expand(self, reduced: list[Reduced], local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nodes = [red.ds0 - red.ds_p @ local[r] for r, red in enumerate(reduced)]
+        multipliers = [red.l0 - red.l_p @ local[r] for r, red in enumerate(reduced)]
+        return np.concatenate(nodes), np.concatenate(multipliers)
+
+
+def _square_root(covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """(T, n, n) F with F F' = covariance, also where it is singular; continuous in the covariance."""
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    # the root turns rounding of 1e-16 into 1e-8: what is below it is a direction without noise
+    values = np.where(values > 1e-13 * values[:, -1:], values, 0.0)
+    return scale[:, None] * ((vectors * np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1))
+
+
+def _side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Columns of both, the shorter one filled with NaN."""
+    rows = max(len(left), len(right))
+    out = np.full((rows, left.shape[1] + right.shape[1]), np.nan)
+    out[: len(left), : left.shape[1]] = left
+    out[: len(right), left.shape[1] :] = right
+    return out

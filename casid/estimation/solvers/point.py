@@ -1,0 +1,87 @@
+"""What an objective gives: a point, the value there, the linearisation about it, and the step that this promises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.estimation.solvers.kkt import Reduced
+from casid.estimation.transcriptions.equation import EquationValue
+from casid.estimation.transcriptions.shooting import Blocks, Trajectory
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Point:
+    """theta (parameters,), nodes (K, n), noise (T, n), points (K, d, n) of collocation or None."""
+
+    theta: np.ndarray
+    nodes: np.ndarray
+    noise: np.ndarray
+    points: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Value:
+    """cost at a point: `rest` of priors and process noise, and what `squares` (channels,), the sums of squared
+    residuals (with a full covariance their moments, see full_noise), cost at the present noise; constraint residuals:
+    defects (T, n), limits (rows,) beyond the linear limits, gap of collocation."""
+
+    cost: float
+    rest: float
+    squares: np.ndarray
+    trajectory: Trajectory | None
+    equations: EquationValue | None
+    defects: np.ndarray
+    limits: np.ndarray
+    gap: np.ndarray
+
+    def violation(self) -> float:
+        """L1 norm of all constraint residuals, scaled by the typical size of the states."""
+        return float(np.abs(self.defects).sum() + np.abs(self.limits).sum() + np.abs(self.gap).sum())
+
+    def worst(self) -> float:
+        """Largest constraint residual, scaled."""
+        parts = (self.defects, self.limits, self.gap)
+        return max(float(np.abs(part).max(initial=0.0)) for part in parts)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Step:
+    """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints."""
+
+    theta: np.ndarray
+    nodes: np.ndarray
+    noise: np.ndarray
+    points: np.ndarray | None
+    slope: float
+    curvature: float
+    price: float
+    limit_multipliers: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linearised:
+    """All that one linearisation at a point gives: blocks per segment, reduced systems per record, information matrix
+    and gradient in the parameters, the gradient (channels, parameters) of each channel's part of the cost, and the part
+    that the equations have in the information."""
+
+    point: Point
+    blocks: Blocks | None
+    reduced: list[Reduced]
+    hessian: np.ndarray
+    gradient: np.ndarray
+    channel_gradients: np.ndarray
+    equation_hessian: np.ndarray
+
+
+def moved(point: Point, step: Step, length: float) -> Point:
+    """The point after `length` times the step."""
+    points = None if point.points is None or step.points is None else point.points + length * step.points
+    return replace(
+        point,
+        theta=point.theta + length * step.theta,
+        nodes=point.nodes + length * step.nodes,
+        noise=point.noise + length * step.noise,
+        points=points,
+    )

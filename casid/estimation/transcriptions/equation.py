@@ -1,0 +1,142 @@
+"""The equation-error part of a cost: equations evaluated on measured signals (paper eq. 6-9)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.signal import savgol_filter
+
+from casid.errors import EstimationError
+from casid.estimation.problem import Problem
+from casid.estimation.transcriptions.steps import cached, quiet
+from casid.model.system import EquationError as EquationForm
+from casid.model.system import Model
+from casid.native.compiler import Compilable
+from casid.records.record import Record
+
+_SLAB_SAMPLES = 4096
+_SMOOTHING_SECONDS = 0.25  # half width of the smoothing polynomial: below the short period, above sensor noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EquationValue:
+    """residuals: per record (N, equations) prediction minus target, NaN where a signal is missing."""
+
+    residuals: list[np.ndarray]
+
+
+def smoothed_derivative(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(N,) time derivative by local cubic polynomials (Savitzky-Golay) on a uniform grid of the median interval."""
+    good = np.isfinite(values)
+    if good.sum() < 5:
+        return np.full(len(t), np.nan)
+    dt = float(np.median(np.diff(t)))
+    grid = t[0] + dt * np.arange(int(round((t[-1] - t[0]) / dt)) + 1)
+    half = max(2, int(round(_SMOOTHING_SECONDS / dt)))
+    window = min(2 * half + 1, len(grid) - (len(grid) + 1) % 2)
+    if window < 5:
+        return np.full(len(t), np.nan)
+    smooth = savgol_filter(np.interp(grid, t[good], values[good]), window, 3, deriv=1, delta=dt)
+    return np.where(good, np.interp(t, grid, np.asarray(smooth)), np.nan)
+
+
+def state_equations(model: Model) -> EquationForm:
+    """The state equations as an equation-error form: measured state derivatives against f at measured states."""
+    derivatives = tuple(f"{name}dot" for name in model.states)
+    dots = ca.SX.sym("xdot", len(derivatives))
+    return EquationForm(
+        names=derivatives,
+        channels=(*model.states, *model.inputs, *derivatives),
+        m=ca.vertcat(model.x, model.u, dots),
+        target=dots,
+        prediction=quiet(model, model.f),
+    )
+
+
+def _channel(record: Record, name: str) -> np.ndarray:
+    if name in record:
+        return record[name]
+    base = name.removesuffix("dot")
+    if base != name and base in record:
+        return smoothed_derivative(record.t, record[base])
+    raise EstimationError(
+        f"record '{record.name}': the equation error needs the channel '{name}', which is not recorded"
+        + (f", nor is '{base}' to differentiate" if base != name else "")
+        + "; use OutputError"
+    )
+
+
+class EquationPart:
+    """Residuals and Jacobians of the equations on the measured signals of all records.
+
+    Raises EstimationError at construction when a channel is not recorded or, for a pure equation-error cost, when a
+    free parameter stands in no equation.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, model = problem, problem.model
+        form = model.equation or state_equations(model)
+        self.names = form.names
+        residual = form.prediction - form.target
+        free = ca.vertcat(*[model.p[int(i)] for i in problem.free_index])
+        jacobian = ca.jacobian(residual, free)
+        self._check_parameters(jacobian)
+
+        def compilable(name: str, expression: ca.SX, *key: object) -> Compilable:
+            function = ca.Function(name, [form.m, model.p], [ca.cse(ca.densify(expression))])
+            return cached(model, (name, *key), lambda: Compilable(function))
+
+        self._residual = compilable("equation", residual)
+        self._target = compilable("target", form.target)
+        self._jacobian = compilable("equation_jacobian", jacobian.T, *problem.free_index)
+        self.residual = self._residual.symbolic
+        self.data = [np.stack([_channel(r, name) for name in form.channels], axis=1) for r in problem.records]
+        self._cuts = np.cumsum([len(record) for record in problem.records])[:-1]
+
+    def _check_parameters(self, jacobian: ca.SX) -> None:
+        used = set(jacobian.sparsity().get_col())
+        names = self.problem.shared + self.problem.local
+        idle = [name for i, name in enumerate(names) if i not in used and not np.isfinite(self._prior(name))]
+        if idle and not hasattr(self.problem.cost, "equation_weight"):
+            raise EstimationError(
+                f"Problem: {', '.join(idle)} stand in no equation of model '{self.problem.model.name}'; "
+                "fix them, or use OutputError or CombinedError"
+            )
+
+    def _prior(self, name: str) -> float:
+        return self.problem.model.prior_std.get(name, np.inf) if self.problem.prior else np.inf
+
+    def _evaluate(self, kernel: Compilable, theta: np.ndarray) -> list[np.ndarray]:
+        """Per record (N * rows, columns) of the function's transposed result."""
+        lengths = [len(data) for data in self.data]
+        values = np.repeat(self.problem.model_parameters(theta), lengths, axis=0)
+        result = kernel.mapped(sum(lengths))(np.concatenate(self.data), values)[0].copy()
+        return np.split(result, self._cuts * (len(result) // sum(lengths)))
+
+    def targets(self) -> list[np.ndarray]:
+        """Per record (N, equations) what the equations are to give; NaN where any of their signals is missing."""
+        found = self._evaluate(self._target, self.problem.start_vector)
+        usable = self.value(self.problem.start_vector).residuals
+        return [np.where(np.isfinite(e), t, np.nan) for t, e in zip(found, usable, strict=True)]
+
+    def value(self, theta: np.ndarray) -> EquationValue:
+        """Residuals at the parameters."""
+        return EquationValue(residuals=self._evaluate(self._residual, theta))
+
+    def slabs(self, theta: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Samples of a record and the derivatives (samples, equations, free) there in its free parameters, zero where
+        a signal is missing; not all at once, which would take most of the memory."""
+        data, p = self.data[record], self.problem.model_parameters(theta)[record]
+        size = min(max(map(len, self.data)), _SLAB_SAMPLES)
+        values = np.tile(p, (size, 1))
+        derivatives, residuals = self._jacobian.mapped(size), self._residual.mapped(size)
+        for first in range(0, len(data), size):
+            part = data[first : first + size]
+            filled = np.concatenate([part, np.repeat(part[-1:], size - len(part), axis=0)])
+            error = residuals(filled, values)[0][: len(part)]
+            rows = derivatives(filled, values)[0].reshape(size, error.shape[1], -1)[: len(part)]
+            good = np.isfinite(error)[..., None]
+            yield slice(first, first + len(part)), np.where(good, np.nan_to_num(rows), 0.0)

@@ -1,0 +1,277 @@
+"""The compiled kernel of a model on numpy arrays. `Shooting` is its only user; see `kernel_source` for what it does."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.transcriptions.layout import Layout
+from casid.native.compiler import c_compiler, compile_first, compile_library, library_path
+from casid.native.emitter import UnknownOperationError
+from casid.native.kernel_source import Sizes, kernel_source, sizes_of
+
+_LOG = logging.getLogger(__name__)
+# with the vector mathematics of glibc where that exists
+_GLIBC = platform.libc_ver()[0] == "glibc" and platform.machine() == "x86_64"
+FLAGS = (
+    "-O2",
+    "-funroll-loops",
+    "-march=native",
+    "-fno-math-errno",
+    "-shared",
+    "-fPIC",
+    *(("-DCASID_MVEC", "-lmvec") if _GLIBC else ()),
+)
+_COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.2, 1.2e-4  # s, measured with gcc on one core
+_SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Packed:
+    """Data of a layout as the kernel reads them: (blocks, L, stride, lanes), and (blocks,) the samples of each block of
+    segments after which there is nothing but padding; seen (patterns, o) as in the layout."""
+
+    data: np.ndarray
+    live: np.ndarray
+    seen: np.ndarray
+
+    def part(self, blocks: slice, first: int, stop: int) -> Packed:
+        """Of some blocks, samples first ... stop-1."""
+        data, live = self.data[blocks, first:stop], np.clip(self.live[blocks] - first, 0, stop - first)
+        return replace(self, data=_aligned_copy(data), live=live)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KernelBlocks:
+    """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), covariance (K, n, n) of
+    process noise or None, and, when asked for, rows (K, L, o, n+f)."""
+
+    hessian: np.ndarray
+    channel_gradient: np.ndarray
+    transition: np.ndarray
+    end: np.ndarray
+    covariance: np.ndarray | None
+    rows: np.ndarray | None
+
+
+class Kernel:
+    """A compiled kernel: simulation and linearisation of segments, lanes at a time, and the step of a record."""
+
+    def __init__(self, library: str, sizes: Sizes) -> None:
+        loaded = ctypes.CDLL(library)
+        self.sizes, self.lanes = sizes, int(loaded.lanes())
+        number, address = ctypes.c_long, ctypes.c_void_p
+        self._simulate, self._linearise, self._reduce = loaded.simulate, loaded.linearise, loaded.reduce
+        self._simulate.argtypes = (number, number, *[address] * 9)
+        self._linearise.argtypes = (number, number, *[address] * 5, number, *[address] * 7)
+        self._reduce.argtypes = (number, *[address] * 10)
+        self._simulate.restype = self._linearise.restype = None
+        self._work = loaded.work
+        self._work.argtypes, self._work.restype = (number,), number
+        self._space = np.empty(0)
+        self._below = np.tril_indices(sizes.o)
+
+    def pack(self, layout: Layout) -> Packed:
+        """The data of a layout; the last block is filled up with the last segment."""
+        count, w = layout.segments, self.lanes
+        blocks, m, o = -(-count // w), self.sizes.m, self.sizes.o
+        packed = _aligned((blocks, layout.length, self.sizes.stride, w))
+        parts = (
+            (0, layout.u0),
+            (m, layout.u1),
+            (2 * m, layout.dt[..., None]),
+            (2 * m + 1, layout.z),
+            (2 * m + 1 + o, layout.pattern[..., None]),
+        )
+        which = np.minimum(np.arange(blocks * w), count - 1).reshape(blocks, w)
+        for first, values in parts:
+            last = first + values.shape[2]
+            packed[:, :, first:last] = values[which].transpose(0, 2, 3, 1)
+        used = np.zeros(count, dtype=ctypes.c_long)
+        for record, sample in enumerate(layout.sample):
+            own = layout.segments_of(record)
+            used[own] = layout.length
+            used[own.stop - 1] = len(sample) - (own.stop - 1 - own.start) * layout.length
+        return Packed(data=packed, live=used[which].max(axis=1), seen=layout.seen)
+
+    def simulate(
+        self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """states (K, L, n), y (K, L, o), end (K, n), squares (K, o)."""
+        (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
+        states, y = np.empty((count, length, n)), np.empty((count, length, o))
+        end, squares = np.empty((count, n)), np.empty((count, o))
+        _call(
+            self._simulate,
+            count,
+            length,
+            packed.live,
+            packed.data,
+            nodes,
+            parameters,
+            packed.seen,
+            states,
+            y,
+            end,
+            squares,
+        )
+        return states, y, end, squares
+
+    def linearise(
+        self,
+        packed: Packed,
+        nodes: np.ndarray,
+        parameters: np.ndarray,
+        weights: np.ndarray,
+        intensity: np.ndarray,
+        rows: bool = False,
+    ) -> KernelBlocks:
+        """weights (patterns, o, o) as in `Shooting.blocks`."""
+        (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
+        nf = n + self.sizes.f
+        found = KernelBlocks(
+            hessian=np.empty((count, nf, nf)),
+            channel_gradient=np.empty((count, o, nf)),
+            transition=np.empty((count, n, nf)),
+            end=np.empty((count, n)),
+            covariance=np.empty((count, n, n)) if self.sizes.v else None,
+            rows=np.zeros((count, length, o, nf)) if rows else None,
+        )
+        _call(
+            self._linearise,
+            count,
+            length,
+            packed.live,
+            packed.data,
+            nodes,
+            parameters,
+            weights[:, *self._below],
+            is_dense(weights),
+            intensity,
+            found.hessian,
+            found.channel_gradient,
+            found.transition,
+            found.end,
+            found.covariance,
+            found.rows,
+        )
+        return found
+
+    def reduce(
+        self,
+        hessian: np.ndarray,
+        gradient: np.ndarray,
+        transition: np.ndarray,
+        defect: np.ndarray,
+        covariance: np.ndarray | None,
+        scale: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """states (M, n, 1+f), multipliers (M-1, n, 1+f) and (f, 1+f) minus the gradient and information, see `kkt`; not
+        for two threads at once. Raises numpy.linalg.LinAlgError when the system is singular."""
+        count, sides = len(hessian), 1 + self.sizes.f
+        n, size = self.sizes.n, int(self._work(len(hessian)))
+        if len(self._space) < size:
+            self._space = _aligned((size,))
+        states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
+        information = np.empty((self.sizes.f, sides))
+        if _call(
+            self._reduce,
+            count,
+            hessian,
+            gradient,
+            transition,
+            defect,
+            covariance,
+            scale,
+            self._space,
+            states,
+            multipliers,
+            information,
+        ):
+            raise np.linalg.LinAlgError("singular states and multipliers")
+        return states, multipliers, information
+
+
+def is_dense(weights: np.ndarray) -> bool:
+    """Whether any of the matrices (patterns, o, o) has more than a diagonal."""
+    return bool(np.count_nonzero(weights) > np.count_nonzero(np.diagonal(weights, axis1=1, axis2=2)))
+
+
+def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros that start where a vector may."""
+    size = int(np.prod(shape))
+    held = np.zeros(size + 8)
+    first = -(held.ctypes.data // 8) % 8
+    return held[first : first + size].reshape(shape)
+
+
+def _aligned_copy(values: np.ndarray) -> np.ndarray:
+    copy = _aligned(values.shape)
+    copy[...] = values
+    return copy
+
+
+def _call(function, *arguments: np.ndarray | float | None) -> int:
+    """Arrays go as the address of their numbers in C order."""
+    kept = [np.ascontiguousarray(a) if isinstance(a, np.ndarray) else a for a in arguments]
+    return function(*[a.__array_interface__["data"][0] if isinstance(a, np.ndarray) else a for a in kept])
+
+
+def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Kernel | None:
+    """The kernel of `stage_functions`, from the cache or compiled now; None (and said) where there is no compiler.
+    Raises UnknownOperationError."""
+    if c_compiler() is None:
+        return None
+    return _compiled(kernel_source(*functions, noises), sizes_of(functions[1], noises))
+
+
+def _compiled(source: str, sizes: Sizes) -> Kernel | None:
+    library = compile_library(source, FLAGS)
+    return None if library is None else Kernel(str(library), sizes)
+
+
+class KernelOffer:
+    """The kernel of a model once it has earned its compilation: what was spent without it pays for it.
+
+    `get()` is None until then, and for good where there is no compiler or the emitter does not know an operation.
+    """
+
+    def __init__(self, name: str, functions: Callable[[], tuple[ca.Function, ca.Function]], noises: int) -> None:
+        self.spent = 0.0
+        self._name, self._functions, self._noises = name, functions, noises
+        self._kernel: Kernel | None = None
+        self._settled = False
+        self._source: tuple[str, Sizes, float] | None = None
+
+    def get(self) -> Kernel | None:
+        """The kernel, when it is there or worth its while now."""
+        if self._settled:
+            return self._kernel
+        if c_compiler() is None:
+            self._settled = True
+            return None
+        try:
+            source, sizes, price = self._source or self._write()
+        except UnknownOperationError as error:
+            _LOG.warning("model '%s' is estimated without the fast kernel: %s", self._name, error)
+            self._settled = True
+            return None
+        if compile_first() or self.spent >= price or library_path(source, FLAGS).exists():
+            self._kernel, self._settled = _compiled(source, sizes), True
+        return self._kernel
+
+    def _write(self) -> tuple[str, Sizes, float]:
+        begin = time.perf_counter()
+        plain, linear = self._functions()
+        source = kernel_source(plain, linear, self._noises)
+        price = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * (plain.n_instructions() + linear.n_instructions())
+        self._source = source, sizes_of(linear, self._noises), price
+        self.spent -= time.perf_counter() - begin
+        return self._source

@@ -1,0 +1,305 @@
+"""Linearise all samples of all segments: the hot path of Gauss-Newton shooting, behind one narrow interface.
+
+Sizes: K segments, L samples each, n states, f free parameters (of the segment's record), o outputs.
+`Shooting.trajectory` simulates; `Shooting.blocks` returns per segment the Gram matrix and gradient of the whitened
+output residuals in (start state, free parameters) and the sensitivity of the end state. Both run in the compiled
+kernel of the model when there is one, else on CasADi's mapped functions, with the same result to rounding.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, is_dense
+from casid.estimation.transcriptions.layout import Layout
+from casid.estimation.transcriptions.steps import (
+    cached,
+    output_function,
+    sample_derivatives,
+    stage_functions,
+    step_function,
+)
+from casid.model.feedback import SampledFeedback
+from casid.model.system import Model
+from casid.native.compiler import Batch, Compilable
+
+_SLAB_SAMPLES = 4096  # of which the derivatives are held at once
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trajectory:
+    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples, end (K, n) state after the last
+    step, squares (K, o) sums of squared residuals where they were gathered on the way; `points`, `gap` are only those
+    of collocation: (K, d, n) interior states and what they leave unsatisfied."""
+
+    states: np.ndarray
+    y: np.ndarray
+    end: np.ndarray
+    squares: np.ndarray | None = None
+    points: np.ndarray | None = None
+    gap: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Blocks:
+    """Of each segment:
+
+    hessian           (K, n+f, n+f) of 1/2 sum (whitened residual)^2
+    channel_gradient  (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
+    transition, end   the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
+    covariance        (K, n, n) that process noise adds to the end state; None without
+    lift              how interior states follow, only of collocation
+    """
+
+    hessian: np.ndarray
+    channel_gradient: np.ndarray
+    gradient: np.ndarray
+    transition: np.ndarray
+    end: np.ndarray
+    covariance: np.ndarray | None
+    lift: Lift | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slab:
+    """rows (k, l, o, n+f): derivatives of the whitened outputs in (start state of their segment, parameters), for some
+    segments and some samples of each. All rows of a record at once would take most of the memory."""
+
+    segments: slice
+    samples: slice
+    rows: np.ndarray
+
+
+class Lift(Protocol):
+    """How the interior states of collocation follow a step."""
+
+    def points(self, nodes: np.ndarray, local: np.ndarray, n: int) -> np.ndarray: ...
+    def price(self, tied: np.ndarray, multipliers: np.ndarray, scale: np.ndarray) -> float: ...
+
+
+class Shooting:
+    """Simulation and linearisation of a layout's segments by Runge-Kutta steps.
+
+    noise      name -> intensity of process noise (see MultipleShooting), empty without
+    feedback   control law in the loop, None without
+    """
+
+    points0 = None
+
+    def __init__(
+        self,
+        model: Model,
+        free: np.ndarray,
+        layout: Layout,
+        noise: dict[str, float],
+        feedback: SampledFeedback | None = None,
+    ) -> None:
+        self.layout, self._model, self._free, self._feedback = layout, model, free, feedback
+        self.shape = (layout.segments, layout.length)
+        self.noise_names = tuple(noise)
+        self.intensity = np.array(list(noise.values()))
+        self._packed: Packed | None = None
+        key = (tuple(free), self.noise_names, feedback)
+        self._offer = cached(
+            model,
+            ("kernel", *key),
+            lambda: KernelOffer(
+                model.name, lambda: stage_functions(model, free, self.noise_names, feedback), len(self.noise_names)
+            ),
+        )
+
+    @cached_property
+    def _mapped(self) -> tuple[Batch, Batch, Batch]:
+        """Simulation, outputs of all samples, derivatives over a slab, by CasADi."""
+        model, feedback = self._model, self._feedback
+        count, length = self.shape
+        step = cached(model, ("compiled step", feedback), lambda: Compilable(step_function(model, feedback)))
+        outputs = cached(model, ("compiled outputs",), lambda: Compilable(output_function(model)))
+        key = ("compiled derivatives", tuple(self._free), self.noise_names, feedback)
+        derivatives = cached(
+            model, key, lambda: Compilable(sample_derivatives(model, self._free, self.noise_names, feedback))
+        )
+        simulate = step.batch(("simulate", length, count), lambda f: f.mapaccum("simulate", length).map(count))
+        return simulate, outputs.mapped(count * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
+
+    @property
+    def kernel(self) -> Kernel | None:
+        """The compiled kernel when there is one now."""
+        return self._offer.get()
+
+    def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
+        """nodes (K, n), parameters (K, model parameters)."""
+        kernel = self.kernel
+        if kernel is not None:
+            states, y, end, squares = kernel.simulate(self._packed_for(kernel), nodes, parameters)
+            return Trajectory(states=states, y=y, end=end, squares=squares)
+        begin, data = time.perf_counter(), self.layout
+        simulate, outputs, _ = self._mapped
+        repeated = np.repeat(parameters, data.length, axis=0)
+        after = simulate(nodes, data.u0, data.u1, data.dt, repeated)[0].reshape(*self.shape, -1)
+        states = np.concatenate([nodes[:, None], after[:, :-1]], axis=1)
+        y = outputs(states, data.u0, repeated)[0].reshape(*self.shape, -1)
+        self._offer.spent += time.perf_counter() - begin
+        return Trajectory(states=states, y=y.copy(), end=after[:, -1].copy())
+
+    def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
+        """Linearised along a trajectory; weights (patterns, o, o): the lower triangle that whitens the residuals of
+        each pattern of present samples, zero in the rows and columns of what is missing."""
+        kernel = self.kernel
+        if kernel is not None:
+            nodes, packed = trajectory.states[:, 0], self._packed_for(kernel)
+            found = kernel.linearise(packed, nodes, parameters, weights, self.intensity)
+            return Blocks(
+                hessian=found.hessian,
+                channel_gradient=found.channel_gradient,
+                gradient=found.channel_gradient.sum(axis=1),
+                transition=found.transition,
+                end=found.end,
+                covariance=found.covariance,
+            )
+        begin = time.perf_counter()
+        blocks = self._mapped_blocks(trajectory, parameters, weights)
+        self._offer.spent += time.perf_counter() - begin
+        return blocks
+
+    def slabs(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> Iterator[Slab]:
+        """The rows of some segments in the order of time. Arguments as of `blocks`."""
+        kernel = self.kernel
+        if kernel is None:
+            for slab, _, _ in self._mapped_slabs(trajectory, parameters, weights, segments):
+                yield slab
+            return
+        packed, lanes = self._packed_for(kernel), kernel.lanes
+        before = np.empty(0)
+        for own, samples in _plan(segments, self.shape[1], lanes):
+            blocks = slice(own.start // lanes, -(-own.stop // lanes))
+            covered = slice(blocks.start * lanes, min(blocks.stop * lanes, self.shape[0]))
+            found = kernel.linearise(
+                packed.part(blocks, samples.start, samples.stop),
+                trajectory.states[covered, samples.start],
+                parameters[covered],
+                weights,
+                self.intensity,
+                rows=True,
+            )
+            inner = slice(own.start - covered.start, own.stop - covered.start)
+            assert found.rows is not None
+            rows, after = found.rows[inner], found.transition[inner]
+            if samples.start > 0:
+                rows, after = _chained(rows, before[:, None]), _chained(after, before)
+            before = after
+            yield Slab(segments=own, samples=samples, rows=rows)
+
+    def _packed_for(self, kernel: Kernel) -> Packed:
+        """The data in the kernel's order."""
+        if self._packed is None:
+            self._packed = kernel.pack(self.layout)
+        return self._packed
+
+    def _mapped_blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
+        data, (count, _) = self.layout, self.shape
+        n, o = trajectory.end.shape[1], data.z.shape[2]
+        nf = n + len(self._free)
+        hessian, channel_gradient = np.zeros((count, nf, nf)), np.zeros((count, o, nf))
+        transition = np.empty((count, n, nf))
+        covariance = np.empty((count, n, n)) if len(self.intensity) else None
+        for slab, after, spread in self._mapped_slabs(trajectory, parameters, weights, slice(0, count)):
+            at = slab.segments, slab.samples
+            residual = whitened(trajectory.y[at] - data.z[at], weights, data.pattern[at])
+            channel_gradient[slab.segments] += np.einsum("klof,klo->kof", slab.rows, residual)
+            flat = slab.rows.reshape(len(slab.rows), -1, nf)
+            hessian[slab.segments] += flat.transpose(0, 2, 1) @ flat
+            transition[slab.segments] = after
+            if covariance is not None:
+                covariance[slab.segments] = spread
+        return Blocks(
+            hessian=hessian,
+            channel_gradient=channel_gradient,
+            gradient=channel_gradient.sum(axis=1),
+            transition=transition,
+            end=trajectory.end,
+            covariance=covariance,
+        )
+
+    def _mapped_slabs(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> Iterator[tuple[Slab, np.ndarray, np.ndarray]]:
+        """Each slab, the sensitivity (k, n, n+f) of the state after it, and the covariance (k, n, n) it has then."""
+        n = trajectory.end.shape[1]
+        for own, samples in _plan(segments, self.shape[1], 1):
+            at, size = (own, samples), own.stop - own.start
+            if samples.start == 0:
+                s, spread = _identity(size, n, n + len(self._free)), np.zeros((size, n, n))
+            a, b, g, c, d = self._derivatives(trajectory, parameters, own, samples)
+            states = np.empty((size, samples.stop - samples.start, *s.shape[1:]))
+            for i in range(states.shape[1]):
+                states[:, i] = s
+                s = a[:, i] @ s
+                s[..., n:] += b[:, i]
+                if len(self.intensity):
+                    # noise of intensity sigma, held over dt, has the standard deviation sigma/sqrt(dt)
+                    dt = np.maximum(self.layout.dt[own, samples.start + i], 1e-12)
+                    gain = g[:, i] * (self.intensity / np.sqrt(dt)[:, None])[:, None, :]
+                    spread = a[:, i] @ spread @ a[:, i].transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
+            rows = c @ states
+            rows[..., n:] += d
+            yield Slab(segments=own, samples=samples, rows=whitened(rows, weights, self.layout.pattern[at])), s, spread
+
+    def _derivatives(
+        self, trajectory: Trajectory, parameters: np.ndarray, segments: slice, samples: slice
+    ) -> list[np.ndarray]:
+        """(k, l, rows, columns) of A, B, G, C, D."""
+        data, at = self.layout, (segments, samples)
+        k, length = data.dt[at].shape
+        batch = self._mapped[2]
+        given = [trajectory.states[at], data.u0[at], data.u1[at], data.dt[at][..., None]]
+        flat = [v.reshape(k * length, -1) for v in given] + [np.repeat(parameters[segments], length, axis=0)]
+        total = min(data.dt.size, _SLAB_SAMPLES)  # the size of a batch is fixed
+        raw = batch(*(np.concatenate([v, np.repeat(v[-1:], total - k * length, axis=0)]) for v in flat))
+        n, o = trajectory.end.shape[1], data.z.shape[2]
+        heights = (n, n, n, o, o)
+        parts = (r.reshape(total, rows, r.shape[1])[: k * length] for r, rows in zip(raw, heights, strict=True))
+        return [p.reshape(k, length, *p.shape[1:]) for p in parts]
+
+
+def whitened(values: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+    """values (..., o) or (..., o, columns), weighed by the triangle (o, o) of the pattern (...) of their sample."""
+    vector = values.ndim == pattern.ndim + 1
+    if not is_dense(weights):
+        factor = np.diagonal(weights, axis1=1, axis2=2)[pattern]
+        return values * (factor if vector else factor[..., None])
+    matrix = weights[pattern]
+    return (matrix @ values[..., None])[..., 0] if vector else matrix @ values
+
+
+def _plan(segments: slice, length: int, lanes: int) -> Iterator[tuple[slice, slice]]:
+    """Groups of segments, or spans of samples of one segment after the other, in the order of time and of bounded size;
+    a group ends where a block of `lanes` segments does."""
+    group = max(_SLAB_SAMPLES // (lanes * length), 1) * lanes if length <= _SLAB_SAMPLES else 1
+    first = segments.start
+    while first < segments.stop:
+        last = min((first // group + 1) * group, segments.stop)
+        for begin in range(0, length, _SLAB_SAMPLES):
+            yield slice(first, last), slice(begin, min(begin + _SLAB_SAMPLES, length))
+        first = last
+
+
+def _identity(count: int, n: int, nf: int) -> np.ndarray:
+    """(count, n, nf) sensitivity of a state to itself."""
+    return np.tile(np.eye(n, nf), (count, 1, 1))
+
+
+def _chained(later: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Derivatives in (start, parameters) from those in (a state on the way, parameters)."""
+    n = before.shape[-2]
+    found = later[..., :n] @ before
+    found[..., n:] += later[..., n:]
+    return found

@@ -1,0 +1,306 @@
+"""Filter error: maximum likelihood with process noise, for any `Model`, noise variances estimated too.
+
+The innovations of `innovations.kalman_filter` are white with unit variance at the truth, so that -2 ln L is their sum
+of squares plus the log determinant of their covariance. Parameters and trajectory move by Gauss-Newton on the
+innovations; the logarithms of all noise variances move by a quasi-Newton method on the likelihood of the linearised
+system, with the parameters at their optimum for every variance, and with its exact gradient (see `noise_score`).
+Without process noise it is output error with measurement noise by maximum likelihood.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from casid.errors import EstimationError, unknown
+from casid.estimation.cost import OutputError
+from casid.estimation.problem import Problem
+from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
+from casid.filtering.kalman import Filter, kalman_filter, residual_column
+from casid.filtering.noise_score import unit_variances, variance_score
+from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory_step
+from casid.records.noise import pooled_sigma
+
+_SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
+_NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost
+_NOISE_RANGE, _NOISE_REACH = 1e4, 8.0  # factors a noise may be from its first guess, and from the last linearisation
+_KICK = 0.02  # first guess of process noise: its kick per sample, in units of the state's scale
+_NOISE_STEPS = 12  # quasi-Newton steps on the noise per relinearisation
+_HOPELESS = 1e12
+_FLAT = 0.1  # of the deviance: less is no loss
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Innovations:
+    """One-step predictions of a model under a noise model, on records that it may never have seen.
+
+    white           record -> (N, outputs) innovations over their standard deviation, 0 where not measured
+    error           record -> (N, outputs) measured minus predicted from all samples before, NaN where not measured
+    states          record -> (N, states) smoothed trajectory
+    log_likelihood  of all measured samples, the initial state of every record free with a wide prior; `samples` their
+                    number
+    """
+
+    white: Mapping[str, np.ndarray]
+    error: Mapping[str, np.ndarray]
+    states: Mapping[str, np.ndarray]
+    log_likelihood: float
+    samples: int
+
+    @property
+    def per_sample(self) -> float:
+        """Log likelihood per measured sample."""
+        return self.log_likelihood / self.samples
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FilterFit:
+    """Result of `filter_error`; `covariance` (parameters, parameters) by Cramer-Rao at the noise found."""
+
+    problem: Problem
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    covariance: np.ndarray
+    noise: NoiseModel
+    innovations: Innovations
+    status: str
+    iterations: int
+    seconds: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether neither parameters nor noise would move any more."""
+        return self.status == "converged"
+
+    @property
+    def intensities(self) -> dict[str, float]:
+        """White process noise as `MultipleShooting(process_noise=...)` takes it: sigma times sqrt(dt)."""
+        root = math.sqrt(float(np.median([record.dt for record in self.problem.records])))
+        return {name: sigma * root for name, sigma in self.noise.white.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts for a JSON file."""
+        noise = {name: sigma for name, sigma in self.noise.measurement.items()}
+        process = {name: {"sigma": sigma, "correlation_time_s": 0.0} for name, sigma in self.noise.white.items()}
+        process |= {n: {"sigma": s, "correlation_time_s": tau} for n, (s, tau) in self.noise.coloured.items()}
+        return {
+            "status": self.status,
+            "iterations": self.iterations,
+            "seconds": self.seconds,
+            "log_likelihood": self.innovations.log_likelihood,
+            "samples": self.innovations.samples,
+            "parameters": {n: {"value": v, "std": self.std[n]} for n, v in self.values.items()},
+            "measurement_noise": noise,
+            "process_noise": process,
+        }
+
+
+def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
+    """Estimate parameters, measurement noise and process noise together.
+
+    problem        its `noise` is the measurement noise; None: estimated. Initial states are free with a wide prior
+    process_noise  disturbance of the model -> correlation time [s] of the Gauss-Markov process that drives it; 0: white
+                   from sample to sample. The standard deviations are estimated
+
+    Raises InputError for a name that is no disturbance; EstimationError for what this method does not do: costs other
+    than OutputError, range weights, constraints, a prior of the initial state. A course of iteration that goes wrong is
+    not an error: `FilterFit.status` says it.
+    """
+    begin = time.perf_counter()
+    system = _prepare(problem, process_noise)
+    theta, X = problem.start_vector, _guess(problem, system.batch)
+    linear = system.linearise(theta, X)
+    log_sigma, slope = _first_noise(system, linear), np.zeros(len(theta))
+    limits = log_sigma - math.log(_NOISE_RANGE), log_sigma + math.log(_NOISE_RANGE)
+    status, near, done = f"gave up after {iterations} iterations", False, 0
+    while done < iterations:
+        done += 1
+        before = log_sigma
+        log_sigma = _best_noise(system, theta, linear, log_sigma, limits, slope)
+        noise = system.noise(log_sigma)
+        step = evaluate_step(system, theta, linear, noise, slope)
+        taken = _search(system, theta, step, noise)
+        if taken is None:
+            status = "gave up: no step along the Gauss-Newton direction lowers the deviance"
+            break
+        theta, linear, length = taken
+        std = np.sqrt(np.diag(step.covariance))
+        moved = max(np.abs(step.change / std).max(initial=0.0), np.abs(log_sigma - before).max(initial=0.0))
+        if near and length == 1.0 and moved < _SMALL_STEP:
+            status = "converged"
+            break
+        near = near or moved < _NEAR or length < 1.0
+        if near:
+            slope = system.covariance_slope(theta, linear, noise)
+    noise = system.noise(log_sigma)
+    final = evaluate_step(system, theta, linear, noise, slope)
+    std = np.sqrt(np.diag(final.covariance))
+    return FilterFit(
+        problem=problem,
+        values=dict(zip(problem.parameters, theta.tolist(), strict=True)),
+        std=dict(zip(problem.parameters, std.tolist(), strict=True)),
+        covariance=final.covariance,
+        noise=noise,
+        innovations=_innovations(system, linear, final.filter),
+        status=status,
+        iterations=done,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def predict(problem: Problem, values: Mapping[str, float], noise: NoiseModel, relinearisations: int = 4) -> Innovations:
+    """One-step predictions of the problem's records with its parameters at `values`; only states are estimated.
+
+    A per-record parameter takes the value under its own name, "bias_q[m1]", or under the bare one. Raises InputError
+    when a value is missing.
+    """
+    chosen = []
+    for name in problem.parameters:
+        bare = name.split("[")[0]
+        if name not in values and bare not in values:
+            raise unknown("value", name, values, "predict")
+        chosen.append(values[name] if name in values else values[bare])
+    theta = np.array(chosen, dtype=float)
+    driven = {name: 0.0 for name in noise.white} | {name: tau for name, (_, tau) in noise.coloured.items()}
+    system = _prepare(problem, driven)
+    X = _guess(problem, system.batch)
+    for _ in range(relinearisations):
+        linear = system.linearise(theta, X)
+        X = X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0][..., : X.shape[2]]
+    linear = system.linearise(theta, X)
+    return _innovations(system, linear, kalman_filter(linear, noise))
+
+
+def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSystem:
+    model = problem.model
+    independent = problem.noise is None or isinstance(problem.noise, Mapping)
+    if not isinstance(problem.cost, OutputError) or not independent or problem.constraints:
+        raise EstimationError(
+            "filter_error: takes OutputError, independent noise by maximum likelihood or given, no constraints"
+        )
+    if problem.initial_state.value or problem.initial_state.std:
+        raise EstimationError("filter_error: initial states are free with a wide prior; leave initial_state out")
+    if not model.disturbances:
+        raise EstimationError(f"filter_error: model '{model.name}' has no disturbance that process noise could drive")
+    for name, tau in process_noise.items():
+        if name not in model.disturbances:
+            raise unknown("disturbance", name, model.disturbances, "filter_error: process_noise")
+        if not (tau >= 0.0 and math.isfinite(tau)):
+            raise EstimationError(f"filter_error: correlation time of '{name}' is {tau} s; expected 0 (white) or more")
+    batch = make_batch(model, problem.records)
+    unseen = [o for i, o in enumerate(model.outputs) if not np.isfinite(batch.Z[..., i]).any()]
+    if unseen:
+        raise EstimationError(f"filter_error: no record has a sample of {', '.join(unseen)}; leave it out of the model")
+    return FilterSystem(
+        problem=problem,
+        batch=batch,
+        functions=PointFunctions(model, problem.shared + problem.local),
+        correlation_time=dict(process_noise),
+        measurement=dict(problem.noise) if isinstance(problem.noise, Mapping) else None,
+    )
+
+
+def _guess(problem: Problem, batch: Batch) -> np.ndarray:
+    """(N, R, nx) trajectory from the measurements."""
+    X = np.zeros((*batch.live.shape, len(problem.model.states)))
+    for j, record in enumerate(problem.records):
+        guess = problem.model.guess(record)
+        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+    return X
+
+
+def _first_noise(system: FilterSystem, linear: Linear) -> np.ndarray:
+    """Logarithms of a first guess: high band of the outputs, a small kick per sample for process noise."""
+    model, batch, tau = system.problem.model, system.batch, system.correlation_time
+    guess = []
+    if system.measurement is None:
+        for i in range(len(model.outputs)):
+            high = pooled_sigma([batch.Z[:, r, i] for r in range(batch.Z.shape[1])])
+            spread = float(np.nanstd(batch.Z[..., i]))
+            guess.append(max(high if math.isfinite(high) else 0.0, 1e-2 * spread, 1e-12))
+    for name in sorted(tau, key=lambda n: tau[n] > 0.0):
+        w = model.disturbances.index(name)
+        kick = np.abs(linear.Bw0[..., w] + linear.Bw1[..., w]) / model.scale_vector()
+        size = float(np.median(kick[batch.live[1:]].max(axis=1)))
+        guess.append(_KICK / size if size > 0.0 else 1.0)
+    return np.log(guess)
+
+
+def _best_noise(
+    system: FilterSystem,
+    theta: np.ndarray,
+    linear: Linear,
+    log_sigma: np.ndarray,
+    limits: tuple[np.ndarray, np.ndarray],
+    slope: np.ndarray,
+) -> np.ndarray:
+    """Noise of highest likelihood for the linearised system, parameters at their optimum for every trial."""
+    if not len(log_sigma):
+        return log_sigma
+    units = unit_variances(linear, system.noise(log_sigma), system.measurement is None)
+
+    def cost(trial: np.ndarray) -> tuple[float, np.ndarray]:
+        try:
+            now = evaluate_step(system, theta, linear, system.noise(trial), slope)
+        except np.linalg.LinAlgError:  # so far from the data that the covariance is not positive definite in numbers
+            return _HOPELESS, np.zeros(len(trial))
+        return 0.5 * now.expected, variance_score(now.filter, now.left, units) * np.exp(2.0 * trial)
+
+    reach = math.log(_NOISE_REACH)
+    low, high = np.maximum(limits[0], log_sigma - reach), np.minimum(limits[1], log_sigma + reach)
+    found = minimize(
+        cost,
+        log_sigma,
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": _NOISE_STEPS, "ftol": 1e-10},
+        bounds=list(zip(low, high, strict=True)),
+    )
+    return np.asarray(found.x)
+
+
+def _search(
+    system: FilterSystem, theta: np.ndarray, step: Step, noise: NoiseModel
+) -> tuple[np.ndarray, Linear, float] | None:
+    """The longest step along the Gauss-Newton direction that lowers the deviance; None when there is none.
+
+    The trajectory goes all the way to the most likely one for the parameters tried: slopes are right only there.
+    """
+    alone, direction = trajectory_step(system, step)
+    X = step.linear.X + alone
+    none, length = np.zeros(len(theta)), 1.0
+    while length > 1e-3:
+        trial = theta + length * step.change
+        linear = system.linearise(trial, X + length * direction)
+        if np.isfinite(linear.residual).all() and np.isfinite(linear.defect).all():
+            try:
+                after = evaluate_step(system, trial, linear, noise, none).deviance
+            except np.linalg.LinAlgError:
+                after = _HOPELESS
+            if after < step.deviance + _FLAT:
+                return trial, linear, length
+        length *= 0.4
+    return None
+
+
+def _innovations(system: FilterSystem, linear: Linear, kalman: Filter) -> Innovations:
+    residual = residual_column(linear)
+    white = kalman.whiten(*residual)
+    error = np.linalg.solve(kalman.inverse_root, white)[..., 0]
+    X = linear.X + kalman.smooth(*residual)[0][..., : linear.X.shape[2]]
+    samples = int(linear.seen.sum())
+    deviance = float(np.sum(white**2) + kalman.log_determinant.sum())
+    parts = {record.name: (j, len(record)) for j, record in enumerate(system.problem.records)}
+    return Innovations(
+        white={name: white[:n, j, :, 0] for name, (j, n) in parts.items()},
+        error={name: np.where(linear.seen, error, np.nan)[:n, j] for name, (j, n) in parts.items()},
+        states={name: X[:n, j] for name, (j, n) in parts.items()},
+        log_likelihood=-0.5 * (deviance + samples * math.log(2.0 * math.pi)),
+        samples=samples,
+    )

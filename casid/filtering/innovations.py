@@ -1,0 +1,241 @@
+"""A dynamic system linearised along its records, for the innovations: the whitened residual.
+
+The model is linearised about a nominal trajectory, the deviation from it goes through a time-varying Kalman filter (see
+`kalman`), and what comes out of the filter is white with unit variance when the model is right. The filter is a fixed
+linear operator on (output residual, state defect), so residual, parameter sensitivities and any candidate's fingerprint
+go through it side by side. Without process noise it is output error; with unknown forces and moments, flight path
+reconstruction.
+
+Legend: N samples (longest record), R records, n states with coloured disturbances, ny outputs, nw disturbances,
+nc columns. Arrays run (time, record, ...); shorter records are padded and masked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from casid.filtering.kernel import filter_kernel
+from casid.model.system import Model
+from casid.native.compiler import Compilable
+from casid.records.record import Record
+
+_BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay in the processor's cache
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseModel:
+    """What is random.
+
+    measurement  output -> 1-sigma, white from sample to sample
+    inputs       disturbance -> 1-sigma of the noise of a recorded input: white from sample to sample and, like the
+                 input, linear or held between; a sample's acts in both intervals beside it and in its outputs
+    white        disturbance -> 1-sigma, white from sample to sample and held between (process noise)
+    coloured     disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
+    """
+
+    measurement: Mapping[str, float]
+    inputs: Mapping[str, float] = field(default_factory=dict)
+    white: Mapping[str, float] = field(default_factory=dict)
+    coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Batch:
+    """Records side by side, padded to the longest: t (N, R), dt (N-1, R), U (N, R, nu), Z (N, R, ny) with NaN where a
+    sample is missing, live (N, R) true inside the record. held (R,) says how inputs run between samples: 0 linearly, 1
+    held until the next, -1 as the next from the beginning, and shares of these."""
+
+    names: tuple[str, ...]
+    t: np.ndarray
+    dt: np.ndarray
+    U: np.ndarray
+    Z: np.ndarray
+    live: np.ndarray
+    held: np.ndarray
+
+    @property
+    def samples(self) -> int:
+        return int(self.live.sum())
+
+    def held_at(self, model: Model) -> np.ndarray:
+        """(R, nw) the same of disturbances: those of recorded inputs run as these do, and all others linearly."""
+        recorded = [name.startswith("d_") and name[2:] in model.inputs for name in model.disturbances]
+        return self.held[:, None] * np.array(recorded, dtype=float)
+
+    def ends(self, series: np.ndarray, held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(N-1, R, n) values of (N, R, n) inputs, or of disturbances that are `held_at`, at the beginning and at the
+        end of each interval."""
+        share, change = self.held[None, :, None] if held is None else held[None], series[1:] - series[:-1]
+        first = np.where(share < 0.0, series[:-1] - share * change, series[:-1])
+        last = np.where(share > 0.0, series[1:] - share * change, series[1:])
+        return first, np.where(share == 1.0, first, last)
+
+
+def make_batch(model: Model, records: Sequence[Record]) -> Batch:
+    """Stack records for a model; an output that a record does not have is missing throughout."""
+    N, R = max(len(r) for r in records), len(records)
+    t, U = np.zeros((N, R)), np.zeros((N, R, len(model.inputs)))
+    Z, live = np.full((N, R, len(model.outputs)), np.nan), np.zeros((N, R), dtype=bool)
+    for j, record in enumerate(records):
+        n = len(record)
+        t[:n, j], t[n:, j] = record.t, record.t[-1] + record.dt * np.arange(1, N - n + 1)
+        U[:n, j] = record.matrix(model.inputs)
+        U[n:, j] = U[n - 1, j]
+        live[:n, j] = True
+        for i, name in enumerate(model.outputs):
+            if name in record:
+                Z[:n, j, i] = record[name]
+    held = np.array([1.0 if record.hold == "held" else 0.0 for record in records])
+    return Batch(names=tuple(r.name for r in records), t=t, dt=np.diff(t, axis=0), U=U, Z=Z, live=live, held=held)
+
+
+class PointFunctions:
+    """Values and Jacobians of a model at single points, mapped over all samples of a batch."""
+
+    def __init__(self, model: Model, free: Sequence[str]) -> None:
+        self.model, self.free = model, tuple(free)
+        index = [model.parameters.index(name) for name in self.free]
+        x, u, p, w = model.x, model.u, model.p, model.w
+        both = ca.vertcat(model.f, model.h)
+        by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
+        values = [ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
+        u1, dt, d0, d1 = (
+            ca.SX.sym(n, m) for n, m in (("u1", u.shape[0]), ("dt", 1), ("d0", w.shape[0]), ("d1", w.shape[0]))
+        )
+        f = ca.Function("f", [x, u, p, w], [model.f])
+        um, dm = (u + u1) / 2, (d0 + d1) / 2
+        k1 = f(x, u, p, d0)
+        k2 = f(x + dt / 2 * k1, um, p, dm)
+        k3 = f(x + dt / 2 * k2, um, p, dm)
+        k4 = f(x + dt * k3, u1, p, d1)
+        after = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e) for e in values])))
+        self._step = Compilable(ca.Function("step", [x, u, u1, p, d0, d1, dt], [after]))
+        self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))
+
+    def jacobians(self, X: np.ndarray, U: np.ndarray, P: np.ndarray, W: np.ndarray) -> list[np.ndarray]:
+        """[d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
+        return at_points(self._jacobians, X, U, P, W)
+
+    def step(self, X, U0, U1, P, W0, W1, dt) -> np.ndarray:
+        """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
+        return at_points(self._step, X, U0, U1, P, W0, W1, dt[..., None])[0][..., 0]
+
+    @property
+    def step_function(self) -> ca.Function:
+        """(x, u, u at the end, p, w, w at the end, dt) -> state after one sample interval."""
+        return self._step.symbolic
+
+    def output(self, X, U, P, W) -> np.ndarray:
+        """Outputs (N, R, ny)."""
+        return at_points(self._output, X, U, P, W)[0][..., 0]
+
+
+def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
+    """A function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results (N, R, rows,
+    columns). Threads take turns."""
+    N, R = arguments[0].shape[:2]
+    flat = [np.broadcast_to(a, (N, R, a.shape[-1])).reshape(N * R, a.shape[-1]) for a in arguments]
+    shapes = [function.symbolic.size_out(i) for i in range(function.symbolic.n_out())]
+    results = [np.empty((N * R, columns, rows)) for rows, columns in shapes]
+    for first in range(0, N * R, _BLOCK):
+        whole = first + _BLOCK <= N * R
+        points = slice(first, first + _BLOCK) if whole else np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
+        given = [a[points] for a in flat]
+        with function.lock:
+            found = function.mapped(_BLOCK)(*given)
+            for to, part in zip(results, found, strict=True):
+                own = to[first : first + _BLOCK]
+                own[...] = part.reshape(_BLOCK, *to.shape[1:])[: len(own)]
+    return [r.reshape(N, R, *r.shape[1:]).swapaxes(2, 3) for r in results]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linear:
+    """A model linearised about a nominal trajectory X (N, R, nx).
+
+    residual (N, R, ny) is Z - output, NaN-free with `seen` telling the samples that count; defect (N-1, R, nx) is the
+    model's next state minus the nominal next state. A, Bp, Bw0, Bw1 act over a sample interval (w linear between
+    samples, or as `Batch.held_at` says), C, Dp, Dw at a sample.
+    """
+
+    model: Model
+    free: tuple[str, ...]
+    X: np.ndarray
+    output: np.ndarray
+    residual: np.ndarray
+    seen: np.ndarray
+    defect: np.ndarray
+    A: np.ndarray
+    Bp: np.ndarray
+    Bw0: np.ndarray
+    Bw1: np.ndarray
+    C: np.ndarray
+    Dp: np.ndarray
+    Dw: np.ndarray
+    dt: np.ndarray
+
+
+def linearise(
+    functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray, W: np.ndarray | None = None
+) -> Linear:
+    """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
+
+    The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
+    """
+    model = functions.model
+    nx = len(model.states)
+    W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
+    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
+    held = batch.held_at(model)
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W, held)
+    after = functions.step(X[:-1], U0, U1, P, W0, W1, batch.dt)
+    output = functions.output(X, batch.U, P, W)
+    seen = np.isfinite(batch.Z)
+    kernel = filter_kernel(nx, len(model.outputs))
+    interval = _interval if kernel is None else kernel.interval
+    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(by_x, by_p, by_w, batch.dt, batch.live, held, seen)
+    return Linear(
+        model=model,
+        free=functions.free,
+        X=X,
+        output=output,
+        seen=seen,
+        residual=np.where(seen, batch.Z - output, 0.0),
+        defect=np.where(batch.live[1:, :, None], after - X[1:], 0.0),
+        A=A,
+        Bp=Bp,
+        Bw0=Bw0,
+        Bw1=Bw1,
+        C=C,
+        Dp=Dp,
+        Dw=Dw,
+        dt=batch.dt,
+    )
+
+
+def _interval(by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
+    """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear`, as the compiled recursions compute them."""
+    nx = by_x.shape[3]
+    inside, h = live[1:, :, None, None], dt[..., None, None]
+    J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
+    A = np.eye(nx) + h / 2 * (J + K) + h**2 / 2 * (K @ J)
+    Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
+    Bp = h / 2 * (Fp0 + Fp1) + h**2 / 2 * (K @ Fp0)
+    Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw0)
+    late, early = np.maximum(held, 0.0)[None, :, None], np.maximum(-held, 0.0)[None, :, None]
+    Bw0, Bw1 = (1.0 - early) * Bw0 + late * Bw1, (1.0 - late) * Bw1 + early * Bw0
+    intervals = (np.where(inside, A, np.eye(nx)), *(np.where(inside, B, 0.0) for B in (Bp, Bw0, Bw1)))
+    return (*intervals, *(np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_p, by_w)))
+
+
+def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) columns of time histories (N, R, nc) that enter at disturbance `stations` (nc indices)."""
+    index = np.asarray(stations, dtype=int)
+    Y = linear.Dw[..., index] * series[:, :, None, :]
+    F = linear.Bw0[..., index] * series[:-1, :, None, :] + linear.Bw1[..., index] * series[1:, :, None, :]
+    return Y, F

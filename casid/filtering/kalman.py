@@ -1,0 +1,330 @@
+"""The Kalman filter of a linearised model: prediction, whitening of columns, smoothing.
+
+The recursions run as compiled C (`filter_kernel`); without a compiler, or with `plain`, in numpy. Legend and frames of
+the arrays as in `innovations`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from casid.filtering.innovations import Linear, NoiseModel
+from casid.filtering.kernel import FilterKernel, filter_kernel
+
+_INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filter:
+    """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
+    (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log determinant per
+    sample (N, R); `noise` what is random; `through` the model that predicts and that noise goes through: `linear` but
+    for `along`."""
+
+    linear: Linear
+    through: Linear
+    noise: NoiseModel
+    A: np.ndarray
+    C: np.ndarray
+    gain: np.ndarray
+    inverse_root: np.ndarray
+    P: np.ndarray
+    log_determinant: np.ndarray
+    kernel: FilterKernel | None
+
+    @cached_property
+    def inputs(self) -> InputNoise:
+        """How noise of the recorded inputs enters the model that it goes through."""
+        return _input_noise(self.through, self.noise)
+
+    def along(self, linear: Linear, noise: NoiseModel) -> Filter:
+        """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
+        state that it does not know no sample moves.
+
+        Models are then compared by their residuals alone, and none gains by what it makes of the noise. To first order
+        in the change of the model, as long as it is linearised about the most likely motion.
+        """
+        if self._knows(linear, noise):
+            return replace(self, linear=linear, noise=noise)
+        through = _held(linear, self.through)
+        A, C, *_ = augmented(through, noise)
+        own, names = [*self.through.model.states, *self.noise.coloured], [*linear.model.states, *noise.coloured]
+        into, of = _shared(names, own)
+        gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
+        gain[:, :, into] = self.gain[:, :, of]
+        P[:, :, into[:, None], into] = self.P[:, :, of[:, None], of]
+        return replace(self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P)
+
+    def _knows(self, linear: Linear, noise: NoiseModel) -> bool:
+        """Whether all that another model could change of it is already in it."""
+        model, before = linear.model, self.through.model
+        same_model = model.states == before.states and model.disturbances == before.disturbances
+        same_noise = noise.coloured == self.noise.coloured and list(noise.inputs) == list(self.noise.inputs)
+        return same_model and same_noise and np.array_equal(linear.seen, self.through.seen)
+
+    def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
+        """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
+
+        Y (N, R, ny, nc), F (N-1, R, nx or n, nc): response of the model to a unit of the column's cause, output and
+        state equation; first (R, n, nc) at the first sample. The residual is the column (residual, -defect); see
+        `residual_column`. In memory the records are apart."""
+        return self._columns(Y, F, first)[0].swapaxes(0, 1)
+
+    def whiten_histories(
+        self, stations: Sequence[int], series: np.ndarray, first: Sequence[int] | np.ndarray | None = None
+    ) -> np.ndarray:
+        """`whiten` of time histories (N, R, nh) that enter at disturbance `stations` (nh indices): of each, or of sums,
+        from history number `first` (nc,) of each sum to that of the next."""
+        linear, index = self.linear, np.asarray(stations, dtype=int)
+        begin = np.arange(len(index)) if first is None else np.asarray(first, dtype=int)
+        if self.kernel is not None:
+            parts = (linear.Dw, linear.Bw0, linear.Bw1)
+            of_filter = (self.A, self.C, self.gain, self.inverse_root)
+            return self.kernel.whiten_histories(*of_filter, index, begin, series, *parts).swapaxes(0, 1)
+
+        def entering(by: np.ndarray, at: int) -> np.ndarray:
+            return np.add.reduceat(by[..., index] * series[at][:, None, :], begin, axis=2)
+
+        def forced(k: int) -> np.ndarray:
+            return entering(linear.Bw0[k], k) + entering(linear.Bw1[k], k + 1)
+
+        white, _ = self._run(len(begin), lambda k: entering(linear.Dw[k], k), forced)
+        return white.swapaxes(0, 1)
+
+    def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Most likely deviation of the augmented state (N, R, n) and noise of the recorded inputs (N, R, ni), given one
+        column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion."""
+        white, states = self._columns(Y, F, first, keep=True)
+        if self.kernel is not None:
+            costates = self.kernel.costates(self.A, self.C, self.gain, self.inverse_root, white)
+        else:
+            costates = self._costates(white)
+        noise = self.inputs.smoothed(self, white.swapaxes(0, 1)[..., 0], costates)
+        deviation = (self.P @ costates[..., None] - states)[..., 0]
+        nx = self.linear.X.shape[2]
+        deviation[1:, :, :nx] += (self.inputs.after @ noise[1:, ..., None])[..., 0]
+        return deviation, noise
+
+    def _costates(self, white: np.ndarray) -> np.ndarray:
+        found = np.zeros(self.C.shape[:2] + self.C.shape[3:])
+        turned = self.inverse_root.swapaxes(2, 3)
+        for k in range(len(found) - 1, -1, -1):
+            pull = turned[k] @ white[:, k]
+            if k < len(found) - 1:
+                after = found[k + 1][..., None]
+                pull = pull - self.gain[k].swapaxes(1, 2) @ after
+                found[k] = (self.A[k].swapaxes(1, 2) @ after)[..., 0]
+            found[k] += (self.C[k].swapaxes(1, 2) @ pull)[..., 0]
+        return found
+
+    def _columns(
+        self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None, keep: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc)."""
+        if self.kernel is not None:
+            return self.kernel.whiten(self.A, self.C, self.gain, self.inverse_root, Y, F, first, keep)
+        return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], first, keep)
+
+    def _run(
+        self,
+        columns: int,
+        output: Callable[[int], np.ndarray],
+        forced: Callable[[int], np.ndarray],
+        first: np.ndarray | None = None,
+        keep: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        N, R, ny, n = self.C.shape
+        white = np.empty((R, N, ny, columns))
+        states = np.empty((N if keep else 0, R, n, columns))
+        E = np.zeros((R, n, columns)) if first is None else first.copy()
+        for k in range(N):
+            if keep:
+                states[k] = E
+            e = self.C[k] @ E
+            e += output(k)
+            np.matmul(self.inverse_root[k], e, out=white[:, k])
+            if k < N - 1:
+                E = self.A[k] @ E
+                E -= self.gain[k] @ e
+                drive = forced(k)
+                E[:, : drive.shape[1]] += drive
+        return white, states
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InputNoise:
+    """How noise of recorded inputs enters a model: variance (ni,), `now` (N, R, nx, ni) and `after` (N-1, R, nx, ni)
+    into the state over the interval behind a sample and over the one before it, `out` (N, R, ny, ni) into the outputs.
+
+    The filter's state is the model's without what the noise of the sample has put into it over the interval before, so
+    that noise enters one interval and one sample, in which state and outputs share it.
+    """
+
+    variance: np.ndarray
+    now: np.ndarray
+    after: np.ndarray
+    out: np.ndarray
+
+    def smoothed(self, filter_: Filter, white: np.ndarray, costates: np.ndarray) -> np.ndarray:
+        """(N, R, ni) most likely noise, from innovations (N, R, ny) and costates (N, R, n): the disturbance smoother
+        (Koopman, Biometrika 80 (1993))."""
+        pull = filter_.inverse_root.swapaxes(2, 3) @ white[..., None]
+        pull[:-1] -= filter_.gain.swapaxes(2, 3) @ costates[1:, ..., None]
+        slope = self.out.swapaxes(2, 3) @ pull
+        slope[:-1] += self.now.swapaxes(2, 3) @ costates[1:, :, : self.now.shape[2], None]
+        return self.variance * slope[..., 0]
+
+
+def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Filter:
+    """Covariance pass of the filter; it does not look at the data, only at which samples are seen.
+
+    plain  in numpy, as without a compiler. Raises numpy.linalg.LinAlgError when the innovations have no density.
+    """
+    A, C, Q, M, S, P0 = augmented(linear, noise, plain)
+    kernel = None if plain else filter_kernel(C.shape[3], C.shape[2])
+    passed = kernel.covariance(A, C, Q, M, S, P0) if kernel is not None else _covariance_pass(A, C, Q, M, S, P0)
+    gain, inverse_root, P, log_determinant = passed
+    return Filter(
+        linear=linear,
+        through=linear,
+        noise=noise,
+        A=A,
+        C=C,
+        gain=gain,
+        inverse_root=inverse_root,
+        P=P,
+        log_determinant=log_determinant,
+        kernel=kernel,
+    )
+
+
+def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:
+    index = [linear.model.disturbances.index(name) for name in noise.inputs]
+    now, after, out = linear.Bw0[..., index].copy(), linear.Bw1[..., index], linear.Dw[..., index].copy()
+    now[1:] += linear.A[1:] @ after[:-1]
+    out[1:] += linear.C[1:] @ after
+    variance = np.array([sigma**2 for sigma in noise.inputs.values()])
+    return InputNoise(variance=variance, now=now, after=after, out=out)
+
+
+def _held(linear: Linear, before: Linear) -> Linear:
+    """The linearisation with the sensitivities to states and disturbances of the one before, where that has them."""
+    into, of = _shared(linear.model.states, before.model.states)
+    A, C, Bw0, Bw1 = (part.copy() for part in (linear.A, linear.C, linear.Bw0, linear.Bw1))
+    A[:, :, into[:, None], into] = before.A[:, :, of[:, None], of]
+    C[..., into] = before.C[..., of]
+    Bw0[:, :, into], Bw1[:, :, into] = before.Bw0[:, :, of], before.Bw1[:, :, of]
+    seen = linear.seen[..., None]
+    return replace(linear, A=A, Bw0=Bw0, Bw1=Bw1, C=np.where(seen, C, 0.0), Dw=np.where(seen, before.Dw, 0.0))
+
+
+def _shared(names: Sequence[str], before: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Indices in both of the names that both have."""
+    both = [name for name in before if name in names]
+    return np.array([names.index(name) for name in both]), np.array([before.index(name) for name in both])
+
+
+def _covariance_pass(A, C, Q, M, S, P) -> tuple[np.ndarray, ...]:
+    N, records, ny, n = C.shape
+    gain = np.empty((N - 1, records, n, ny))
+    inverse_root = np.empty((N, records, ny, ny))
+    kept = np.empty((N, records, n, n))
+    log_determinant = np.empty((N, records))
+    for k in range(N):
+        kept[k] = P
+        PC = P @ C[k].swapaxes(1, 2)
+        root = np.linalg.cholesky(C[k] @ PC + M[k])
+        inverse = np.linalg.inv(root)
+        inverse_root[k] = inverse
+        log_determinant[k] = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        if k < N - 1:
+            Z = (A[k] @ PC if S is None else A[k] @ PC + S[k]) @ inverse.swapaxes(1, 2)
+            gain[k] = Z @ inverse
+            P = A[k] @ P @ A[k].swapaxes(1, 2) + Q[k] - Z @ Z.swapaxes(1, 2)
+            P = 0.5 * (P + P.swapaxes(1, 2))
+    return gain, inverse_root, kept, log_determinant
+
+
+def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+    """(Y, F) of the residual itself, one column."""
+    return linear.residual[..., None], -linear.defect[..., None]
+
+
+def residual_about(
+    linear: Linear,
+    noise: NoiseModel,
+    coloured: np.ndarray,
+    inputs: np.ndarray | None = None,
+    through: Linear | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(Y, F, first) of the residual of a model linearised about histories `coloured` (N, R, nc) of the noise's coloured
+    disturbances, which their processes expect to begin near zero and to decay from sample to sample, and about the
+    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero; both go `through` the model that the
+    filter has (`Filter.through`), by default this one."""
+    Y, F = residual_column(linear)
+    linear = through or linear
+    decay = np.exp(-linear.dt[..., None] / np.array([tau for _, tau in noise.coloured.values()]))
+    news = (coloured[1:] - decay * coloured[:-1])[..., None]
+    index = [linear.model.disturbances.index(name) for name in noise.coloured]
+    F = np.concatenate([F + linear.Bw1[..., index] @ news, news], axis=2)
+    if inputs is not None:
+        index, W = [linear.model.disturbances.index(name) for name in noise.inputs], inputs[..., None]
+        Y = Y + linear.Dw[..., index] @ W
+        F[:, :, : linear.X.shape[2]] += linear.Bw0[..., index] @ W[:-1] + linear.Bw1[..., index] @ W[1:]
+    first = np.zeros((F.shape[1], F.shape[2], 1))
+    first[:, linear.X.shape[2] :, 0] = coloured[0]
+    return Y, F, first
+
+
+def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[Any, ...]:
+    """A, C, Q, M of the model with its coloured disturbances as further states, S that state and outputs share (None
+    without noise of inputs), and the initial covariance; `plain` in numpy, as without a compiler."""
+    model, ny = linear.model, linear.C.shape[2]
+    coloured, white = ([model.disturbances.index(name) for name in names] for names in (noise.coloured, noise.white))
+    sigma = np.array([value for value, _ in noise.coloured.values()])
+    tau = np.array([value for _, value in noise.coloured.values()])
+    of_white, of_inputs = (np.array(list(names.values()), dtype=float) for names in (noise.white, noise.inputs))
+    variance = np.array([noise.measurement[name] ** 2 for name in model.outputs])
+    n = len(model.states) + len(coloured)
+    kernel = None if plain else filter_kernel(n, ny)
+    if kernel is None:
+        *made, S = _augmented(linear, coloured, white, sigma, tau, of_white, _input_noise(linear, noise), variance)
+    else:
+        inputs = [model.disturbances.index(name) for name in noise.inputs]
+        *made, S = kernel.augmented(linear, coloured, white, inputs, sigma, tau, of_white, of_inputs, variance)
+    P = np.zeros((linear.C.shape[1], n, n))
+    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sigma**2]
+    return *made, S if noise.inputs else None, P
+
+
+def _augmented(linear: Linear, coloured, white, sigma, tau, of_white, inputs, variance) -> tuple[np.ndarray, ...]:
+    """(A, C, Q, M, S), as the compiled recursions compute them."""
+    N, records, ny, nx = linear.C.shape
+    n = nx + len(coloured)
+    phi = np.exp(-linear.dt[..., None] / tau) if coloured else np.zeros((N - 1, records, 0))
+    A = np.zeros((N - 1, records, n, n))
+    A[..., :nx, :nx] = linear.A
+    A[..., :nx, nx:] = linear.Bw0[..., coloured] + linear.Bw1[..., coloured] * phi[..., None, :]
+    A[..., range(nx, n), range(nx, n)] = phi
+    C = np.concatenate([linear.C, linear.Dw[..., coloured]], axis=3)
+    G = (linear.Bw0 + linear.Bw1)[..., white] * of_white
+    now, out = inputs.now * np.sqrt(inputs.variance), inputs.out * np.sqrt(inputs.variance)
+    Q = np.zeros((N - 1, records, n, n))
+    Q[..., :nx, :nx] = G @ G.swapaxes(2, 3) + now @ now.swapaxes(2, 3)
+    driven = sigma**2 * (1.0 - phi**2)
+    Q[..., range(nx, n), range(nx, n)] = driven
+    through = linear.Bw1[..., coloured] * driven[..., None, :]
+    Q[..., :nx, nx:] = through
+    Q[..., nx:, :nx] = through.swapaxes(2, 3)
+    Q[..., :nx, :nx] += through @ linear.Bw1[..., coloured].swapaxes(2, 3)
+    feed = linear.Dw[..., white] * of_white
+    M = feed @ feed.swapaxes(2, 3) + out @ out.swapaxes(2, 3)
+    M[..., range(ny), range(ny)] += np.where(linear.seen, variance, 1.0)
+    S = np.zeros((N - 1, records, n, ny))
+    S[..., :nx, :] = now @ out[:-1].swapaxes(2, 3)
+    return A, C, Q, M, S

@@ -1,0 +1,133 @@
+"""The recursions of `kalman` and `innovations` as compiled C; the numpy versions beside them say what they compute.
+
+Nothing in the source depends on the model: one library serves all, compiled once per machine. Records know nothing of
+each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS` limits how many do).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+import numpy as np
+
+from casid.native import filter_source as filter_kernel_source
+from casid.native import step_source as step_kernel_source
+from casid.native.compiler import c_compiler, compile_library
+from casid.native.processors import share_out
+
+_MOST = 64  # states, outputs; beyond that numpy does the work
+_TILE = 16  # columns that go through the filter side by side
+_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC", f"-DMOST={_MOST}", f"-DTILE={_TILE}")
+
+
+class FilterKernel:
+    """The compiled recursions; arrays as in `kalman`."""
+
+    def __init__(self, library: str) -> None:
+        loaded = ctypes.CDLL(library)
+        self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
+        self._interval, self._augment = loaded.interval, loaded.augment
+        for without in (self._whiten, self._costates, self._interval, self._augment):
+            without.restype = None
+
+    def interval(self, by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
+        """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from Jacobians (N, R, nx + ny, columns) of both equations."""
+        (N, R, rows, nx), ny = by_x.shape, seen.shape[2]
+        assert rows == nx + ny
+        n_p, nw = by_p.shape[3], by_w.shape[3]
+        shapes = [(nx, nx), (nx, n_p), (nx, nw), (nx, nw), (ny, nx), (ny, n_p), (ny, nw)]
+        made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
+        given = [part.swapaxes(2, 3) for part in (by_x, by_p, by_w)]  # as CasADi wrote them
+        flags = live.astype(np.uint8), held.astype(float), seen.astype(np.uint8)
+        _call(self._interval, N, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
+        return tuple(made)
+
+    def augmented(
+        self, linear, coloured, white, inputs, sigma, tau, white_sigma, input_sigma, variance
+    ) -> tuple[np.ndarray, ...]:
+        """(A, C, Q, M, S) of `kalman.augmented`; `coloured`, `white` and `inputs` are indices of disturbances."""
+        (N, R, ny, nx), nw, nz = linear.C.shape, linear.Dw.shape[3], len(coloured)
+        n = nx + nz
+        shapes = ((1, (n, n)), (0, (ny, n)), (1, (n, n)), (0, (ny, ny)), (1, (n, ny)))
+        made = [np.empty((N - steps, R, *shape)) for steps, shape in shapes]
+        index = [np.asarray(one, dtype=ctypes.c_long) for one in (coloured, white, inputs)]
+        given = (linear.dt, linear.seen.astype(np.uint8), linear.A, linear.Bw0, linear.Bw1, linear.C, linear.Dw)
+        sizes = (N, R, nx, ny, nw, nz, len(white), len(inputs))
+        _call(self._augment, N, sizes, *index, sigma, tau, white_sigma, input_sigma, variance, *given, *made)
+        return tuple(made)
+
+    def covariance(self, A, C, Q, M, S, P0) -> tuple[np.ndarray, ...]:
+        """(gain, inverse root, prediction covariance, log determinant); S may be None. Raises numpy.linalg.LinAlgError
+        when a covariance of an innovation is not positive definite."""
+        N, R, ny, n = C.shape
+        gain, root = np.empty((N - 1, R, n, ny)), np.empty((N, R, ny, ny))
+        kept, log_determinant = np.empty((N, R, n, n)), np.empty((N, R))
+        if not _call(self._covariance, R, (N, R, n, ny), A, C, Q, M, S, P0, gain, root, kept, log_determinant):
+            raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
+        return gain, root, kept, log_determinant
+
+    def whiten(self, A, C, gain, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Innovations (R, N, ny, nc) of columns Y, F, first; states (N, R, n, nc) when they are to be kept."""
+        (N, R, ny, n), nc = C.shape, Y.shape[3]
+        white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
+        sizes = (N, R, n, F.shape[2], ny, nc)
+        kept = states if keep else None
+        columns = (Y, F, first, ctypes.c_long(0), *[None] * 6)
+        _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *columns, white, kept)
+        return white, states
+
+    def whiten_histories(self, A, C, gain, root, stations, first, series, Dw, B0, B1) -> np.ndarray:
+        """Innovations (R, N, ny, nc) of columns that are sums of time histories (N, R, histories) at disturbance
+        `stations`, from number `first` (nc,) on to that of the next column."""
+        (N, R, ny, n), nc = C.shape, len(first)
+        white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
+        begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
+        nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
+        histories = (None, None, None, nw, index, begin, series, Dw, B0, B1)
+        _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *histories, white, None)
+        return white
+
+    def costates(self, A, C, gain, root, white) -> np.ndarray:
+        """Costates (N, R, n) of the predicted states, from the innovations (R, N, ny) of one column."""
+        N, R, ny, n = C.shape
+        found = np.empty((N, R, n))
+        _call(self._costates, R, (N, R, n, ny), A, C, gain, root, white, found)
+        return found
+
+
+def _tiles(records: int, columns: int) -> int:
+    return records * -(-columns // _TILE)
+
+
+def _call(function, parts: int, sizes: tuple[int, ...], *arguments: np.ndarray | ctypes.c_long | None) -> bool:
+    """Run the function on all its parts, shared out among threads; whether it returned 0 everywhere."""
+    given, kept, failed = [], [], []
+    for argument in arguments:
+        if isinstance(argument, np.ndarray):
+            kept.append(np.ascontiguousarray(argument))
+            argument = ctypes.c_void_p(kept[-1].ctypes.data)
+        given.append(argument)
+
+    def run(first: int, last: int) -> None:
+        if function(*(ctypes.c_long(size) for size in (first, last, *sizes)), *given):
+            failed.append(first)
+
+    share_out(parts, run)
+    return not failed
+
+
+def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
+    """The compiled recursions, from the cache or compiled now; None where there is no compiler or a system is too large
+    for them."""
+    return _loaded() if max(states, outputs) <= _MOST else None
+
+
+@cache
+def _loaded() -> FilterKernel | None:
+    library = (
+        None
+        if c_compiler() is None
+        else compile_library(filter_kernel_source.SOURCE + step_kernel_source.SOURCE, _FLAGS)
+    )
+    return None if library is None else FilterKernel(str(library))

@@ -1,0 +1,150 @@
+"""CasADi SX functions as C on vectors: one lane per segment, in the vector extension of gcc and clang.
+
+The instruction list of a function becomes straight-line code on values of type V. Arithmetic is the compiler's own;
+sin and its like come from the vector library of glibc where there is one; everything else is a loop over lanes.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+_ARITHMETIC = {
+    ca.OP_ASSIGN: "{a}",
+    ca.OP_ADD: "{a} + {b}",
+    ca.OP_SUB: "{a} - {b}",
+    ca.OP_MUL: "{a} * {b}",
+    ca.OP_DIV: "{a} / {b}",
+    ca.OP_NEG: "-{a}",
+    ca.OP_SQ: "{a} * {a}",
+    ca.OP_TWICE: "{a} + {a}",
+    ca.OP_INV: "1.0 / {a}",
+}
+_LIBRARY = {
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_TANH: "tanh",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+}
+_LIBRARY_OF_TWO = {ca.OP_ATAN2: "atan2", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
+_BY_LANE = {
+    ca.OP_SQRT: "sqrt(a)",
+    ca.OP_FABS: "fabs(a)",
+    ca.OP_FLOOR: "floor(a)",
+    ca.OP_CEIL: "ceil(a)",
+    ca.OP_FMOD: "fmod(a, b)",
+    ca.OP_FMIN: "fmin(a, b)",
+    ca.OP_FMAX: "fmax(a, b)",
+    ca.OP_COPYSIGN: "copysign(a, b)",
+    ca.OP_SIGN: "(a > 0) - (a < 0)",
+    ca.OP_ERF: "erf(a)",
+    ca.OP_ASINH: "asinh(a)",
+    ca.OP_ACOSH: "acosh(a)",
+    ca.OP_ATANH: "atanh(a)",
+    ca.OP_HYPOT: "hypot(a, b)",
+    ca.OP_LOG1P: "log1p(a)",
+    ca.OP_EXPM1: "expm1(a)",
+    ca.OP_LT: "a < b",
+    ca.OP_LE: "a <= b",
+    ca.OP_EQ: "a == b",
+    ca.OP_NE: "a != b",
+    ca.OP_NOT: "!a",
+    ca.OP_AND: "a && b",
+    ca.OP_OR: "a || b",
+    ca.OP_IF_ELSE_ZERO: "a ? b : 0.0",
+}
+_SINCE_GLIBC_2_22 = ("sin", "cos", "exp", "log")
+
+PRELUDE = r"""
+#include <math.h>
+#include <string.h>
+#if defined(__AVX512F__)
+#define W 8
+#elif defined(__AVX__)
+#define W 4
+#else
+#define W 2
+#endif
+typedef double V __attribute__((vector_size(8 * W)));
+#if defined(CASID_MVEC) && defined(__GLIBC__) && (defined(__AVX512F__) || defined(__AVX2__))
+#if defined(__AVX512F__)
+#define MVEC1(f) _ZGVeN8v_##f
+#define MVEC2(f) _ZGVeN8vv_##f
+#else
+#define MVEC1(f) _ZGVdN4v_##f
+#define MVEC2(f) _ZGVdN4vv_##f
+#endif
+#define VECTOR1(f) V MVEC1(f)(V); static inline V v_##f(V a) { return MVEC1(f)(a); }
+#define VECTOR2(f) V MVEC2(f)(V, V); static inline V v_##f(V a, V b) { return MVEC2(f)(a, b); }
+#if __GLIBC_PREREQ(2, 35)
+#define LATER1 VECTOR1
+#define LATER2 VECTOR2
+#endif
+#else
+#define VECTOR1 LANES1
+#endif
+#define LANES1(f) static inline V v_##f(V a) { V r; for (int i = 0; i < W; i++) r[i] = f(a[i]); return r; }
+#define LANES2(f) static inline V v_##f(V a, V b) { V r; for (int i = 0; i < W; i++) r[i] = f(a[i], b[i]); return r; }
+#ifndef LATER1
+#define LATER1 LANES1
+#define LATER2 LANES2
+#endif
+"""
+
+
+class UnknownOperationError(Exception):
+    """A function contains what this emitter has no C for."""
+
+
+def prelude() -> str:
+    """The vector type V of W lanes, and the functions that emitted code calls."""
+    first = [f"VECTOR1({name})" for name in _SINCE_GLIBC_2_22]
+    later = [f"LATER1({name})" for name in _LIBRARY.values() if name not in _SINCE_GLIBC_2_22]
+    two = [f"LATER2({name})" for name in sorted(set(_LIBRARY_OF_TWO.values()))]
+    lanes = []
+    for op, expression in _BY_LANE.items():
+        body = f"for (int i = 0; i < W; i++) {{ double a = x[i], b = y[i]; (void)b; r[i] = {expression}; }}"
+        lanes.append(f"static inline V lane_{op}(V x, V y) {{ V r; {body} return r; }}")
+    return "\n".join([PRELUDE, *first, *later, *two, *lanes])
+
+
+def emit(function: ca.Function, name: str) -> str:
+    """C of `static inline void name(const V *a0, ..., V *r0, ...)`; arguments and results are the nonzeros in CasADi's
+    order. Raises UnknownOperationError."""
+    arguments = [f"const V *restrict a{i}" for i in range(function.n_in())]
+    results = [f"V *restrict r{i}" for i in range(function.n_out())]
+    lines = [f"static inline void {name}({', '.join(arguments + results)})", "{"]
+    lines.append("V " + ", ".join(f"w{i}" for i in range(max(function.sz_w(), 1))) + ";")
+    lines += [_statement(function, k) for k in range(function.n_instructions())]
+    return "\n".join([*lines, "}"])
+
+
+def _statement(function: ca.Function, k: int) -> str:
+    op, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+    if op == ca.OP_OUTPUT:
+        return f"r{to[0]}[{to[1]}] = w{of[0]};"
+    if op == ca.OP_INPUT:
+        return f"w{to[0]} = a{of[0]}[{of[1]}];"
+    if op == ca.OP_CONST:
+        return f"w{to[0]} = (V){{0}} + {_number(function.instruction_constant(k))};"
+    a, b = f"w{of[0]}", f"w{of[-1]}"
+    if op in _ARITHMETIC:
+        return f"w{to[0]} = {_ARITHMETIC[op].format(a=a, b=b)};"
+    if op in _LIBRARY:
+        return f"w{to[0]} = v_{_LIBRARY[op]}({a});"
+    if op in _LIBRARY_OF_TWO:
+        return f"w{to[0]} = v_{_LIBRARY_OF_TWO[op]}({a}, {b});"
+    if op in _BY_LANE:
+        return f"w{to[0]} = lane_{op}({a}, {b});"
+    raise UnknownOperationError(f"operation {op} of {function.name()}")
+
+
+def _number(value: float) -> str:
+    special = {"inf": "INFINITY", "-inf": "-INFINITY", "nan": "NAN"}
+    return special.get(repr(float(value)), repr(float(value)))

@@ -1,0 +1,60 @@
+"""Work shared out among processors, for code that lets go of Python's lock: compiled loops, BLAS."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+
+from casid.native.threads import THREADED_LINEAR_ALGEBRA
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+_THREAD = threading.local()  # `processors` of one of `side_by_side`
+
+
+def processors() -> int:
+    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer; its part of them in a thread that runs
+    `side_by_side` with others."""
+    if (own := getattr(_THREAD, "processors", 0)) > 0:
+        return own
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
+
+
+def share_out(parts: int, run: Callable[[int, int], None]) -> None:
+    """Call run(first, last) on stretches of all parts, one a processor. `run` must not raise.
+
+    Threads are begun for each call: a pool would not live through a fork, and to begin a thread costs 0.1 ms.
+    """
+    if parts == 0:
+        return
+    bounds = np.linspace(0, parts, min(processors(), parts) + 1).astype(int).tolist()
+    others = [threading.Thread(target=run, args=stretch) for stretch in pairwise(bounds[1:])]
+    for other in others:
+        other.start()
+    run(*bounds[:2])
+    for other in others:
+        other.join()
+
+
+def side_by_side(run: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
+    """run(task) of each, in their order, as many at once as there are processors; each has its part of those. One after
+    the other where linear algebra has threads of its own. Raises what the first of them raises."""
+    available = processors()
+    workers = min(available, len(tasks))
+    if workers < 2 or THREADED_LINEAR_ALGEBRA:
+        return [run(task) for task in tasks]
+
+    def alone(task: Task) -> Result:
+        _THREAD.processors = available // workers
+        return run(task)
+
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(alone, tasks))

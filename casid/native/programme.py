@@ -1,0 +1,60 @@
+"""A nonlinear programme for IPOPT on CasADi's virtual machine or, when it pays, on compiled C, with the same numbers.
+
+The functions of a programme differ between data sets by their arguments only, so that one library serves all that have
+the same size. When compiling pays is decided as in `compiler`: the time spent without it pays for it.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import casadi as ca
+
+from casid.native.compiler import c_compiler, compile_library, library_path
+
+_FUNCTIONS = ("nlp_f", "nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l", "nlp_grad")
+# the source is long and plain: more optimisation doubles the time of the compiler and gains nothing
+_FLAGS = ("-O1", "-march=native", "-fno-math-errno", "-ffp-contract=off", "-shared", "-fPIC")
+_LOOK_UP_AFTER = 2.0  # s in the virtual machine, after which the source is written for its hash
+_COMPILE_PER_BYTE = {"exact": 1.1e-6, "given": 4.2e-6}  # s by the Hessian, measured with gcc on one core
+
+
+class CompilableProgramme:
+    """casadi.nlpsol with IPOPT of a programme `nlp`; `hessian` is the function of the Hessian (CasADi's hess_lag), None
+    for the exact one. Called with the arguments of nlpsol it returns the result and IPOPT's statistics."""
+
+    def __init__(self, nlp: dict[str, ca.MX], options: dict[str, Any], hessian: ca.Function | None) -> None:
+        self._options, self._hessian = options, "exact" if hessian is None else "given"
+        more = {} if hessian is None else {"hess_lag": hessian}
+        self._solver = ca.nlpsol("estimation", "ipopt", nlp, options | more)
+        self._spent, self._settled, self._source = 0.0, False, ""
+
+    def __call__(self, **arguments: Any) -> tuple[dict[str, ca.DM], dict[str, Any]]:
+        if not self._settled and self._spent >= _LOOK_UP_AFTER:
+            self._compile()
+        begin = time.perf_counter()
+        result = self._solver(**arguments)
+        self._spent += time.perf_counter() - begin
+        return result, self._solver.stats()
+
+    def _compile(self) -> None:
+        """Go over to the library when it is there or has been paid for."""
+        if c_compiler() is None:
+            self._settled = True
+            return
+        self._source = self._source or self._written()
+        library = library_path(self._source, _FLAGS)
+        if not library.exists() and self._spent < _COMPILE_PER_BYTE[self._hessian] * len(self._source):
+            return
+        if compile_library(self._source, _FLAGS) is not None:
+            more = {"hess_lag": ca.external("nlp_hess_l", str(library))} if self._hessian == "given" else {}
+            self._solver = ca.nlpsol("estimation", "ipopt", str(library), self._options | more)
+        self._settled, self._source = True, ""
+
+    def _written(self) -> str:
+        generator = ca.CodeGenerator("programme.c")
+        generator.add(self._solver.oracle())
+        for name in _FUNCTIONS:
+            generator.add(self._solver.get_function(name))
+        return generator.dump()

@@ -1,0 +1,1 @@
+"""Blind tests: hidden effects, sealed answers, scores."""

@@ -1,0 +1,150 @@
+"""Open the answers of blind tests and score what was found.
+
+A name is right when kind, target and term are those of the answer. A change of configuration is right when the named
+coefficients are part of those that changed, or contain them: a step of 0.003 in Cm need not be seen. What cannot be
+told from a cause (`indistinguishable_from`) belongs to its set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from problems.blind.case import LOADING, RECORDS, Answer, Hidden, family
+
+Found = Mapping[str, Any]
+# effects outside the catalogue that the catalogue can say in other words
+OTHER_WORDS: Mapping[str, tuple[tuple[str, str, str | None], ...]] = {
+    "rotor_gyroscope": (("aero_term", "Cm", "r"), ("aero_term", "Cn", "q")),
+}
+ELSEWHERE = "same kind, elsewhere"
+NOTHING, UNEXPLAINED, FAILED = "adequate", "unexplained", "failed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """One set scored.
+
+    named      kind of the strongest cause (the answer's, when that is in its set), ELSEWHERE when its kind is right but
+               its target or term is not, or NOTHING, UNEXPLAINED, FAILED
+    first      the answer is the strongest cause or in its set; `hits` of the hidden effects are among all causes
+    same_family  the strongest cause is of the family of a hidden effect
+    wrong      causes (with their sets) that are nothing of what is hidden
+    described  outside the catalogue: every cause says the same in other words
+    onsets     hidden onsets and how many lie in the stated interval
+    sized      relative error and whether the 95 % interval has the size; None: not named by its own name
+    """
+
+    answer: Answer
+    verdict: str
+    named: str
+    first: bool
+    hits: int
+    same_family: bool
+    wrong: int
+    described: bool
+    onsets: tuple[int, int]
+    sized: tuple[float, bool] | None
+    seconds: float
+
+
+def score(answer: Answer, found: Found) -> Score:
+    """Score a shortened diagnosis (`casid.campaign.blind.solve`)."""
+    if "failed" in found:
+        return Score(
+            answer=answer,
+            verdict=FAILED,
+            named=FAILED,
+            first=False,
+            hits=0,
+            same_family=False,
+            wrong=0,
+            described=False,
+            onsets=(0, 0),
+            sized=None,
+            seconds=0.0,
+        )
+    causes, hidden = found["causes"], answer.hidden
+    strongest = list(_set(causes[0])) if causes else []
+    first = any(_same(one, other) for one in hidden for other in strongest)
+    own = next((c for c in causes if hidden and _same(hidden[0], c)), None)
+    words = [any(_key(o) in OTHER_WORDS.get(h.kind, ()) for h in hidden for o in _set(c)) for c in causes]
+    return Score(
+        answer=answer,
+        verdict=found["verdict"],
+        named=_named(hidden, found, first),
+        first=first,
+        hits=sum(any(_same(one, other) for c in causes for other in _set(c)) for one in hidden),
+        same_family=any(_family(o) == _family_of(h) for o in strongest[:1] for h in hidden) or first,
+        wrong=sum(not any(_same(h, o) for h in hidden for o in _set(c)) for c in causes),
+        described=bool(words) and all(words),
+        onsets=_onsets(hidden, causes),
+        sized=_sized(hidden, own),
+        seconds=sum(found["seconds"].values()),
+    )
+
+
+def _set(cause: Found) -> Iterator[Found]:
+    yield cause
+    yield from cause["indistinguishable_from"]
+
+
+def _key(found: Found) -> tuple[str, str, str | None]:
+    return found["kind"], found.get("target") or "", found.get("term")
+
+
+def _same(hidden: Hidden, found: Found) -> bool:
+    kind, target, term = _key(found)
+    if kind != hidden.kind:
+        return False
+    if kind == "configuration_change":
+        ours, theirs = set(hidden.target.split("+")), set(target.split("+"))
+        return ours <= theirs or theirs <= ours
+    return (target, term) == (hidden.target, hidden.term)
+
+
+def _family(found: Found) -> str:
+    return family(found["kind"], found.get("target") or "")
+
+
+def _family_of(hidden: Hidden) -> str | None:
+    try:
+        return family(hidden.kind, hidden.target)
+    except StopIteration:
+        return None
+
+
+def _named(hidden: tuple[Hidden, ...], found: Found, first: bool) -> str:
+    if not found["causes"]:
+        return NOTHING if found["verdict"] == "adequate" else UNEXPLAINED
+    strongest = found["causes"][0]
+    if first:
+        return next(h.kind for h in hidden for o in _set(strongest) if _same(h, o))
+    return ELSEWHERE if any(h.kind == strongest["kind"] for h in hidden) else strongest["kind"]
+
+
+def _onsets(hidden: tuple[Hidden, ...], causes: list[Found]) -> tuple[int, int]:
+    """(onsets inside the stated interval, onsets) of hidden events that were named."""
+    inside = total = 0
+    for one in hidden:
+        cause = next((c for c in causes if _same(one, c)), None)
+        if cause is None or not one.onset_s:
+            continue
+        stated = cause["onset_s"] or {}
+        for record, onset in one.onset_s.items():
+            if record in cause["records"]:
+                total += 1
+                low, high = stated.get(record, (1.0, 0.0))
+                inside += low <= onset <= high
+    return inside, total
+
+
+def _sized(hidden: tuple[Hidden, ...], own: Found | None) -> tuple[float, bool] | None:
+    if own is None or not hidden:
+        return None
+    one, value = hidden[0], own["value"]
+    if one.kind in LOADING and set(own["records"]) == set(RECORDS[:-1]) - set(one.records):
+        value = -value  # the same difference, told of the other fitted records
+    error = value - one.value
+    return error / abs(one.value), abs(error) <= 1.96 * own["std"]

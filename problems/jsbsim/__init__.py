@@ -1,0 +1,1 @@
+"""Flights of JSBSim aircraft with faults made in JSBSim."""

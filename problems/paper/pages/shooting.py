@@ -1,0 +1,171 @@
+"""Pictures and tables of the comparison of shooting methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from casid.report.style import BASELINE, EXPLAINED, FAINT, Picture, blank, settings
+from problems.paper.pages.page import Section, figure, paragraph, table, write_page
+
+Results = Mapping[str, Mapping[str, Any]]  # "aircraft/method/kind ..." -> result
+_KINDS = ("right optimum", "wrong, claimed converged", "wrong, said so")
+_COLOURS = (EXPLAINED, BASELINE, FAINT)
+
+
+def outcome(result: Mapping[str, Any]) -> int:
+    """0 right optimum, 1 wrong although the solver claims success, 2 wrong and said so."""
+    return 0 if result["right"] else 1 if result["claimed"] else 2
+
+
+def _of(results: Results, aircraft: str, method: str, kind: str) -> list[Mapping[str, Any]]:
+    return [result for key, result in results.items() if key.startswith(f"{aircraft}/{method}/{kind}")]
+
+
+def summary(results: Results, aircraft: str, methods: Sequence[str]) -> list[list[Any]]:
+    """Rows method, right, wrong claimed, starts (random ones), then iterations, seconds, cost, error from the paper's
+    start; median iterations and seconds of the random starts that ended right."""
+    rows = []
+    for method in methods:
+        random, paper = _of(results, aircraft, method, "random"), _of(results, aircraft, method, "paper")
+        kinds = [outcome(result) for result in random]
+        good = [result for result in random if result["right"]]
+        middle = [float(np.median([r[name] for r in good])) if good else None for name in ("iterations", "seconds")]
+        first = paper[0]
+        rows.append(
+            [
+                method,
+                kinds.count(0),
+                kinds.count(1),
+                len(random),
+                "yes" if first["right"] else "no",
+                first["iterations"],
+                first["seconds"],
+                first["cost"],
+                first["error"],
+                *middle,
+            ]
+        )
+    return rows
+
+
+HEAD = (
+    "method",
+    "right of random starts",
+    "wrong but claimed",
+    "starts",
+    "right from 0.7 x true",
+    "iterations",
+    "seconds",
+    "cost",
+    "largest error",
+    "median iterations",
+    "median seconds",
+)
+
+
+def success_picture(results: Results, aircraft: Sequence[str], methods: Sequence[str]) -> Picture:
+    """Share of the random starts by what became of them, for every method."""
+    with settings():
+        drawing = blank(0.3 * len(methods) + 1.4)
+        axes = drawing.subplots(1, len(aircraft), sharey=True)
+        for place, name in zip(np.atleast_1d(axes), aircraft, strict=True):
+            left = np.zeros(len(methods))
+            for kind, colour in enumerate(_COLOURS):
+                groups = [[outcome(r) for r in _of(results, name, m, "random")] for m in methods]
+                share = np.array([100.0 * group.count(kind) / max(len(group), 1) for group in groups])
+                place.barh(range(len(methods)), share, left=left, color=colour, label=_KINDS[kind], height=0.75)
+                left += share
+            place.set_title(name)
+            place.set_xlabel("random starts [%]")
+            place.set_yticks(range(len(methods)), methods)
+            place.grid(axis="y", visible=False)
+            place.set_xlim(0, 100)
+        np.atleast_1d(axes)[0].invert_yaxis()
+        handles, labels = np.atleast_1d(axes)[0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+    return Picture(
+        name="success",
+        figure=drawing,
+        title="Who finds the right optimum from far away",
+        caption="Starts: every derivative U(0, 2) times its true value, a fifth of the signs flipped.",
+        alt="Bars: share of random starts that end in the right optimum, by method.",
+    )
+
+
+def basin_picture(results: Results, aircraft: Sequence[str], methods: Sequence[str], names: Sequence[str]) -> Picture:
+    """Where a start may lie in the plane of two derivatives: one square per start, coloured by what became of it."""
+    with settings():
+        drawing = blank(2.2 * len(aircraft) + 0.8)
+        axes = drawing.subplots(len(aircraft), len(methods), squeeze=False, sharex=True, sharey=True)
+        for i, name in enumerate(aircraft):
+            for j, method in enumerate(methods):
+                place = axes[i, j]
+                for key, result in results.items():
+                    if key.startswith(f"{name}/{method}/basin"):
+                        x, y = (float(part) for part in key.split()[-2:])
+                        place.plot(x, y, "s", color=_COLOURS[outcome(result)], markersize=9)
+                place.plot(1.0, 1.0, "+", color="black", markersize=9, markeredgewidth=1.5)
+                if i == 0:
+                    place.set_title(method)
+                place.margins(0.08)
+                place.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+                if i == len(aircraft) - 1:
+                    place.set_xlabel(f"{names[0]} / true")
+                if j == 0:
+                    place.set_ylabel(f"{name}\n{names[1]} / true")
+        marks = [
+            axes[0, 0].plot([], [], "s", color=colour, label=kind)[0]
+            for kind, colour in zip(_KINDS, _COLOURS, strict=True)
+        ]
+        drawing.legend(handles=marks, loc="outside lower center", ncols=3)
+    return Picture(
+        name="basin",
+        figure=drawing,
+        title="The basin of attraction, cut along two derivatives",
+        caption="Each square is a start; the other derivatives start at 0.7 times their true values. The cross is the "
+        "truth. Upper row: the stable aircraft; lower row: the destabilised one.",
+        alt="Grids of starts coloured by whether the right optimum is found, for three methods.",
+    )
+
+
+def write_shooting_page(
+    path: str | Path,
+    results: Results,
+    aircraft: Sequence[str],
+    methods: Sequence[str],
+    basin: Sequence[str],
+    names: Sequence[str],
+    right: float,
+    made_with: Mapping[str, Any],
+) -> None:
+    """Write the page of the comparison; `basin` are the methods of the basin picture, `names` its two derivatives."""
+    pictures = [success_picture(results, aircraft, methods)]
+    shown = [m for m in basin if any(f"/{m}/basin" in key for key in results)]
+    if shown:
+        pictures.append(basin_picture(results, aircraft, shown, names))
+    sections = [Section(title="Pictures", parts=[figure(picture) for picture in pictures])]
+    for name in aircraft:
+        parts = [table(HEAD, summary(results, name, methods), f"{name} aircraft")]
+        sections.append(Section(title=f"Table, {name}", parts=parts))
+    lead = [
+        "One noisy record of 20 s, open loop on measured surfaces, output error with the true noise as weights.",
+        f"Right means: all 16 parameters within {right:g} standard deviations of the optimum that is found from the "
+        "truth; the solver's own word is counted apart. All hard methods have one optimum. Soft defects take the noise "
+        "of the surfaces as process noise, which it is here; each interval has its own optimum, because a defect is "
+        "weighed at the nodes only. Single shooting is multiple shooting with the interval 'all'.",
+        "The largest error is that of the derivative with the largest relative error against the truth.",
+    ]
+    sections.append(
+        Section(
+            title="How to read seconds",
+            parts=[
+                paragraph("Wall time of one estimation on a machine that may be busy; first runs include compiling.")
+            ],
+        )
+    )
+    write_page(path, "Single shooting, multiple shooting, collocation", lead, sections, made_with)

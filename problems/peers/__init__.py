@@ -1,0 +1,1 @@
+"""The same estimation by other packages."""

@@ -1,0 +1,56 @@
+"""Multiple shooting as CasADi's users write it: a map of accumulated steps, IPOPT with a Gauss-Newton Hessian."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from problems.peers.common import Task, outputs, rates
+
+INTERVAL = 25
+
+
+def casadi_ipopt_gn(task: Task) -> tuple[np.ndarray, float]:
+    """(parameters (16,), cost). The same intervals and steps as ours; building the programme is part of it."""
+    n, steps = len(task.t), len(task.t) - 1
+    segments = steps // INTERVAL
+    if segments * INTERVAL != steps:
+        raise ValueError(f"{steps} steps are no multiple of {INTERVAL}")
+    x, u, p = ca.SX.sym("x", 8), ca.SX.sym("u", 10), ca.SX.sym("p", 16)
+    h = float(task.t[1] - task.t[0])
+
+    def f(x: ca.SX, u: ca.SX) -> ca.SX:
+        return ca.vertcat(*rates(ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p), ca))
+
+    first, last = u[:5], u[5:]
+    middle = (first + last) / 2
+    k1 = f(x, first)
+    k2 = f(x + h / 2 * k1, middle)
+    k3 = f(x + h / 2 * k2, middle)
+    k4 = f(x + h * k3, last)
+    step = ca.Function("step", [x, u, p], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+    output = ca.Function("output", [x], [ca.vertcat(*outputs(ca.vertsplit(x), ca))])
+    simulate = step.mapaccum(INTERVAL).map(segments)
+
+    scale = ca.DM([144.0, 5.0, 5.0, 0.2, 0.1, 0.1, 0.3, 0.1])
+    P, S = ca.MX.sym("P", 16), ca.MX.sym("S", 8, segments)
+    nodes = ca.repmat(scale, 1, segments) * S
+    both = np.hstack([task.U[:-1], task.U[1:]]).T
+    after = simulate(nodes, both, ca.repmat(P, 1, steps))
+    states = ca.horzcat(nodes[:, 0], after)
+    residual = (output.map(n)(states) - task.Z.T) / ca.repmat(ca.DM(task.sigma), 1, n)
+    r = ca.vertcat(ca.vec(residual), (nodes[:, 0] - task.x0) / task.x0_std)
+    defects = (after[:, INTERVAL - 1 :: INTERVAL][:, :-1] - nodes[:, 1:]) / ca.repmat(scale, 1, segments - 1)
+    z = ca.vertcat(P, ca.vec(S))
+    jacobian = ca.jacobian(r, z)
+    weight, multipliers, parameters = ca.MX.sym("w"), ca.MX.sym("m", defects.numel()), ca.MX.sym("q", 0)
+    hessian = ca.Function("hessian", [z, parameters, weight, multipliers], [weight * ca.triu(jacobian.T @ jacobian)])
+    solver = ca.nlpsol(
+        "solver",
+        "ipopt",
+        {"x": z, "f": 0.5 * ca.sumsqr(r), "g": ca.vec(defects)},
+        {"hess_lag": hessian, "print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8}},
+    )
+    start = ca.vertcat(task.start, ca.vec(ca.DM(task.X[:-1:INTERVAL].T) / ca.repmat(scale, 1, segments)))
+    found = solver(x0=start, lbg=0, ubg=0)
+    return np.asarray(found["x"]).ravel()[:16], float(found["f"])

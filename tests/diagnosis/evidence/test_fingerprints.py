@@ -1,0 +1,84 @@
+"""The fingerprint of a cause gives its size. The truth is the size that was flown, from an extended aircraft file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
+
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.model.aircraft import EffectValue
+from casid.model.applied import apply_effects
+from casid.model.dynamics import aircraft_model
+from casid.model.effects import catalogue, effect_of
+from casid.model.simulate import simulate
+from casid.model.trim import trim
+from casid.records.record import Record
+from problems.do328 import THRUST, V_TRIM, do328
+
+MEMORY = EffectValue(kind="unsteady_aero", target="Cm", value=-8.0, parameters={"time_constant": 0.3})
+FLOWN = [
+    MEMORY,
+    EffectValue(kind="unsteady_aero", target="Cn", value=0.4, parameters={"time_constant": 0.3}),
+    EffectValue(kind="sensor_scale", target="inertial", value=0.02),
+    EffectValue(kind="structural_mode", target="alpha", value=0.01, parameters={"frequency_hz": 4.0, "damping": 0.03}),
+    EffectValue(kind="structural_mode", target="ay", value=0.4, parameters={"frequency_hz": 5.0, "damping": 0.03}),
+    EffectValue(kind="structural_mode", target="ax", value=0.4, parameters={"frequency_hz": 3.0, "damping": 0.03}),
+]
+_3211, _DOUBLET = ((3, 1), (2, -1), (1, 1), (1, -1)), ((1, 1), (1, -1))
+
+
+def flights(effect: EffectValue, seed: int) -> list[Record]:
+    """Two records of 16 s at 50 Hz of the aircraft file with the effect, noise on all that is measured."""
+    level, t = trim(do328(), V=V_TRIM, thrust=THRUST), np.arange(0.0, 16.0, 0.02)
+    rng, found = np.random.default_rng(seed), []
+    for name, sign in (("m1", 1.0), ("m2", -1.0)):
+        channels = {key: np.full(len(t), value) for key, value in level.inputs.items()}
+        channels["delta_e"] += sign * (0.035 * multistep(t, 1.0, _3211, 0.5) + 0.03 * multistep(t, 13.0, _DOUBLET, 0.5))
+        channels["delta_a"] += sign * 0.04 * multistep(t, 5.0, _3211, 0.4)
+        channels["delta_r"] += sign * 0.05 * multistep(t, 8.5, _3211, 0.5)
+        commanded = Record(name=name, t=t, channels=channels)
+        calm = simulate(aircraft_model(do328()), commanded, level.state).as_record()
+        applied = apply_effects(do328().with_effects([effect]), [calm])
+        start = np.concatenate([level.state, applied.model.guess(calm)[0, len(level.state) :]])
+        flown = simulate(applied.model, applied.records[0], start, substeps=2)
+        read = dict(zip(applied.model.outputs, applied.readings(calm, flown.outputs).T, strict=True))
+        noisy = {o: read[o] + rng.normal(0.0, s, len(t)) for o, s in NOISE.items()}
+        noisy |= {s: channels[s] + rng.normal(0.0, SURFACE_NOISE, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
+        found.append(Record(name=name, t=t, channels={**channels, **noisy}))
+    return found
+
+
+def baseline(effect: EffectValue, seed: int = 21) -> tuple[Fit, Evidence]:
+    flight = prepare(do328(), flights(effect, seed))
+    base = fit(flight, (), flight.noise())
+    return base, weigh(base, discrepancy=False)
+
+
+@pytest.mark.parametrize("flown", FLOWN, ids=lambda e: f"{effect_of(e).name}")
+def test_a_fingerprint_gives_the_size_that_was_flown(flown: EffectValue) -> None:
+    """Linear prediction at the true further parameters: within 5 sigma, and 5 % for what the linearisation leaves."""
+    base, evidence = baseline(flown)
+    wanted = effect_of(flown)
+    (one,) = [e for e in catalogue(base.flight.aircraft, base.flight.outputs) if e.name == wanted.name]
+    prints = fingerprints(evidence, [replace(one, grid=(flown.parameters,))])
+    statistic, size, std, _ = Screen(evidence).score(prints, np.ones((1, 2)))
+    assert statistic > 50.0, "too small to be a test"
+    assert abs(size - flown.value) < 5.0 * std + 0.05 * abs(flown.value)
+
+
+def test_size_and_memory_of_lagged_aerodynamics_are_fitted() -> None:
+    base, _ = baseline(MEMORY)
+    start = Attached(effect=effect_of(MEMORY), values={"value": -4.0, "time_constant": 0.15})
+    found = fit(base.flight, [start], base.noise, base, iterations=15)
+    for slot, truth in (("", MEMORY.value), (".time_constant", 0.3)):
+        name = f"unsteady_aero(Cm, lagged){slot}"
+        assert abs(found[name] - truth) < 4.0 * found.std(name) + 0.02 * abs(truth), name

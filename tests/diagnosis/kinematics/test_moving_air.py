@@ -1,0 +1,179 @@
+"""Moving air in the diagnosis: events that move as a whole, fits in turbulence, turbulence that is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from diagnosis_flights import NOISE, flights, rough_file
+from scipy import signal
+
+from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.flight.fit import fit, relaxed
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
+from casid.diagnosis.kinematics.stage import without_turbulence
+from casid.diagnosis.naming.events import at_peak
+from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
+from casid.model.dynamics import aircraft_model
+from casid.model.effect import Effect
+from casid.records.record import Record
+from problems.blind import do328 as blind_do328
+from problems.do328 import STABLE, V_TRIM, do328
+
+_T = np.arange(0.0, 20.0, 1.0 / 25.0)
+
+
+def test_onsets_and_length_of_a_gust_are_found_together() -> None:
+    """Begun 0.4 s early and 0.8 s too long, about the right middle, so that no onset can be moved alone."""
+    flown = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.5}, onsets={"m1": 12.6, "m2": 6.3})
+    flight = prepare(do328(), flights([flown], seed=8, count=2))
+    begun = replace(
+        flown, values={"value": 3.5, "length": 2.3}, onsets={r: onset - 0.4 for r, onset in flown.onsets.items()}
+    )
+    start = fit(flight, [begun], flight.noise(), iterations=1)
+    found, intervals = at_peak(weigh(fit(flight, [begun], flight.noise())))
+    event = found.fit.attached[0]
+    assert start.deviance > found.fit.deviance + 300.0
+    assert abs(event.values["length"] - 1.5) < 0.1
+    for record, onset in flown.onsets.items():
+        assert abs(event.onsets[record] - onset) < 0.05
+        assert intervals[record][0] < onset < intervals[record][1]
+
+
+def test_a_shear_that_ends_is_one_shear() -> None:
+    """Truth: wind that grows for 6 s and stays. A shear that goes on leaves half of it, which a gust would explain."""
+    flown = Attached(effect=wind_shear("x"), values={"value": 0.8, "duration": 6.0}, onsets={"m1": 6.0, "m2": 9.0})
+    found = diagnose(do328(), flights([flown], seed=4, count=3))
+    (cause,) = found.causes
+    assert (cause.kind, cause.target) == ("wind_shear", "x")
+    assert cause.value == pytest.approx(0.8, rel=0.1) and cause.parameters["duration"] == pytest.approx(6.0, rel=0.1)
+    endless = replace(flown, values={"value": 0.5, "duration": 1e3})
+    flight = found.bare.flight
+    left = weigh(fit(flight, [endless], flight.noise(), iterations=15)).deviance - weigh(found.extended.fit).deviance
+    assert left > 0.2 * cause.statistic
+
+
+def test_small_offsets_of_all_instruments_are_no_turbulence() -> None:
+    """Truth: calm air, and in every channel an offset of half of what matters. Without offsets in the model, moving air
+    explains them all at once."""
+    rng, found = np.random.default_rng(6), flights(seed=6, count=3, rate_hz=50.0, duration_s=30.0)
+    offsets = {o: rng.choice([-1.0, 1.0]) * 0.5 * matters(sensor_bias(o)) for o in NOISE}
+    flight = prepare(do328(), [r.with_channels(**{o: r[o] + x for o, x in offsets.items()}) for r in found])
+    calm = reconstruct(flight)
+    felt = calm.deviance - reconstruct(flight, (), gusts(flight, 0.4), calm).deviance
+    judged = turbulence(flight, calm)
+    assert felt > 150.0 and not judged.named and judged.gain < 0.1 * felt
+
+
+def test_coloured_noise_of_air_data_is_no_turbulence() -> None:
+    """Truth: calm air, and noise in V, alpha and beta that a filter of 3 Hz makes slow enough for a process of moving
+    air. Unknown histories of the air follow all of turbulence, and not half of that."""
+    rng, low_pass = np.random.default_rng(1), signal.butter(2, 3.0, fs=50.0, output="sos")
+
+    def noisy(record: Record) -> Record:
+        slow = {o: signal.sosfilt(low_pass, rng.standard_normal(len(record))) for o in ("V", "alpha", "beta")}
+        return record.with_channels(**{o: record[o] + 2.0 * NOISE[o] * x / np.std(x) for o, x in slow.items()})
+
+    flight = prepare(do328(), [noisy(r) for r in flights(seed=6, count=3, rate_hz=50.0)])
+    judged = turbulence(flight, reconstruct(flight))
+    assert judged.gain > 1e4 and judged.sigma > 1.0 and not judged.named
+    assert judged.as_histories < 0.5 * judged.gain
+    moving = _in_turbulence()
+    true = turbulence(moving, reconstruct(moving))
+    assert true.named and true.as_histories > 0.95 * true.gain
+
+
+def matters(effect: Effect) -> float:
+    return effect.smallest_that_matters(do328()) or 0.0
+
+
+@cache
+def _in_turbulence() -> Flight:
+    air = blind_do328.turbulence(np.random.default_rng(7), _T, 1.0, V_TRIM)
+    return prepare(rough_file(), flights(seed=7, count=3, disturbance=air))
+
+
+def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
+    """Dryden turbulence taken for a process of first order, moments 30 % off at the start: a fit converges, the filter
+    of its own values changes little, and a cause that is not there gains no more than a rough model of the air leaves
+    to it, and never loses. With the filter of every step its own, fits stopped where they began, and a cause gained
+    hundreds with a value of zero."""
+    flight = _in_turbulence()
+    noise = flight.noise(gusts(flight, 1.0, {"dCl": 1.0}))
+    rough = fit(flight, [], noise)
+    base = relaxed(rough)
+    assert rough.converged and base.converged
+    moved = (fit(flight, [], noise, base, anew=True).values - base.values) / np.sqrt(np.diag(base.covariance))
+    assert np.abs(moved).max() < 1.0
+    absent = Attached(effect=unsteady_aero("CY"), values={"value": 0.0})
+    beside = fit(flight, [absent], noise, base, iterations=15, tolerance=0.3)
+    assert beside.converged
+    still = fit(flight, [], flight.noise())
+    assert -0.5 < base.deviance - beside.deviance < 0.002 * (still.deviance - base.deviance)
+
+
+def test_derivatives_in_turbulence_come_out_as_flown() -> None:
+    """Dryden turbulence of 1 m/s, whose pitching and yawing are the gradient of its velocity. Without that in a model
+    derivatives take it up; calm air leaves them where gusts pull them."""
+    flight = _in_turbulence()
+    air = replace(still_air(flight), sigma=1.0, length=533.0)
+    names = ("Cm_alpha", "Cm_q", "Cm_delta_e", "Cl_p", "Cl_delta_a", "Cn_beta", "Cn_r", "Cn_delta_r")
+    calm = fit(flight, [], flight.noise())
+    found = in_turbulence(flight, air, calm)
+
+    def furthest(fitted) -> float:
+        return max(abs(fitted.derivatives[name] / STABLE[name] - 1.0) for name in names)
+
+    assert found.flight.turning == {"q": -1.0, "r": 1.0}
+    assert furthest(found) < 0.08 < furthest(calm), (furthest(found), furthest(calm))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_gradient_of_moving_air_turns_the_aircraft(sign: float) -> None:
+    """In air whose w grows by 2 m/s in a second, and that was w - 2 T a span's part T = 4 b / (pi V) ago, the motion is
+    that in air that pitches by 2 / V (MIL-F-8785C, 3.7.5)."""
+    turned, plain = aircraft_model(do328(), turning={"q": sign}), aircraft_model(do328())
+    assert turned.states == (*plain.states, "air_w")
+    x = plain.guess(flights(seed=1, count=1)[0])[40]
+    u = np.zeros(len(plain.inputs))
+    u[list(plain.inputs).index("rho")] = 1.0
+    at = 8.0 * do328().rate_length_lateral / (np.pi * x[plain.states.index("u")])
+    w = {"wind_z": 3.0}
+    pitching = {"wind_z": 3.0, "gust_q": sign * 2.0 / x[plain.states.index("u")]}
+
+    def rate(model, x, air) -> np.ndarray:
+        disturbance = [air.get(name, 0.0) for name in model.disturbances]
+        f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        return f(x, u, model.nominal_vector(), disturbance).full().ravel()
+
+    moved = rate(turned, [*x, 3.0 - 2.0 * at], w)
+    assert moved[-1] == pytest.approx(2.0)
+    assert moved[:-1] == pytest.approx(rate(plain, x, pitching), rel=1e-12, abs=1e-14)
+
+
+def test_moving_air_is_taken_back_beside_the_faults_that_imitate_it() -> None:
+    """A slow gyroscope and a gust look like turbulence until they are found."""
+    slow = Attached(effect=sensor_lag("q"), values={"value": 0.17}, records=("m1", "m3"))
+    sudden = Attached(effect=gust("x"), values={"value": -4.0, "length": 1.0}, onsets={"m1": 5.8, "m2": 14.0})
+    flight = prepare(do328(), flights([slow, sudden], seed=2, count=3))
+    imitated = turbulence(flight, reconstruct(flight))
+    assert imitated.gain > 150.0
+    calm = without_turbulence(flight, [], [slow, sudden], imitated)
+    assert calm is not None
+    evidence, ranked = calm
+    assert evidence.fit.attached == ()
+    assert {one.name for one in ranked[:3]} & {slow.name, sudden.name}
+
+
+def test_true_turbulence_stays_beside_a_fault() -> None:
+    biased = Attached(effect=sensor_bias("q"), values={"value": 0.001})
+    flight = _in_turbulence()
+    true = turbulence(flight, reconstruct(flight))
+    assert without_turbulence(flight, [], [biased], true) is None
+    assert without_turbulence(flight, [], [], true) is None

@@ -1,0 +1,165 @@
+"""Comparing causes: under the same noise, and once more beside those that were named since."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_flights import SURFACE_NOISE, flights, trial_of
+
+from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit, relaxed
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.judging.verdict import minor_trials
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.check import kinematic_check
+from casid.diagnosis.naming import naming
+from casid.diagnosis.naming.comparing import can_be_named, small_first
+from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.trials import try_cause
+from casid.diagnosis.result import Round
+from casid.model.causes import (
+    actuator_lag,
+    aero_term,
+    dead_zone,
+    input_delay,
+    sensor_bias,
+    sensor_delay,
+    sensor_scale,
+    thrust_line,
+)
+from problems.do328 import do328
+
+LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})
+LAGGED = Attached(effect=actuator_lag("delta_e"), values={"value": 0.05})
+BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
+
+
+@pytest.fixture(scope="module")
+def late() -> Fit:
+    """The baseline of a flight in which nothing is wrong but that a noisily recorded elevator moves late."""
+    hidden = replace(LATE, values={"value": 0.04})
+    flight = prepare(do328(), flights([hidden], 2, rate_hz=50.0, surface_noise=2 * SURFACE_NOISE, size=0.4))
+    return fit(flight, (), flight.noise(), iterations=20)
+
+
+def test_a_lag_gains_nothing_by_smoothing_the_record(late: Fit) -> None:
+    """Truth: a delay. What smooths a noisy record predicts with less noise, whatever is true: counted, that would put a
+    lag before the delay."""
+    (delay, _, _), (lag, beside, _) = (
+        try_cause(weigh(late), trial_of(one).candidate, None, np.inf) for one in (LATE, LAGGED)
+    )
+    assert delay.exact > lag.exact + 50.0
+    assert not beside.fit.acting.coloured and beside.fit.noise_held
+    smoothing = fit(late.flight, [LAGGED], late.noise, late, iterations=20)
+    assert smoothing.acting.coloured
+    assert late.deviance - smoothing.deviance > delay.exact
+    named = relaxed(beside.fit)
+    assert named.acting.coloured and not named.noise_held
+
+
+@pytest.mark.parametrize("named", [LAGGED, LATE])
+def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> None:
+    """Truth: a delay and a bias. Whichever of delay and lag was named before the bias, the delay stays."""
+    flight = prepare(do328(), flights([replace(LATE, values={"value": 0.06}), BIAS], 3))
+    base = weigh(fit(flight, (), flight.noise(), iterations=20))
+    other = LATE if named is LAGGED else LAGGED
+    tried = [try_cause(base, trial_of(one).candidate, None, np.inf)[0] for one in (named, other, BIAS)]
+    final = weigh(fit(flight, [named, BIAS], flight.noise(), base.fit, iterations=20))
+    rounds = tuple(
+        Round(candidates=(), trials=tuple(some), equivalents=(), named=True) for some in (tried[:2], tried[2:])
+    )
+    state = Naming(evidence=final, kinematic=None, observed=(), missing=(), rounds=rounds, intervals={})
+    after = naming._reconsidered(state, 0, 40.0)
+    assert {one.name for one in after.evidence.fit.attached} == {LATE.name, BIAS.name}
+    assert after.evidence.fit[LATE.name] == pytest.approx(0.06, rel=0.05)
+    assert [round_.trials[0].effect.key for round_ in after.rounds] == [LATE.effect.key, BIAS.effect.key]
+    assert {trial.effect.key for trial in after.rounds[0].trials} == {LATE.effect.key, LAGGED.effect.key}
+    assert all(before is now for before, now in zip(state.rounds[1:], after.rounds[1:], strict=True)) == (named is LATE)
+
+
+def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -> None:
+    """A term of the lift that gained 70000 leaves 2 %, 1400, to its twin in the drag, and to the twin of what was tried
+    in its place; a thousandth to other terms, and to dead zones."""
+
+    def term(target: str, of: str, gain: float):
+        return trial_of(Attached(effect=aero_term(target, of), values={"value": 1.0}), gain)
+
+    tried = (term("CL", "beta^2*q", 70000.0), term("CL", "beta*p*q", 60000.0), term("Cm", "p^2", 100.0))
+    round_ = Round(candidates=(), trials=tried, equivalents=(), named=True)
+    play = trial_of(Attached(effect=dead_zone("delta_e"), values={"value": 0.01}), 240.0)
+    asked = [
+        naming.price(trial, SimpleNamespace(named=[round_]), 40.0)  # pyright: ignore
+        for trial in (term("CD", "beta^2*q", 240.0), term("CD", "beta*p*q", 230.0), term("CD", "p^2", 240.0), play)
+    ]
+    assert asked == pytest.approx([1400.0, 1400.0, 70.0, 70.0])
+
+
+@pytest.mark.parametrize(
+    ("hidden", "alike"),
+    [
+        (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -10.0}), False),
+        (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -3.0}), True),
+        (Attached(effect=thrust_line(), values={"value": 1.5}), False),
+    ],
+)
+def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attached, alike: bool) -> None:
+    """Truth: with the elevator at 3.5 deg in trim, an effectiveness that grows with thrust pitches the aircraft as a
+    thrust line does that lies elsewhere. It is expected of propeller aircraft and no fault; the thrust line is one; and
+    what is too little to tell them apart is a set."""
+    found = diagnose(do328(), flights([hidden], 4, count=4, rate_hz=50.0))
+    no_fault = hidden.effect.expected and not alike
+    (named,) = (cause for cause in (found.minor if no_fault else found.causes) if cause.kind == hidden.effect.kind)
+    assert found.verdict == ("adequate" if no_fault else "explained")
+    assert named.sentence.startswith("Expected of a propeller aircraft") == no_fault
+    assert named.value == pytest.approx(hidden.values["value"], rel=0.1)
+    assert [one["kind"] for one in named.indistinguishable_from] == (["thrust_line"] if alike else [])
+    assert {"thrust_line", "aero_term"} <= {trial.effect.kind for trial in found.rounds[0].trials}
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(500.0, "sensor_delay(psi)"), (5.0, "sensor_scale(ay)")])
+def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: float, first: str) -> None:
+    """Left out, it would make a cause of something else; as good as another, it is no reason to pass that over."""
+    late, steep, bent = (
+        Attached(effect=effect, values={"value": value})
+        for effect, value in ((sensor_delay("psi"), 0.04), (sensor_scale("ay"), 0.1), (aero_term("Cm", "alpha^2"), 1.0))
+    )
+    delay, term = (
+        replace(trial_of(one, gain), meaningful=False, share=0.8)
+        for one, gain in ((late, 1000.0 + ahead), (bent, 5000.0))
+    )
+    scale = trial_of(steep, 1000.0)
+    assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)
+    assert small_first([scale, delay, term], [delay, scale])[0].candidate.name == first
+
+
+def test_kinematics_beside_a_cause_do_not_know_it() -> None:
+    """Truth: a late beta. Asked again in kinematics that have it already, it would be refuted by what it explained."""
+    late = Attached(effect=sensor_delay("beta"), values={"value": 0.15})
+    flight = prepare(do328(), flights([late], seed=5))
+    model, alone = fit(flight, [late], flight.noise()), fit(flight, [], flight.noise())
+    kinematic = kinematics.beside(weigh(kinematics.reconstruct(flight), discrepancy=False), [late])
+    without = naming._kinematics_beside(kinematic, alone, late.effect)
+    again = naming._kinematics_beside(without, model, late.effect)
+    assert without is not None and again is not None
+    assert not without.fit.attached and without.fit.deviance > again.fit.deviance + 1000.0
+    check, own = (kinematic_check(one, late) for one in (without, kinematic))
+    assert check.confirmed and not own.confirmed
+    assert naming._kinematics_beside(kinematic, alone, thrust_line()) is kinematic
+
+
+def test_what_looks_alike_at_one_place_is_minor_once() -> None:
+    """A delay and a lag of the elevator that are one; a bias that has the same fingerprint acts elsewhere."""
+
+    def small(one: Attached, gain: float):
+        return replace(trial_of(one, gain, fingerprint=[1.0, 0.0]), meaningful=False)
+
+    trials = [small(LAGGED, 422.0), small(LATE, 424.0), small(BIAS, 300.0)]
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)])
+    found = [trial.candidate.name for trial in minor_trials(state, ())]  # pyright: ignore
+    assert found == ["input_delay(delta_e)", "sensor_bias(q)"]

@@ -1,0 +1,112 @@
+"""Events: a jump, and what only resembles one."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_flights import flights
+
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming import events, trials
+from casid.diagnosis.naming.events import is_sudden
+from casid.model.causes import configuration_change, effectiveness_change, wind_shear
+from problems.do328 import do328
+
+_T = np.arange(0.0, 40.0, 1.0 / 25.0)
+
+
+def _without(drag: np.ndarray) -> Evidence:
+    """A flight with further drag, seen by a model without."""
+    flight = prepare(do328(), flights(seed=3, count=1, duration_s=40.0, disturbance={"dCD": drag}))
+    return weigh(fit(flight, [], flight.noise()))
+
+
+def _jump(onset: float) -> Attached:
+    effect = configuration_change("CD")
+    return Attached(effect=effect, values={"value": 0.01, "duration": 0.1}, onsets={"m1": onset})
+
+
+def _beside(evidence: Evidence, one: Attached) -> Evidence:
+    """The same flight, seen by a model that has the jump."""
+    return weigh(fit(evidence.fit.flight, [one], evidence.fit.noise, evidence.fit))
+
+
+@pytest.mark.parametrize("onset", [12.0, 20.0, 29.0])
+def test_a_jump_is_sudden(onset: float) -> None:
+    """Truth: of a step in the middle a cubic explains 3/4 + 7/64 = 86 %, of one nearer to an end less."""
+    without = _without(0.01 * (onset < _T))
+    assert is_sudden(without, _jump(onset), without)
+
+
+def test_a_slow_change_is_no_jump_wherever_one_is_tried() -> None:
+    """Drag that grows and settles within half a minute, as with the speed."""
+    evidence = _without(0.005 * (1.0 + np.sin(np.pi * (_T - 20.0) / 40.0)))
+    tried = [_jump(onset) for onset in np.arange(5.0, 36.0, 5.0)]
+    assert not any(is_sudden(evidence, one, _beside(evidence, one)) for one in tried)
+
+
+@pytest.mark.parametrize(("left", "sudden"), [(10.0, True), (5000.0, False)])
+def test_a_jump_beside_which_nothing_is_missing_is_sudden(
+    monkeypatch: pytest.MonkeyPatch, left: float, sudden: bool
+) -> None:
+    """An engine that lost a third of its thrust at 4.9 s: a cubic of time did 97 % of it, and 2500 less."""
+    gains = iter((77291.0, 74746.0))
+    monkeypatch.setattr(events, "_gain_of", lambda evidence, white: next(gains))
+    monkeypatch.setattr(events, "missing_at", lambda evidence, stations: [SimpleNamespace(gain=left)])
+    evidence = _without(0.01 * (_T > 5.0))
+    assert is_sudden(evidence, _jump(5.0), evidence) == sudden
+
+
+def test_a_shear_that_ends_is_found_to_end() -> None:
+    """Truth: 7 s. Begun from one that outlasts its records, no step of a fit comes there."""
+    onsets = {"m1": 6.0, "m2": 8.0}
+    shear = Attached(effect=wind_shear("z"), values={"value": -0.4, "duration": 7.0}, onsets=onsets)
+    endless = replace(shear, values={"value": -0.3, "duration": 1000.0})
+    flight = prepare(do328(), flights([shear], seed=3, count=2))
+    fitted = fit(flight, [endless], flight.noise())
+    ended = trials._ended(fitted)
+    assert fitted.attached[-1].values["duration"] == 1000.0
+    assert ended.attached[-1].values == pytest.approx(shear.values, rel=0.03)
+
+
+def test_a_surface_that_rests_cannot_tell_sudden_from_slow() -> None:
+    """Two doublets of the rudder: what happens between them is anyone's guess, and the event is not refused for it."""
+    rudder = Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0})
+    evidence = _without(np.zeros(len(_T)))
+    assert is_sudden(evidence, rudder, evidence)
+
+
+@pytest.mark.parametrize(("peak", "joins"), [(12.0, True), (26.0, False), (0.0, False)])
+def test_what_helps_most_at_the_end_of_a_record_is_no_event_there(
+    monkeypatch: pytest.MonkeyPatch, peak: float, joins: bool
+) -> None:
+    """A gain that grows until the record ends, or from its beginning on, is not that of something that sets in."""
+    one = Attached(effect=effectiveness_change("delta_e"), values={"value": -0.3}, onsets={"m1": 8.0})
+    records = [SimpleNamespace(name=name, duration=26.0, t=np.array([100.0, 126.0])) for name in ("m1", "m2")]
+    evidence = SimpleNamespace(fit=SimpleNamespace(flight=SimpleNamespace(records=records)))
+    judge = SimpleNamespace(price=10.0, drop=lambda print_, r: 1000.0 - abs(print_.onset - peak))
+    prints = [SimpleNamespace(onset=float(onset)) for onset in np.arange(1.0, 28.0, 0.2)]
+    monkeypatch.setattr(events, "Screen", lambda _: judge)
+    monkeypatch.setattr(events, "onset_grid", lambda *_: None)
+    monkeypatch.setattr(events, "fingerprints", lambda *_: prints)
+    wider = events.further_records(evidence, one)  # pyright: ignore
+    assert wider.onsets == pytest.approx({"m1": 8.0} | ({"m2": 112.0} if joins else {}))
+
+
+def test_a_configuration_change_in_every_record_is_found_in_every_record() -> None:
+    """Truth: lift, drag and pitching moment that jump in both records; one of them tells two thirds of it."""
+    onsets = {"m1": 10.6, "m2": 15.2}
+    flap = Attached(
+        effect=configuration_change("CL+CD+Cm"),
+        onsets=onsets,
+        values={"value": 0.08, "CD": 0.007, "Cm": -0.025, "duration": 1.0},
+    )
+    flight = prepare(do328(), flights([flap], seed=5, count=2))
+    evidence = weigh(fit(flight, [], flight.noise()))
+    (found,) = events.configuration_changes(evidence)
+    assert found.attached.effect.members == ("CL", "CD", "Cm")
+    assert found.attached.onsets == pytest.approx(onsets, abs=1.0)

@@ -1,0 +1,66 @@
+"""What matters: sizes in units of the smallest that an engineer would call a fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from diagnosis_flights import NOISE, flights
+
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming.size import meaningful_share, plausible
+from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias, sensor_lag, structural_mode
+from casid.model.effect import Effect
+from problems.do328 import do328
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "known"),
+    [
+        (input_delay("delta_a"), 0.015, False),
+        (input_delay("delta_a"), 0.025, True),
+        (actuator_lag("delta_a"), 0.015, False),
+        (actuator_lag("delta_a"), 0.025, True),
+        (rate_limit("delta_a"), 0.50, False),
+        (rate_limit("delta_a"), 0.40, True),
+    ],
+)
+def test_a_surface_that_is_late_by_less_than_half_a_sample_may_be_in_time(
+    effect: Effect, size: float, known: bool
+) -> None:
+    """At 25 Hz half a sample is 0.020 s; at 100 Hz 0.015 s are three times that. A limit holds back the quickest edge,
+    of 0.6 rad/s, by as much as it takes to catch up."""
+    shares = []
+    for rate in (25.0, 100.0):
+        flight = prepare(do328(), flights(seed=1, count=1, rate_hz=rate, surface_noise=0.0))
+        base = fit(flight, [], flight.noise(), iterations=2)
+        shares.append(meaningful_share(base, Attached(effect=effect, values={"value": size})))
+    assert (shares[0] >= 1.0) == known
+    assert effect.kind == "rate_limit" or shares[1] >= 1.0
+
+
+@pytest.mark.parametrize(("noise", "matters"), [(0.3, False), (0.005, True)])
+def test_an_instrument_that_is_off_by_more_than_its_noise_matters(noise: float, matters: bool) -> None:
+    """A speed that varies slowly is hardly changed, 0.7 % of its variation, by a lag of 0.03 s; but a precise reading
+    shows it. (A bank angle that lagged by 0.08 s, 150 sigmas, was too small to matter.)"""
+    flight = prepare(do328(), flights(seed=1, count=1, noise={**NOISE, "V": noise}))
+    base = fit(flight, [], flight.noise(), iterations=2)
+    share = meaningful_share(base, Attached(effect=sensor_lag("V"), values={"value": 0.03}))
+    assert (share >= 1.0) == matters
+
+
+def test_a_bias_within_the_noise_of_its_reading_does_not_matter() -> None:
+    """A cheap gyro whose noise is 0.3 deg/s may be off by as much; by 0.1 deg/s, which matters of others, it is."""
+    bias, aircraft = sensor_bias("q"), do328()
+    precise, cheap = (replace(aircraft, noise={**aircraft.noise, "q": sigma}) for sigma in (1e-4, 0.0052))
+    assert bias.smallest_that_matters(precise) == pytest.approx(0.001745, rel=1e-3)
+    assert bias.smallest_that_matters(cheap) == 0.0052
+
+
+@pytest.mark.parametrize(("damping", "possible"), [(0.05, True), (2.2, False)])
+def test_a_structural_mode_is_lightly_damped(damping: float, possible: bool) -> None:
+    """What does not ring is none: at more than critical damping it looks like a lag of the reading."""
+    values = {"value": 0.015, "frequency_hz": 4.3, "damping": damping}
+    assert plausible(Attached(effect=structural_mode("p"), values=values)) == possible

@@ -1,0 +1,145 @@
+"""A problem says at once what is wrong with it; a fit is addressed by name and goes into JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from estimation_cases import NOISE, START, TRUTH, flight, short_period
+
+from casid.errors import EstimationError, InputError
+from casid.estimation import (
+    Collocation,
+    GaussNewton,
+    InitialState,
+    Ipopt,
+    MultipleShooting,
+    Problem,
+    SingleShooting,
+    solve,
+)
+
+
+def problem(**options) -> Problem:
+    return Problem(short_period(), [flight()], **({"free": ["*"], "noise": NOISE} | options))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"free": ["Zz"]}, InputError, "unknown parameter 'Zz'"),
+        ({"free": ["Q*"]}, InputError, "unknown parameter"),
+        ({"free": "Z*"}, InputError, "expected a list"),
+        ({"free": []}, EstimationError, "no parameter is free"),
+        ({"fixed": {"mq": 1.0}}, InputError, "did you mean 'Mq'"),
+        ({"start": {"mq": 1.0}}, InputError, "did you mean 'Mq'"),
+        ({"initial_state": InitialState(std={"alpha": 0.0})}, EstimationError, "fails on noisy data"),
+        ({"initial_state": InitialState(value={"alfa": 0.0})}, InputError, "did you mean 'alpha'"),
+    ],
+)
+def test_a_wrong_choice_is_named(options, error, words):
+    with pytest.raises(error, match=words):
+        problem(**options)
+
+
+def test_records_are_checked():
+    model, record = short_period(), flight()
+    gap = record["delta_e"].copy()
+    gap[50] = np.nan
+    with pytest.raises(InputError, match="input 'delta_e' has no value at t = 2 s"):
+        Problem(model, [record.with_channels(delta_e=gap)], free=["*"])
+    with pytest.raises(InputError, match="not unique"):
+        Problem(model, [record, record], free=["*"])
+    with pytest.raises(InputError, match="no record"):
+        Problem(model, [], free=["*"])
+    with pytest.raises(InputError, match="strictly increase"):
+        Problem(model, [replace(record, t=record.t[::-1])], free=["*"])
+    with pytest.raises(EstimationError, match="no record has a sample of any output"):
+        Problem(model, [record.without("alpha", "q")], free=["*"])
+    with pytest.raises(InputError, match="unknown channel 'delta_e'"):
+        Problem(model, [record.without("delta_e")], free=["*"])
+
+
+def test_noise_must_name_every_output():
+    for noise, words in (
+        ({"alpha": 1.0}, "no 1-sigma of 'q'"),
+        (NOISE | {"r": 1.0}, "unknown channel"),
+        ({"alpha": 1.0, "q": 0.0}, "expected a positive"),
+    ):
+        with pytest.raises(InputError, match=words):
+            solve(problem(noise=noise))
+
+
+def test_fixed_wins_over_globs_and_everything_else_is_nominal():
+    chosen = problem(free=["M*"], fixed={"Mq": -2.5}, start={"Ma": -1.0})
+    assert chosen.parameters == ("Ma", "Mde")
+    np.testing.assert_array_equal(chosen.start_vector, [-1.0, TRUTH["Mde"]])
+    np.testing.assert_array_equal(chosen.model_parameters(np.array([-3.0, -4.0])), [[-1.2, -0.15, -3.0, -2.5, -4.0]])
+
+
+def test_a_fit_is_addressed_by_name():
+    record = flight(noise=NOISE, rng=np.random.default_rng(0))
+    fit = solve(Problem(short_period(), [record], free=["*"], start=START, noise=NOISE))
+    assert fit.converged and fit["Mq"].std > 0
+    assert fit.correlation("Ma", "Ma") == pytest.approx(1.0)
+    i, j = list(fit.values).index("Ma"), list(fit.values).index("Mq")
+    assert fit.correlation("Ma", "Mq") == pytest.approx(fit.covariance[i, j] / (fit["Ma"].std * fit["Mq"].std))
+    with pytest.raises(InputError, match="did you mean 'Mq'"):
+        fit["mq"]
+    z, y = record["q"], fit.predictions["m1"][:, 1]
+    rms = np.sqrt(np.mean((z - y) ** 2))
+    assert fit.channels["q"].rms == pytest.approx(rms)
+    assert abs(fit.channels["q"].R2 - (1 - rms**2 / z.var())) < 1e-12
+    theil = rms / (np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(y**2)))
+    assert fit.channels["q"].theil == pytest.approx(theil)
+    white = fit.residuals["m1"] / list(NOISE.values())
+    expected = -0.5 * (white**2).sum() - len(record) * np.log(np.prod(list(NOISE.values())) * 2 * math.pi)
+    assert fit.log_likelihood == pytest.approx(expected)
+    for text in ("converged", "Mde", "Theil"):
+        assert text in str(fit)
+
+
+def test_a_fit_goes_into_json_without_numbers_that_json_does_not_have():
+    fit = solve(problem())
+    again = json.loads(json.dumps(fit.to_dict(), allow_nan=False))
+    assert again["schema"] == "casid.estimate/1" and again["converged"] is True
+    assert again["parameters"]["Mq"]["value"] == fit["Mq"].value
+    assert again["parameters"]["Mq"]["prior_std"] is None  # there is none
+    assert again["correlation"]["names"] == list(fit.values) and len(again["correlation"]["matrix"]) == 5
+    assert set(again["channels"]["q"]) == {"rms", "R2", "theil", "samples"}
+
+
+@pytest.mark.parametrize("solver", ["gauss-newton", "ipopt"])
+def test_a_simulation_that_departs_is_said_and_harms_nobody(solver):
+    wild = problem(start={"Mq": 1e4, "Za": 1e4})
+    fit = solve(wild, SingleShooting(), *([Ipopt()] if solver == "ipopt" else []))
+    assert not fit.converged and fit.status.startswith("departed") and "MultipleShooting" in fit.status
+    assert np.isnan(fit["Mq"].std)
+    json.dumps(fit.to_dict(), allow_nan=False)
+
+
+def test_an_iteration_that_is_cut_short_does_not_claim_convergence():
+    for solver in (GaussNewton(iterations=1), Ipopt(iterations=1)):
+        fit = solve(problem(start=START), MultipleShooting(), solver)
+        assert not fit.converged and "not converged" in fit.status
+
+
+def test_transcriptions_refuse_what_makes_no_sense():
+    with pytest.raises(EstimationError, match="at least 1"):
+        MultipleShooting(interval=0)
+    with pytest.raises(EstimationError, match="expected 1 to 9"):
+        Collocation(degree=0)
+    with pytest.raises(InputError, match="did you mean 'exact'"):
+        Ipopt(hessian="exakt")
+
+
+def test_the_initial_state_is_free_with_a_prior():
+    """A prior that is sharp holds the start; the default one lets the data speak."""
+    off = InitialState(value={"alpha": 0.5, "q": 0.0}, std={"alpha": 1e-9, "q": 1e-9})
+    held = solve(problem(initial_state=off))
+    assert held.states["m1"].nodes[0] == pytest.approx([0.5, 0.0], abs=1e-5)
+    loose = solve(problem(initial_state=InitialState(value={"alpha": 0.5, "q": 0.0})))
+    assert loose.states["m1"].nodes[0] == pytest.approx([0.01, -0.02], abs=1e-3)

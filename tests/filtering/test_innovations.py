@@ -1,0 +1,350 @@
+"""Truth: white innovations of the right model, dense Gaussian algebra, simulation differences, the true trajectory."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from estimation_cases import NOISE, TRUTH, flight, short_period
+
+from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, _interval, inject, linearise, make_batch
+from casid.filtering.kalman import Filter, augmented, kalman_filter, residual_about, residual_column
+from casid.model.dynamics import aircraft_model
+from casid.model.simulate import simulate
+from casid.model.system import Model, define_model
+from casid.model.trim import trim
+from casid.records.record import Record
+from problems.do328 import do328
+
+DT = 0.02
+
+
+def gusty_short_period(outputs: tuple[str, ...] = ("alpha", "q")) -> Model:
+    """Short period with a vertical gust angle at alpha and a pitch disturbance."""
+    return define_model(
+        "gusty short period",
+        states=("alpha", "q"),
+        inputs=("delta_e",),
+        parameters=TRUTH,
+        outputs=outputs,
+        disturbances=("gust", "pitch"),
+        dynamics=lambda s: {
+            "alpha": s.Za * (s.alpha + s.gust) + s.q + s.Zde * s.delta_e,
+            "q": s.Ma * (s.alpha + s.gust) + s.Mq * s.q + s.Mde * s.delta_e + s.pitch,
+        },
+        output=lambda s: {n: {"alpha": s.alpha + s.gust, "q": s.q}[n] for n in outputs},
+    )
+
+
+def gusty_flight(seed: int, name: str = "m1", samples: int = 1500) -> Record:
+    """Flown with a first-order Gauss-Markov gust, white pitch disturbance and measurement noise."""
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(samples)
+    phi = np.exp(-DT / 0.5)
+    gust = np.zeros(samples)
+    gust[0] = 0.01 * rng.standard_normal()
+    for k in range(samples - 1):
+        gust[k + 1] = phi * gust[k] + 0.01 * np.sqrt(1.0 - phi**2) * rng.standard_normal()
+    clean = flight(name, t=t, hold="held")
+    pitch = 0.2 * rng.standard_normal(samples)
+    # a disturbance that is held over the sample is what the filter calls white
+    flown = simulate(gusty_short_period(), clean, np.zeros(2), disturbances={"gust": gust, "pitch": pitch}, substeps=4)
+    noisy = {n: flown.output(n) + NOISE[n] * rng.standard_normal(samples) for n in ("alpha", "q")}
+    return flown.as_record().with_channels(**noisy)
+
+
+GUSTY = NoiseModel(measurement=NOISE, white={"pitch": 0.2}, coloured={"gust": (0.01, 0.5)})
+
+
+def filtered(model: Model, records: list[Record], noise: NoiseModel) -> tuple[Linear, Filter, np.ndarray]:
+    """Linearised about the measured motion, the filter, and the innovations (N, R, ny)."""
+    batch = make_batch(model, records)
+    X = np.zeros((*batch.live.shape, len(model.states)))
+    for j, record in enumerate(records):
+        guess = model.guess(record)
+        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+    P = np.tile(model.nominal_vector(), (len(records), 1))
+    linear = linearise(PointFunctions(model, model.parameters), batch, P, X)
+    kalman = kalman_filter(linear, noise)
+    return linear, kalman, kalman.whiten(*residual_column(linear))[..., 0]
+
+
+def autocorrelation(series: np.ndarray, lag: int) -> float:
+    return float(series[lag:] @ series[:-lag] / (series @ series))
+
+
+def test_innovations_of_the_right_model_are_white_with_unit_variance():
+    """And those of a filter that knows nothing of the gust are not."""
+    records = [gusty_flight(11), gusty_flight(12, "m2")]
+    _, _, white = filtered(gusty_short_period(), records, GUSTY)
+    count = white[20:].size
+    assert np.mean(white[20:] ** 2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / count))
+    for r in range(2):
+        for i in range(2):
+            series = white[20:, r, i]
+            assert abs(series.mean()) < 4.0 / np.sqrt(len(series))
+            for lag in (1, 2, 5, 25):
+                assert abs(autocorrelation(series, lag)) < 4.0 / np.sqrt(len(series))
+    _, _, coloured = filtered(gusty_short_period(), records, NoiseModel(measurement=NOISE))
+    assert np.mean(coloured[20:] ** 2) > 2.0 and autocorrelation(coloured[20:, 0, 0], 1) > 0.5
+
+
+def test_likelihood_is_that_of_the_dense_gaussian():
+    """Sum of squares and log determinant against the covariance of all samples together, built column by column."""
+    record = gusty_flight(13, samples=60)
+    model = gusty_short_period()
+    linear, kalman, white = filtered(model, [record], GUSTY)
+    N, nx = 60, 2
+    A, B0, B1 = linear.A[:, 0], linear.Bw0[:, 0], linear.Bw1[:, 0]
+    C, D = linear.C[:, 0], linear.Dw[:, 0]
+    phi = np.exp(-DT / 0.5)
+    # independent sources: initial state, initial gust, gust drive and pitch per step, each through the linear system
+    sources = [np.r_[5.0 * s * np.eye(nx)[i], 0.0] for i, s in enumerate(model.scale_vector())]
+    columns = [(*_respond(source, A, B0, B1, C, D, phi, {}),) for source in [*sources, np.r_[0.0, 0.0, 0.01]]]
+    driven = 0.01 * np.sqrt(1.0 - phi**2)
+    for k in range(N - 1):
+        columns.append(_respond(np.zeros(3), A, B0, B1, C, D, phi, {k: ("gust", driven)}))
+        columns.append(_respond(np.zeros(3), A, B0, B1, C, D, phi, {k: ("pitch", 0.2)}))
+    F = np.stack([np.ravel(c) for c in columns], axis=1)
+    covariance = F @ F.T + np.diag(np.tile([NOISE["alpha"] ** 2, NOISE["q"] ** 2], N))
+    drift = np.zeros((N, nx))
+    for k in range(N - 1):
+        drift[k + 1] = A[k] @ drift[k] + linear.defect[k, 0]
+    residual = (linear.residual[:, 0] - np.einsum("kij,kj->ki", C, drift)).ravel()
+    expected = float(residual @ np.linalg.solve(covariance, residual)) + float(np.linalg.slogdet(covariance)[1])
+    assert np.sum(white**2) + kalman.log_determinant.sum() == pytest.approx(expected, rel=1e-8)
+
+
+def _respond(start, A, B0, B1, C, D, phi, kick) -> np.ndarray:
+    """(N, ny) outputs of [state; gust] from a start, with one kick of a source over one sample."""
+    x, gust = start[:2].copy(), start[2]
+    out = [C[0] @ x + D[0, :, 0] * gust]
+    for k in range(len(A)):
+        name, size = kick.get(k, ("", 0.0))
+        after = phi * gust + (size if name == "gust" else 0.0)
+        x = A[k] @ x + B0[k, :, 0] * gust + B1[k, :, 0] * after
+        if name == "pitch":
+            x = x + (B0[k, :, 1] + B1[k, :, 1]) * size
+        gust = after
+        out.append(C[k + 1] @ x + D[k + 1, :, 0] * gust)
+    return np.array(out)
+
+
+def test_without_process_noise_it_is_output_error():
+    """Whitened parameter columns, with the initial state known: differences of simulated outputs over sigma."""
+    model = short_period(
+        disturbances=("unused",), state_scale={"alpha": 1e-7, "q": 1e-7}
+    )  # prior of the initial state: practically fixed
+    record = flight(t=0.005 * np.arange(400), x0=(0.0, 0.0))
+    path = simulate(model, record, np.zeros(2))
+    batch = make_batch(model, [record])
+    functions = PointFunctions(model, model.parameters)
+    linear = linearise(functions, batch, model.nominal_vector()[None], path.states[:, None])
+    assert np.abs(linear.defect).max() < 1e-15
+    columns = kalman_filter(linear, NoiseModel(measurement=NOISE)).whiten(linear.Dp, linear.Bp)[:, 0]
+    sigma = np.array([NOISE[o] for o in model.outputs])
+    for i, name in enumerate(model.parameters):
+        step = 1e-5 * abs(TRUTH[name])
+        sides = [simulate(model, record, np.zeros(2), {name: TRUTH[name] + s * step}).outputs for s in (1, -1)]
+        expected = (sides[0] - sides[1]) / (2 * step) / sigma
+        # step matrices are second-order in dt
+        np.testing.assert_allclose(columns[..., i], expected, atol=2e-3 * np.abs(expected).max(), err_msg=name)
+
+
+def test_disturbance_columns_are_differences_of_simulations():
+    """The aircraft: a history at every station, as the filter sees it and as the simulator flies it."""
+    aircraft = do328()
+    level = trim(aircraft, V=144.0, thrust=10e3)
+    t = 0.01 * np.arange(300)
+    record = Record(name="m1", t=t, channels={n: np.full(len(t), v) for n, v in level.inputs.items()})
+    model = aircraft_model(aircraft)
+    path = simulate(model, record, level.state)
+    batch = make_batch(model, [path.as_record()])
+    linear = linearise(PointFunctions(model, ()), batch, model.nominal_vector()[None], path.states[:, None])
+    tiny = {"d_thrust": 100.0, "wind_x": 0.1, "wind_y": 0.1, "wind_z": 0.1}
+    shape = np.sin(2.0 * t) * np.minimum(t, 1.0)
+    for i, station in enumerate(model.disturbances):
+        size = tiny.get(station, 1e-3)
+        Y, F = inject(linear, [i], (size * shape)[:, None, None])
+        x = np.zeros(len(model.states))
+        found = [linear.C[0, 0] @ x + Y[0, 0, :, 0]]
+        for k in range(len(t) - 1):
+            x = linear.A[k, 0] @ x + F[k, 0, :, 0]
+            found.append(linear.C[k + 1, 0] @ x + Y[k + 1, 0, :, 0])
+        sides = [simulate(model, record, level.state, disturbances={station: s * size * shape}) for s in (1.0, -1.0)]
+        expected = (sides[0].outputs - sides[1].outputs) / 2.0
+        scale = np.abs(expected).max(axis=0)
+        error = np.abs(np.array(found) - expected).max(axis=0)
+        # a channel that moves by rounding alone (lateral ones of a longitudinal station) is no reference
+        assert (error <= 5e-3 * scale + 1e-9).all(), station
+
+
+def test_smoothing_of_noise_free_data_gives_the_true_trajectory():
+    """From a wrong nominal trajectory of a linear system, in one step."""
+    record = flight(t=0.005 * np.arange(800))
+    model = short_period(disturbances=("unused",))
+    batch = make_batch(model, [record])
+    truth = record.matrix(("alpha", "q"))
+    wrong = truth + 0.02 * np.random.default_rng(14).standard_normal(truth.shape)
+    linear = linearise(PointFunctions(model, ()), batch, model.nominal_vector()[None], wrong[:, None])
+    smoothed = wrong + kalman_filter(linear, NoiseModel(measurement=NOISE)).smooth(*residual_column(linear))[0][:, 0]
+    assert np.abs(wrong - truth).max() > 0.05
+    assert np.abs(smoothed - truth).max() < 1e-5
+
+
+def test_missing_samples_take_no_part():
+    """A channel without any sample equals a model that does not have the channel; a gap is a gap."""
+    record = gusty_flight(15, samples=300)
+    hidden = record.with_channels(q=np.full(300, np.nan))
+    _, kalman, white = filtered(gusty_short_period(), [hidden], GUSTY)
+    # the first guess of q differs, its prior is the same: compare the filter, which looks at no data
+    _, alone, _ = filtered(gusty_short_period(("alpha",)), [record], replace(GUSTY, measurement={"alpha": 0.002}))
+    np.testing.assert_allclose(kalman.gain[1:, :, :, :1], alone.gain[1:], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(kalman.log_determinant, alone.log_determinant, rtol=1e-9)
+    assert not white[..., 1].any()
+    gap = record["q"].copy()
+    gap[100:120] = np.nan
+    _, _, white = filtered(gusty_short_period(), [record.with_channels(q=gap)], GUSTY)
+    assert not white[100:120, 0, 1].any() and white[120:, 0, 1].all()
+
+
+def test_a_shorter_record_beside_a_longer_one_gives_its_own_innovations():
+    model, whole, short = gusty_short_period(), gusty_flight(15, samples=300), gusty_flight(16, "m2", samples=200)
+    _, _, alone = filtered(model, [short], GUSTY)
+    _, kalman, together = filtered(model, [whole, short], GUSTY)
+    np.testing.assert_allclose(together[:200, 1], alone[:, 0], rtol=1e-9, atol=1e-9)
+    assert not together[200:, 1].any() and not kalman.log_determinant[200:, 1].any()
+
+
+def test_compiled_recursions_equal_the_plain_ones_to_rounding() -> None:
+    """Three records of unequal length, one with held inputs, missing samples, coloured and white disturbances."""
+    records = [
+        gusty_flight(1, "m1", 400),
+        gusty_flight(2, "m2", 300),
+        replace(gusty_flight(3, "m3", 350), hold="linear"),
+    ]
+    gappy = records[1]["q"].copy()
+    gappy[[0, 7, 8, 120, 299]] = np.nan
+    records[1] = records[1].with_channels(q=gappy)
+    linear, fast, _ = filtered(gusty_short_period(), records, GUSTY)
+    plain = kalman_filter(linear, GUSTY, plain=True)
+    assert fast.kernel is not None and plain.kernel is None
+    for name in ("gain", "inverse_root", "P", "log_determinant"):
+        np.testing.assert_allclose(getattr(fast, name), getattr(plain, name), rtol=1e-9, atol=1e-12, err_msg=name)
+    column, gusts = residual_column(linear), np.random.default_rng(4).standard_normal((400, 3, 37))
+    stations, first = [0, 1] * 18 + [0], [0, 1, 4, 20, 21, 36]
+    gusts[:150, :, 21:] = 0.0  # a tile of columns that begin later
+    for got, expected in (
+        (fast.whiten(*column), plain.whiten(*column)),
+        (fast.whiten(linear.Dp, linear.Bp), plain.whiten(linear.Dp, linear.Bp)),
+        (fast.whiten_histories(stations, gusts), plain.whiten_histories(stations, gusts)),
+        (fast.whiten_histories(stations, gusts, first), plain.whiten_histories(stations, gusts, first)),
+        (fast.smooth(*column)[0], plain.smooth(*column)[0]),
+    ):
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+def test_the_number_of_processors_changes_no_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, records = gusty_short_period(), [gusty_flight(seed, f"m{seed}", 200) for seed in (1, 2, 3)]
+    batch = make_batch(model, records)
+    X = np.random.default_rng(5).normal(0.0, 0.1, (200, 3, 2))
+    series = np.random.default_rng(6).normal(size=(200, 3, 40))
+    P = np.tile(model.nominal_vector(), (3, 1))
+    found = []
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(8), raising=False)
+        linear = linearise(PointFunctions(model, model.parameters), batch, P, X)
+        fitted = kalman_filter(linear, GUSTY)
+        Y, F = residual_column(linear)
+        found.append((linear.A, fitted.gain, fitted.whiten_histories([0] * 40, series), fitted.smooth(Y, F)[0]))
+    for one, two, five in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+        np.testing.assert_array_equal(one, five)
+
+
+def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
+    records = [gusty_flight(1, "m1", 60), replace(gusty_flight(2, "m2", 40), hold="linear")]
+    model = gusty_short_period()
+    batch = make_batch(model, records)
+    X = np.random.default_rng(5).normal(0.0, 0.1, (60, 2, 2))
+    P = np.tile(model.nominal_vector(), (2, 1))
+    functions = PointFunctions(model, model.parameters)
+    linear = linearise(functions, batch, P, X)
+    jacobians = functions.jacobians(X, batch.U, P, np.zeros((60, 2, len(model.disturbances))))
+    plain = _interval(*jacobians, batch.dt, batch.live, batch.held_at(model), linear.seen)
+    for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
+        np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+def test_histories_linearised_about_change_nothing_of_a_linear_model() -> None:
+    """Deviance and smoothed motion are those of the posterior, which does not depend on where a linear model is
+    linearised: about still air or about any history of gusts and states."""
+    model, records = gusty_short_period(), [gusty_flight(1, "m1", 200), gusty_flight(2, "m2", 150)]
+    records[1] = replace(records[1], hold="linear")
+    batch = make_batch(model, records)
+    functions = PointFunctions(model, model.parameters)
+    P = np.tile(model.nominal_vector(), (2, 1))
+    rng = np.random.default_rng(3)
+    found = []
+    for scale in (0.0, 1.0):
+        X, gust = scale * rng.normal(0.0, 0.01, (200, 2, 2)), scale * rng.normal(0.0, 0.01, (200, 2, 1))
+        W = np.concatenate([gust, np.zeros((200, 2, 1))], axis=2)
+        linear = linearise(functions, batch, P, X, W)
+        column = residual_about(linear, GUSTY, gust)
+        kalman = kalman_filter(linear, GUSTY)
+        moved = kalman.smooth(*column)[0][..., 0:3]
+        plain = kalman_filter(linear, GUSTY, plain=True)
+        np.testing.assert_allclose(plain.whiten(*column), kalman.whiten(*column), rtol=0, atol=1e-9)
+        found.append((float(np.sum(kalman.whiten(*column) ** 2)), X + moved[..., :2], gust + moved[..., 2:]))
+    (squares, X, gust), (squares_about, X_about, gust_about) = found
+    # the step matrices are of second order in the step, the simulation of fourth
+    assert squares_about == pytest.approx(squares, rel=1e-3)
+    np.testing.assert_allclose(X_about[batch.live], X[batch.live], rtol=0, atol=2e-5)
+    np.testing.assert_allclose(gust_about[batch.live], gust[batch.live], rtol=0, atol=2e-4)
+
+
+def test_in_a_held_filter_innovations_are_linear_in_the_parameters() -> None:
+    """The system is linear in its parameters: along one motion, what a change of them makes of the innovations is their
+    sensitivities times the change, when only residuals change; the determinant, which a filter of its own changes,
+    stays."""
+    model, record = gusty_short_period(), replace(gusty_flight(1, samples=300), hold="linear")
+    batch, functions, P = (
+        make_batch(model, [record]),
+        PointFunctions(model, model.parameters),
+        model.nominal_vector()[None],
+    )
+    linear, kalman, _ = filtered(model, [record], GUSTY)
+    smooth = kalman.smooth(*residual_column(linear))[0]
+    X, gust = linear.X + smooth[..., :2], smooth[..., 2:]
+    W = np.concatenate([gust, np.zeros((300, 1, 1))], axis=2)
+    here, there = (linearise(functions, batch, factor * P, X, W) for factor in (1.0, 1.1))
+    kalman = kalman_filter(here, GUSTY)
+    held = kalman.along(there, GUSTY)
+    before = kalman.whiten(*residual_about(here, GUSTY, gust))[..., 0]
+    after = held.whiten(*residual_about(there, GUSTY, gust, through=held.through))[..., 0]
+    expected = before - kalman.whiten(here.Dp, here.Bp) @ (0.1 * P[0])
+    # the sensitivities are of second order in the step, the simulation of fourth
+    np.testing.assert_allclose(after, expected, rtol=0, atol=0.02 * np.abs(after - before).max())
+    np.testing.assert_array_equal(held.log_determinant, kalman.log_determinant)
+    rebuilt, *_ = augmented(held.through, GUSTY)  # nothing of a model with the same states is new to the filter
+    np.testing.assert_array_equal(held.A, rebuilt)
+    assert held.A is kalman.A and held.linear is there
+    later = replace(there, seen=there.seen & (np.arange(300) > 3)[:, None, None])
+    assert not kalman.along(later, GUSTY).C[:4].any() and kalman.C[:4].any()
+    assert abs(float((kalman_filter(there, GUSTY).log_determinant - kalman.log_determinant).sum())) > 1.0
+
+
+def test_a_held_filter_takes_up_further_states_and_leaves_out_others() -> None:
+    """The model that it is of: nothing changes. Without the gust as a state, and with it again: a state that the filter
+    does not know is not moved by any sample, so that whitening an output differs only by what the gust told."""
+    linear, kalman, white = filtered(gusty_short_period(), [gusty_flight(2, samples=200)], GUSTY)
+    same = kalman.along(linear, GUSTY)
+    np.testing.assert_allclose(same.whiten(*residual_column(linear))[..., 0], white, rtol=0, atol=1e-12)
+    still = kalman.along(linear, replace(GUSTY, coloured={}))
+    again = still.along(linear, GUSTY)
+    assert (still.gain.shape[2], again.gain.shape[2]) == (2, 3)
+    assert not again.gain[:, :, 2].any() and not again.P[:, :, 2].any()
+    np.testing.assert_array_equal(again.gain[:, :, :2], kalman.gain[:, :, :2])

@@ -1,0 +1,282 @@
+"""The aircraft file. Truth: the text of the public format, its written-out defaults, and the round trip."""
+
+import pickle
+import tomllib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from casid.errors import InputError
+from casid.model.aircraft import AXES_COEFFICIENTS, Aircraft, EffectValue, Inertia
+from casid.model.terms import VARIABLES, Term
+from casid.model.vocabulary import KINDS
+
+DO328 = """
+[aircraft]
+name = "Do 328-100, cruise"
+mass = 10500.0
+inertia = { Ixx = 103000.0, Iyy = 158000.0, Izz = 240000.0, Ixz = 12500.0 }
+gravity = 9.80665
+[reference]
+area = 40.0
+moment_length = { lateral = 10.4, pitch = 2.04 }
+rate_length   = { lateral = 10.4, pitch = 2.04 }
+[propulsion]
+thrust_line_z = 0.1
+engine_y = [-2.5, 2.5]
+[sensors]
+accelerometer = [1.0, 0.0, 0.0]
+alpha_vane = [5, 0.5, 0.0]
+beta_vane = [0.0, 0.0, 0.0]
+[sensors.noise]
+alpha = 0.0035
+[trim]
+V = 144.0
+altitude = 3200
+[aerodynamics]
+force_axes = "wind"
+relative_uncertainty = 0.3
+[aerodynamics.derivatives]
+CL_0 = 0.221
+CL_alpha = 6.0
+Cm_delta_e = -1.93
+[aerodynamics.terms]
+Cm = { "alpha^2" = 0.5, "beta*alpha" = 0.0 }
+[[effects]]
+kind = "actuator_lag"
+target = "delta_e"
+value = 0.15
+std = 0.01
+unit = "s"
+[[effects]]
+kind = "configuration_change"
+target = "CL+CD"
+value = 0.1
+parameters = { CD = 0.02 }
+records = ["m1", "m3"]
+onset_s = { m1 = [9.0, 9.4] }
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text):
+        path = tmp_path / "plane.toml"
+        path.write_text(text, encoding="utf-8")
+        return Aircraft.read(path)
+
+    return read
+
+
+def test_reads_the_format(read):
+    plane = read(DO328)
+    assert (plane.name, plane.mass, plane.gravity, plane.area) == ("Do 328-100, cruise", 10500.0, 9.80665, 40.0)
+    assert plane.inertia == Inertia(Ixx=103000.0, Iyy=158000.0, Izz=240000.0, Ixz=12500.0)
+    assert (plane.moment_length_lateral, plane.rate_length_pitch) == (10.4, 2.04)
+    assert (plane.thrust_line_z, plane.engine_y, plane.alpha_vane) == (0.1, (-2.5, 2.5), (5.0, 0.5, 0.0))
+    assert plane.noise == {"alpha": 0.0035} and plane.trim == {"V": 144.0, "altitude": 3200.0}
+    assert (plane.force_axes, plane.relative_uncertainty) == ("wind", 0.3)
+    assert plane.derivatives == {"CL_0": 0.221, "CL_alpha": 6.0, "Cm_delta_e": -1.93}
+    assert plane.terms == {"Cm": {"alpha^2": 0.5, "alpha*beta": 0.0}}
+    lag, step = plane.effects
+    assert (lag.kind, lag.target, lag.value, lag.std, lag.unit, lag.onset_s) == (
+        "actuator_lag",
+        "delta_e",
+        0.15,
+        0.01,
+        "s",
+        None,
+    )
+    assert (step.records, step.onset_s, step.parameters) == (("m1", "m3"), {"m1": (9.0, 9.4)}, {"CD": 0.02})
+
+
+def test_lengths_from_span_and_chord_are_full_for_moments_and_half_for_rates(read):
+    lines = [line for line in DO328.splitlines() if "_length" not in line]
+    plane = read("\n".join(lines).replace("area = 40.0", "area = 40.0\nspan = 20.8\nchord = 2.04"))
+    assert (plane.moment_length_lateral, plane.moment_length_pitch) == (20.8, 2.04)
+    assert (plane.rate_length_lateral, plane.rate_length_pitch) == (10.4, 1.02)
+
+
+MINIMAL = """
+[aircraft]
+mass = 1000
+inertia = { Ixx = 1.0, Iyy = 1.0, Izz = 1.0, Ixz = 0.0 }
+[reference]
+area = 10
+span = 8
+chord = 1
+[aerodynamics.derivatives]
+Cm_alpha = -1
+"""
+
+
+def test_what_the_format_calls_optional_may_be_absent(read):
+    plane = read(MINIMAL)
+    assert (plane.name, plane.gravity, plane.force_axes, plane.relative_uncertainty) == ("plane", 9.80665, "wind", 0.0)
+    assert plane.accelerometer == (0.0, 0.0, 0.0) and not plane.noise and not plane.trim and not plane.effects
+
+
+FAULTS = [
+    ("mass = 10500.0", "mas = 10500.0", "[aircraft]: unknown key 'mas'; did you mean 'mass'"),
+    ("mass = 10500.0", "", "[aircraft]: 'mass' is missing"),
+    ("mass = 10500.0", "mass = -3", "'mass' must be a positive number, got -3"),
+    ("mass = 10500.0", "mass = 0", "'mass' must be a positive number, got 0"),
+    ("mass = 10500.0", "mass = nan", "'mass' must be a positive number, got nan"),
+    ("mass = 10500.0", "mass = true", "'mass' must be a positive number, got True"),
+    ("mass = 10500.0", 'mass = "10 t"', "'mass' must be a positive number, got '10 t'"),
+    ("mass = 10500.0", f"mass = 1{400 * '0'}", "'mass' must be a positive number"),
+    ("mass = 10500.0", f"mass = 1{5000 * '0'}", "not valid TOML"),
+    ("mass = 10500.0", "mass = ", "not valid TOML"),
+    ("Ixz = 12500.0", "Ixz = 160000.0", "not positive definite"),
+    ("Ixx = 103000.0", "Ixx = -1.0", "inertia: 'Ixx' must be a positive number"),
+    (", Ixz = 12500.0", "", "[aircraft] inertia: 'Ixz' is missing"),
+    ("Ixz = 12500.0", "Ixy = 12500.0", "[aircraft] inertia: unknown key 'Ixy'"),
+    ("area = 40.0", "area = 0.0", "'area' must be a positive number"),
+    ("area = 40.0", "aera = 40.0", "[reference]: unknown key 'aera'; did you mean 'area'"),
+    ("moment_length = { lateral = 10.4, pitch = 2.04 }", "", "give moment_length = { lateral = ... } or 'span'"),
+    ("moment_length = { lateral = 10.4, pitch = 2.04 }", "moment_length = 3", "'moment_length' must be a table"),
+    ("[propulsion]", "[propulsoin]", "unknown key 'propulsoin'; did you mean 'propulsion'"),
+    ("accelerometer = [1.0, 0.0, 0.0]", "accelerometer = [1.0, 0.0]", "must be a list of 3 numbers"),
+    ("alpha = 0.0035", "alhpa = 0.0035", "noise: unknown channel 'alhpa'; did you mean 'alpha'"),
+    ("alpha = 0.0035", "alpha = 0.0", "noise: 'alpha' must be a positive number"),
+    ("altitude = 3200", "height = 3200", "trim: unknown key 'height'"),
+    ('"wind"', '"winds"', "unknown force_axes 'winds'; did you mean 'wind'"),
+    ('"wind"', '"body"', "'CL_0': 'CL' belongs to force_axes = \"wind\""),
+    ("relative_uncertainty = 0.3", "relative_uncertainty = -0.3", "a number not below zero"),
+    ("Cm_delta_e = -1.93", "Cm_delta_le = -1.93", "unknown derivative 'Cm_delta_le'; did you mean 'Cm_delta_e'"),
+    ("Cm_delta_e = -1.93", "Cmde = -1.93", "unknown derivative 'Cmde'"),
+    ("Cm_delta_e = -1.93", "CX_alpha = -1.93", "'CX' belongs to force_axes = \"body\""),
+    ("Cm_delta_e = -1.93", '"Cm_alpha^3" = -1.93', 'not linear; write it under terms as Cm = { "alpha^3" = -1.93 }'),
+    ('"alpha^2" = 0.5', '"alpah^2" = 0.5', "unknown variable 'alpah'; did you mean 'alpha'"),
+    ('"alpha^2" = 0.5', '"alpha**2" = 0.5', "not a monomial"),
+    ('"alpha^2" = 0.5', '"alpha*beta" = 0.5', "'beta*alpha' stands twice, as Cm_alpha*beta"),
+    ('"alpha^2" = 0.5', '"delta_e" = 0.5', "'delta_e' stands twice, as Cm_delta_e"),
+    ('kind = "actuator_lag"', 'kind = "actuator_leg"', "[[effects]] number 1: unknown effect kind 'actuator_leg'"),
+    ('target = "delta_e"', 'target = "delta_x"', "unknown target of 'actuator_lag' 'delta_x'"),
+    ('unit = "s"', 'unit = "ms"', "unit 'ms' does not fit; expected 's'"),
+    ("value = 0.15", "", "[[effects]] number 1: 'value' is missing"),
+    ("value = 0.15", "vale = 0.15", "unknown key 'vale'; did you mean 'value'"),
+    ("std = 0.01", "std = -0.01", "std must be a number not below zero"),
+    ('records = ["m1", "m3"]', 'records = "m1"', "records must be a list of names"),
+    ("m1 = [9.0, 9.4]", "m1 = [9.5, 9.4]", "runs backwards"),
+    ("m1 = [9.0, 9.4]", "m2 = [9.0, 9.4]", "onset_s: unknown record 'm2'"),
+    ('"CL+CD"', '"CX+CD"', "'CX' belongs to force_axes = \"body\""),
+]
+
+
+@pytest.mark.parametrize(("good", "bad", "message"), FAULTS)
+def test_a_fault_is_one_line_that_names_file_place_and_remedy(read, good, bad, message):
+    assert good in DO328
+    with pytest.raises(InputError) as caught:
+        read(DO328.replace(good, bad, 1))
+    line = str(caught.value)
+    assert message in line and "plane.toml" in line and "\n" not in line
+
+
+def test_a_missing_file_is_an_input_error(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        Aircraft.read(tmp_path / "nowhere.toml")
+
+
+def test_an_impossible_body_is_noted():
+    assert not Inertia(Ixx=103000.0, Iyy=158000.0, Izz=240000.0, Ixz=12500.0).notes
+    assert not Inertia(Ixx=1.0, Iyy=1.0, Izz=2.0, Ixz=0.0).notes  # a flat plate is the limit
+    assert "no rigid body" in Inertia(Ixx=1.0, Iyy=1.0, Izz=2.1, Ixz=0.0).notes[0]
+
+
+NUMBER = st.floats(allow_nan=False, allow_infinity=False)
+POSITIVE = st.floats(1e-300, 1e300)
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+POINT = st.tuples(NUMBER, NUMBER, NUMBER)
+NONLINEAR = st.dictionaries(st.sampled_from(VARIABLES), st.integers(1, 9), min_size=2, max_size=3).map(
+    lambda powers: Term(factors=tuple((v, powers[v]) for v in VARIABLES if v in powers)).name
+)
+
+
+@st.composite
+def effects(draw, axes):
+    coefficients = AXES_COEFFICIENTS[axes]
+    kind = KINDS[draw(st.sampled_from(sorted(KINDS)))]
+    target = (
+        draw(st.sampled_from([t for t in kind.targets if t[0] != "C" or t in coefficients])) if kind.targets else ""
+    )
+    onset = st.tuples(NUMBER, NUMBER).map(lambda pair: (min(pair), max(pair)))
+    return EffectValue(
+        kind=kind.kind,
+        target=target,
+        term=draw(NONLINEAR) if kind.needs_term else None,
+        value=draw(NUMBER),
+        std=draw(st.floats(0.0, 1e300)),
+        parameters=draw(st.dictionaries(TEXT, NUMBER, max_size=2)),
+        onset_s=draw(st.none() | st.dictionaries(TEXT, onset, max_size=2)),
+        sentence=draw(TEXT),
+    )
+
+
+@st.composite
+def planes(draw):
+    axes = draw(st.sampled_from(sorted(AXES_COEFFICIENTS)))
+    linear = [f"{c}_{v}" for c in AXES_COEFFICIENTS[axes] for v in ("0", *VARIABLES)]
+    return Aircraft(
+        name=draw(TEXT),
+        mass=draw(POSITIVE),
+        inertia=Inertia(Ixx=draw(POSITIVE), Iyy=1.0, Izz=draw(POSITIVE), Ixz=0.0),
+        gravity=draw(POSITIVE),
+        area=draw(POSITIVE),
+        moment_length_lateral=draw(POSITIVE),
+        moment_length_pitch=draw(POSITIVE),
+        rate_length_lateral=draw(POSITIVE),
+        rate_length_pitch=draw(POSITIVE),
+        thrust_line_z=draw(NUMBER),
+        engine_y=tuple(draw(st.lists(NUMBER, max_size=4))),
+        accelerometer=draw(POINT),
+        noise=draw(st.dictionaries(st.sampled_from(["alpha", "q", "ax"]), POSITIVE)),
+        trim=draw(st.dictionaries(st.sampled_from(["V", "rho", "gravity"]), POSITIVE)),
+        force_axes=axes,
+        relative_uncertainty=draw(st.floats(0.0, 1.0)),
+        derivatives=draw(st.dictionaries(st.sampled_from(linear), NUMBER, min_size=1, max_size=5)),
+        terms=draw(st.dictionaries(st.sampled_from(AXES_COEFFICIENTS[axes]), st.dictionaries(NONLINEAR, NUMBER))),
+        effects=tuple(draw(st.lists(effects(axes), max_size=3))),
+    )
+
+
+@given(planes())
+def test_what_is_written_is_read_back_equal(tmp_path_factory, plane):
+    path = tmp_path_factory.mktemp("planes") / "plane.toml"
+    plane.write(path)
+    again = Aircraft.read(path)
+    assert again == plane
+    assert list(again.derivatives) == list(plane.derivatives)
+    assert list(tomllib.loads(path.read_text(encoding="utf-8")))[:2] == ["aircraft", "reference"]
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_a_mutilated_file_is_an_aircraft_or_an_input_error(tmp_path_factory, data):
+    content = bytearray(DO328.encode())
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        content[at : at + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=4))
+    path = tmp_path_factory.mktemp("planes") / "plane.toml"
+    path.write_bytes(content)
+    try:
+        Aircraft.read(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def test_changes_make_a_new_aircraft(read):
+    plane = read(MINIMAL)
+    changed = plane.with_derivatives({"Cm_alpha": -2.0, "Cm_q": -9.0}).with_terms({"Cm": {"beta*alpha": 1.0}})
+    changed = changed.with_terms({"Cm": {"alpha*beta": 2.0, "alpha^2": 3.0}})
+    lag = EffectValue(kind="actuator_lag", target="delta_e", value=0.1)
+    assert changed.with_effects([lag]).with_effects([lag]).effects == (lag, lag)
+    assert changed.derivatives == {"Cm_alpha": -2.0, "Cm_q": -9.0}
+    assert changed.terms == {"Cm": {"alpha*beta": 2.0, "alpha^2": 3.0}}
+    assert plane == read(MINIMAL)
+
+
+def test_travels_between_processes(read):
+    plane = read(DO328)
+    assert pickle.loads(pickle.dumps(plane)) == plane

@@ -1,0 +1,153 @@
+"""Truth: compiled code and the virtual machine compute the same; the cache survives two processes and a killed one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from estimation_cases import NOISE, START, flight, needs_compiler, short_period
+
+from casid.estimation import Ipopt, Problem, solve
+from casid.estimation.transcriptions.steps import sample_derivatives, step_function
+from casid.model.system import Model
+from casid.native import compiler
+from casid.native import programme as compiled_programme
+from casid.native.compiler import Batch, Compilable, cache_folder, compile_function
+
+
+def arguments(function, count: int, seed: int = 0) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return [0.1 * rng.standard_normal((count, function.size1_in(i))) for i in range(function.n_in())]
+
+
+@needs_compiler
+def test_compiled_code_agrees_with_the_virtual_machine_to_rounding(own_cache):
+    for function in (step_function(short_period()), sample_derivatives(short_period(), np.arange(5), ("q",))):
+        compiled = compile_function(function)
+        assert compiled is not None
+        given = arguments(function, 50)
+        machine = Batch(Compilable(function), lambda f: f.map(50))(*given)
+        native = compiled.map(50).call([a.T for a in given])
+        for ours, theirs in zip(native, machine, strict=True):
+            np.testing.assert_allclose(np.asarray(ours).T, theirs, rtol=1e-13, atol=1e-15)
+    assert len(list(own_cache.glob("*.so"))) == 2
+    assert not list(own_cache.glob("building-*"))
+
+
+@needs_compiler
+def test_a_function_is_compiled_only_when_it_has_earned_it(own_cache):
+    kernel = Compilable(step_function(short_period()))
+    before = kernel.current()
+    assert not own_cache.exists()
+    kernel.spent = 1e3
+    after = kernel.current()
+    assert after is not before and len(list(own_cache.glob("*.so"))) == 1
+    # a second process finds it long before it would compile it
+    second = Compilable(step_function(short_period()))
+    second.spent = 0.05
+    assert second.current().class_name() == "External"
+
+
+@needs_compiler
+def test_what_a_killed_process_left_is_swept(own_cache):
+    gone = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True, check=True
+    )
+    left = own_cache / f"building-{int(gone.stdout)}-1"
+    left.mkdir(parents=True)
+    (left / "f.c").write_text("half a")
+    ours = own_cache / f"building-{os.getpid()}-1"  # another thread of a living process
+    ours.mkdir()
+    assert compile_function(step_function(short_period())) is not None
+    assert not left.exists() and ours.exists()
+
+
+@needs_compiler
+def test_two_processes_may_compile_the_same_function(own_cache):
+    code = (
+        "from casid.estimation.compiler import compile_function\n"
+        "import casadi as ca\n"
+        "x = ca.SX.sym('x')\n"
+        "f = compile_function(ca.Function('f', [x], [ca.sin(x) * x]))\n"
+        "print(float(f(2.0)))\n"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(own_cache.parent)}
+    both = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
+        for _ in range(2)
+    ]
+    for process in both:
+        out, _ = process.communicate(timeout=120)
+        assert process.returncode == 0 and float(out) == pytest.approx(2 * np.sin(2.0), rel=1e-15)
+    assert [p.suffix for p in own_cache.iterdir()] == [".so"]
+
+
+def estimate() -> dict[str, float]:
+    record = flight(noise=NOISE, rng=np.random.default_rng(0))
+    return solve(Problem(short_period(), [record], free=["*"], start=START)).values
+
+
+def test_without_a_compiler_the_virtual_machine_gives_the_same_estimate(own_cache, monkeypatch):
+    monkeypatch.setattr(compiler, "_COMPILE_BASE", -1.0)  # with a compiler: everything is compiled at once
+    monkeypatch.setattr(compiler, "_SOURCE_PER_INSTRUCTION", -1.0)
+    with_compiler = estimate()
+    assert bool(list(own_cache.glob("*.so"))) == (compiler.c_compiler() is not None)
+    compiler.c_compiler.cache_clear()
+    monkeypatch.setenv("CASID_NO_COMPILER", "1")
+    try:
+        assert compiler.c_compiler() is None
+        without = estimate()
+    finally:
+        compiler.c_compiler.cache_clear()
+    assert without == pytest.approx(with_compiler, rel=1e-9)
+
+
+def test_a_missing_compiler_is_said_once(monkeypatch, caplog):
+    compiler.c_compiler.cache_clear()
+    monkeypatch.setenv("PATH", "/nonexistent")
+    monkeypatch.delenv("CASID_NO_COMPILER", raising=False)
+    try:
+        for _ in range(3):
+            assert compiler.c_compiler() is None
+    finally:
+        compiler.c_compiler.cache_clear()
+    assert [r.message for r in caplog.records] == [
+        "no C compiler found: estimation runs in the CasADi virtual machine, slower"
+    ]
+
+
+def test_the_cache_is_in_the_users_cache_folder(monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", "/home/somebody")
+    assert str(cache_folder()) == "/home/somebody/.cache/casid"
+
+
+@needs_compiler
+@pytest.mark.parametrize("hessian", ["exact", "gauss-newton"])
+def test_a_programme_of_ipopt_gives_the_same_compiled(hessian, own_cache, monkeypatch):
+    """Once it has earned it; records of the same size share the library, and the price decides."""
+    monkeypatch.setattr(compiled_programme, "_LOOK_UP_AFTER", 0.0)
+    model = short_period()
+
+    def fitted(estimate: Model, seed: int) -> list[float]:
+        own = flight(noise=NOISE, rng=np.random.default_rng(seed))
+        fit = solve(Problem(estimate, [own], free=["*"], start=START), solver=Ipopt(hessian=hessian))
+        return list(fit.values.values())
+
+    monkeypatch.setattr(compiled_programme, "_COMPILE_PER_BYTE", {"exact": np.inf, "given": np.inf})
+    machine = [fitted(short_period(), seed) for seed in (1, 2)]
+    assert not list(own_cache.glob("*.so"))
+    monkeypatch.setattr(compiled_programme, "_COMPILE_PER_BYTE", {"exact": 0.0, "given": 0.0})
+    native = [fitted(model, seed) for seed in (1, 2)]
+    np.testing.assert_allclose(native, machine, rtol=1e-12)
+    assert len(list(own_cache.glob("*.so"))) == 1
+
+
+def test_a_programme_of_ipopt_does_without_a_compiler(monkeypatch):
+    monkeypatch.setattr(compiled_programme, "_LOOK_UP_AFTER", 0.0)
+    monkeypatch.setattr(compiled_programme, "c_compiler", lambda: None)
+    record = flight(noise=NOISE, rng=np.random.default_rng(1))
+    assert solve(Problem(short_period(), [record], free=["*"], start=START), solver=Ipopt()).converged

@@ -1,0 +1,107 @@
+"""Work side by side: the same answers, in order, whatever the number of processors."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from diagnosis_flights import flights
+
+from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.model.causes import actuator_lag
+from casid.native.processors import processors, side_by_side
+from problems.do328 import do328
+
+
+@pytest.fixture
+def eight(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(8), raising=False)
+
+
+@pytest.mark.usefixtures("eight")
+def test_results_come_in_the_order_of_the_tasks() -> None:
+    meeting = threading.Barrier(4)  # none goes on before all four run: they are side by side
+
+    def run(task: int) -> tuple[int, int]:
+        meeting.wait(timeout=30.0)
+        return task**2, processors()
+
+    assert side_by_side(run, [3, 1, 4, 2]) == [(9, 2), (1, 2), (16, 2), (4, 2)]
+    assert processors() == 8
+
+
+@pytest.mark.usefixtures("eight")
+def test_what_is_shared_out_inside_stays_within_its_part() -> None:
+    assert side_by_side(lambda _: side_by_side(lambda _: processors(), range(2)), range(4)) == [[1, 1]] * 4
+    assert side_by_side(lambda _: processors(), range(9)) == [1] * 9
+    assert side_by_side(lambda _: processors(), [0]) == [8]
+    assert side_by_side(lambda _: processors(), []) == []
+
+
+@pytest.mark.usefixtures("eight")
+def test_the_first_error_is_raised() -> None:
+    def run(task: int) -> int:
+        if task > 1:
+            raise ValueError(f"task {task}")
+        return task
+
+    with pytest.raises(ValueError, match="task 2"):
+        side_by_side(run, range(5))
+
+
+@pytest.mark.parametrize(("loaded", "threads"), [("casid, numpy", 2), ("numpy, casid", 1)])
+def test_threads_of_the_linear_algebra_have_no_others_beside_them(loaded: str, threads: int) -> None:
+    program = (
+        f"import os, threading, {loaded}\n"
+        "from casid.estimation.processors import side_by_side\n"
+        "os.sched_getaffinity = lambda process: range(2)\n"
+        "both = threading.Barrier(2)\n"
+        "def run(task):\n"
+        f"    {'both.wait(30.0)' if threads > 1 else 'pass'}\n"
+        "    return threading.get_ident()\n"
+        "print(len(set(side_by_side(run, range(2)))))"
+    )
+    environment = {k: v for k, v in os.environ.items() if k not in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
+    assert int(done.stdout) == threads
+
+
+@pytest.mark.usefixtures("eight")
+def test_functions_of_one_model_are_built_and_called_from_many_threads() -> None:
+    """CasADi marks the expressions of a model while it differentiates them: two threads at once crashed it."""
+    flight = prepare(do328(), flights(count=1, duration_s=4.0))
+    model = flight.model()
+    batch, X = flight.batch(model), model.guess(flight.records[0])[:, None]
+    P, W = model.nominal_vector()[None], np.zeros((*X.shape[:2], len(model.disturbances)))
+    free = [n for n in model.parameters if not n.startswith("bias_")]
+
+    def slope(count: int) -> np.ndarray:
+        return flight.functions(model, free[:count]).jacobians(X, batch.U, P, W)[1]
+
+    found = side_by_side(slope, [2 + i % 12 for i in range(48)])
+    for i, one in enumerate(found):
+        np.testing.assert_array_equal(one, found[11][..., : 2 + i % 12])
+
+
+def test_a_diagnosis_does_not_depend_on_the_number_of_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
+    records, found = flights([slow], seed=3, count=4), []
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(8), raising=False)
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        found.append(diagnose(do328(), records))
+    assert [(c.kind, c.target) for c in found[0].causes] == [("actuator_lag", "delta_e")]
+    for other in found[1:]:
+        assert other.verdict == found[0].verdict
+        for a, b in zip(other.causes, found[0].causes, strict=True):
+            assert (a.kind, a.target, a.onset_s) == (b.kind, b.target, b.onset_s)
+            assert (a.value, a.std, a.statistic) == pytest.approx((b.value, b.std, b.statistic), rel=1e-6)
+        tried = [[(t.candidate.name, t.given_up) for t in r.trials] for r in other.rounds]
+        assert tried == [[(t.candidate.name, t.given_up) for t in r.trials] for r in found[0].rounds]

@@ -1,0 +1,229 @@
+"""scripts/diagnose.py as a user runs it. Truth: the published interface; what each broken input has wrong with it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from small_flight import NAMES, aircraft_file, records
+
+from casid.diagnosis.judging.held_out import split
+from casid.errors import run_script as guarded
+from casid.model.aircraft import Aircraft
+from casid.records.readers import read_record, write_record
+from casid.records.record import Record
+from casid.records.thinning import thinned
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the records first.csv and second.csv, and aircraft.toml."""
+    folder = tmp_path_factory.mktemp("flight")
+    for record in records():
+        write_record(record, folder / f"{record.name}.csv")
+    aircraft_file().write(folder / "aircraft.toml")
+    return folder
+
+
+@pytest.fixture
+def run(
+    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str]]:
+    """`run(*arguments)` runs the script in this process: (exit status, standard error)."""
+
+    def start(*arguments: object, instead: Callable | None = None) -> tuple[int, str]:
+        script = load_script("diagnose")
+        monkeypatch.setattr(sys, "argv", ["diagnose.py", *map(str, arguments)])
+        if instead is not None:
+            monkeypatch.setattr(script, "diagnose", instead)
+        with pytest.raises(SystemExit) as stop:
+            guarded(script.main)
+        return int(stop.value.code or 0), capsys.readouterr().err
+
+    return start
+
+
+class Seen:
+    """Stands for `diagnose`: keeps what it was given, and stops as Ctrl-C does."""
+
+    aircraft: Aircraft
+    fitted: list[str]
+    held: list[str]
+    samples: int
+
+    def __call__(
+        self, aircraft: Aircraft, given: Sequence[Record], hold_out: Sequence[Record], report: Callable
+    ) -> None:
+        self.aircraft, self.samples = aircraft, len(given[0])
+        fitted, held = split(given, hold_out)
+        self.fitted, self.held = [r.name for r in fitted], [r.name for r in held]
+        raise KeyboardInterrupt
+
+
+# -- a whole run -------------------------------------------------------------------------------------------------------
+
+
+def test_whole_run(run_script: Callable, flight: Path, tmp_path: Path) -> None:
+    files = [flight / f"{name}.csv" for name in NAMES]
+    done = run_script(
+        "diagnose", *files, "--aircraft", flight / "aircraft.toml", "--out", tmp_path / "out", "--seed", 5
+    )
+    assert done.returncode == 0, done.stderr
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"diagnosis.json", "extended.toml", "report.html", "report_figures", "run.json"}
+    document = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert document["sentence"] in done.stdout and str(tmp_path / "out" / "report.html") in done.stdout
+    assert all(stage in done.stdout for stage in document["seconds"])
+    made_with = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
+    assert made_with["seed"] == 5 and {"casid", "casadi", "numpy"} <= set(made_with["versions"])
+    assert done.stderr == ""
+
+
+# -- which records are fitted, which are held out ----------------------------------------------------------------------
+
+
+def test_without_records_the_embedded_example_runs(run: Callable, tmp_path: Path) -> None:
+    seen = Seen()
+    status, _ = run("--out", tmp_path, instead=seen)
+    assert status == 130 and seen.aircraft.name == "Fokker 50, cruise"
+    assert seen.fitted == ["m1", "m2", "m3"] and seen.held == ["m4"]
+
+
+def test_the_last_record_is_held_out(run: Callable, flight: Path, tmp_path: Path) -> None:
+    seen = Seen()
+    run(flight / "*.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path, instead=seen)
+    assert (seen.fitted, seen.held) == (["first"], ["second"])
+
+
+def test_of_a_single_record_its_last_third_is_held_out(run: Callable, flight: Path, tmp_path: Path) -> None:
+    seen = Seen()
+    run(flight / "first.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path, instead=seen)
+    assert seen.fitted == ["first"] and seen.held == ["first, last third"]
+
+
+def test_what_is_held_out_is_not_fitted(run: Callable, flight: Path, tmp_path: Path) -> None:
+    seen = Seen()
+    options = ("--aircraft", flight / "aircraft.toml", "--out", tmp_path, "--hold-out", flight / "first.csv")
+    run(flight / "*.csv", *options, instead=seen)
+    assert (seen.fitted, seen.held) == (["second"], ["first"])
+
+
+def test_columns_can_be_mapped(run: Callable, flight: Path, tmp_path: Path) -> None:
+    foreign = tmp_path / "foreign.csv"
+    foreign.write_text((flight / "first.csv").read_text(encoding="utf-8").replace("alpha", "ALCG", 1), encoding="utf-8")
+    seen = Seen()
+    run(foreign, "--aircraft", flight / "aircraft.toml", "--map", "alpha=ALCG", "--out", tmp_path / "out", instead=seen)
+    assert seen.fitted == ["foreign"]
+
+
+def test_quick_thins_the_records(run: Callable, tmp_path: Path) -> None:
+    full, quick = Seen(), Seen()
+    run("--out", tmp_path, instead=full)
+    run("--out", tmp_path, "--quick", instead=quick)
+    assert quick.samples == (full.samples + 1) // 2  # 50 Hz to 25 Hz
+
+
+def test_thinning_keeps_every_nth_sample() -> None:
+    record = records()[0]  # 25 Hz
+    assert len(thinned(record, 25.0)) == len(record)
+    third = thinned(record, 8.0)
+    assert np.array_equal(third.t, record.t[::3]) and np.array_equal(third["alpha"], record["alpha"][::3])
+
+
+# -- nothing half-written ----------------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_leaves_nothing_behind(run: Callable, flight: Path, tmp_path: Path) -> None:
+    status, _ = run(flight / "*.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path / "new", instead=Seen())
+    assert status == 130 and not (tmp_path / "new").exists()
+
+
+# -- bad input: status 2 and one line ----------------------------------------------------------------------------------
+
+
+def broken(flight: Path, tmp_path: Path, change: Callable[[list[list[str]]], None]) -> Path:
+    """A copy of first.csv whose rows were changed."""
+    rows = [line.split(",") for line in (flight / "first.csv").read_text(encoding="utf-8").splitlines()]
+    change(rows)
+    file = tmp_path / "broken.csv"
+    file.write_text("\n".join(",".join(row) for row in rows), encoding="utf-8")
+    return file
+
+
+def misspell(rows: list[list[str]]) -> None:
+    rows[0][rows[0].index("alpha")] = "alhpa"
+
+
+def gap_in_an_input(rows: list[list[str]]) -> None:
+    rows[40][rows[0].index("delta_e")] = "nan"
+
+
+def time_back(rows: list[list[str]]) -> None:
+    rows[60][0] = rows[50][0]
+
+
+def cut_short(rows: list[list[str]]) -> None:
+    del rows[30:]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (misspell, ("alhpa", "alpha")),
+        (gap_in_an_input, ("line 41", "delta_e", "missing")),
+        (time_back, ("line 61", "time runs back")),
+        (cut_short, ("too short",)),
+    ],
+)
+def test_bad_record(run: Callable, flight: Path, tmp_path: Path, change: Callable, words: tuple[str, ...]) -> None:
+    file = broken(flight, tmp_path, change)
+    status, error = run(file, "--aircraft", flight / "aircraft.toml", "--out", tmp_path / "out")
+    assert status == 2 and error.count("\n") == 1
+    assert all(word in error for word in ("broken.csv", *words)), error
+    assert not (tmp_path / "out").exists()
+
+
+def test_unknown_aircraft_key(run: Callable, flight: Path, tmp_path: Path) -> None:
+    wrong = tmp_path / "aircraft.toml"
+    wrong.write_text((flight / "aircraft.toml").read_text(encoding="utf-8").replace("mass =", "maas ="))
+    status, error = run(flight / "*.csv", "--aircraft", wrong, "--out", tmp_path / "out")
+    assert status == 2 and error.count("\n") == 1 and "maas" in error and "'mass'" in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("{flight}/first.csv",), "--aircraft"),
+        (("{flight}/none.csv", "--aircraft", "{flight}/aircraft.toml"), "none.csv"),
+        (("{flight}/first.csv", "--aircraft", "{flight}/none.toml"), "none.toml"),
+        (("--hold-out", "{flight}/first.csv"), "--hold-out"),
+        (("--speed",), "--speed"),
+        (("--seed", "many"), "many"),
+        (("{flight}/first.csv", "--aircraft", "{flight}/aircraft.toml", "--out", "{flight}/first.csv"), "--out"),
+        (("{flight}/first.csv", "--aircraft", "{flight}/aircraft.toml", "--map", "alpha"), "alpha"),
+        (
+            ("{flight}/first.csv", "--aircraft", "{flight}/aircraft.toml", "--hold-out", "{flight}/first.csv"),
+            "no record",
+        ),
+    ],
+)
+def test_bad_arguments(run: Callable, flight: Path, arguments: tuple[str, ...], words: str) -> None:
+    status, error = run(*(argument.format(flight=flight) for argument in arguments))
+    assert status == 2 and error.count("\n") == 1 and words in error, error
+
+
+def test_bad_input_in_a_process_of_its_own(run_script: Callable, tmp_path: Path) -> None:
+    done = run_script("diagnose", tmp_path / "none.csv", "--aircraft", tmp_path / "none.toml")
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: ")
+
+
+def test_records_written_for_these_tests_are_read_back(flight: Path) -> None:
+    for record in records():
+        again = read_record(flight / f"{record.name}.csv")
+        assert all(np.array_equal(again[c], record[c]) for c in record.channels)

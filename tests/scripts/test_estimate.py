@@ -1,0 +1,338 @@
+"""Truth: simulated flights of the Do 328 with known derivatives; published and independent values on real records."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.applied import apply_effects
+from casid.model.dynamics import aircraft_model
+from casid.model.simulate import simulate
+from casid.model.trim import trim
+from casid.records.readers import read_record, write_record
+from casid.records.record import Record
+from problems.do328 import STABLE, do328
+from problems.real import attas, hfb320, hfb320_aircraft
+
+LEVEL = trim(do328(), V=144.0, thrust=10e3)
+NOISE = {"V": 0.1, "alpha": 5e-4, "theta": 5e-4, "q": 5e-4, "ax": 0.02, "az": 0.05, "qdot": 2e-3}
+PITCH = tuple(name for name in STABLE if name[:2] in ("CL", "CD", "Cm"))
+
+
+def flown(seed: int, aircraft: Aircraft | None = None) -> Record:
+    """Longitudinal flight about the trim: elevator 3-2-1-1, 8 s at 25 Hz, white noise on every channel."""
+    aircraft, rng = aircraft or do328(), np.random.default_rng(seed)
+    t = np.arange(0.0, 8.0, 0.04)
+    channels = {
+        name: np.full(len(t), value) for name, value in LEVEL.inputs.items() if name not in ("delta_a", "delta_r")
+    }
+    pulse = np.select([t < 1.0, t < 2.8, t < 4.0, t < 4.6, t < 5.2], [0.0, 0.04, -0.04, 0.04, -0.04], 0.0)
+    channels["delta_e"] = channels["delta_e"] + pulse
+    record = Record(name=f"m{seed}", t=t, channels={**channels, "V": np.full(len(t), 144.0)})
+    applied = apply_effects(aircraft, [record], outputs=tuple(NOISE))
+    state = {"u": LEVEL.state[0], "w": LEVEL.state[2], "q": 0.0, "theta": LEVEL.theta}
+    clean = simulate(applied.model, applied.records[0], np.array([state[s] for s in applied.model.states]))
+    noisy = {n: clean.output(n) + s * rng.standard_normal(len(t)) for n, s in NOISE.items()}
+    return record.with_channels(**noisy)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Two records and an aircraft file whose derivatives are 0.8 times the true ones."""
+    place = tmp_path_factory.mktemp("flight")
+    for seed in (1, 2):
+        write_record(flown(seed), place / f"m{seed}.csv")
+    do328({name: 0.8 * value for name, value in STABLE.items()}).write(place / "guess.toml")
+    do328().write(place / "truth.toml")
+    return place
+
+
+@pytest.fixture
+def run_in_process(load_script, monkeypatch, capsys):
+    """Run a script's `main` here and return what it printed: quicker than a process, errors come as exceptions."""
+
+    def run(name: str, *arguments: object) -> str:
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])
+        load_script(name).main()
+        return capsys.readouterr().out
+
+    return run
+
+
+def estimated(out: Path) -> dict:
+    return json.loads((out / "estimate.json").read_text())
+
+
+def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, run_script, tmp_path):
+    done = run_script("estimate", folder / "m?.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = estimated(tmp_path)
+    assert result["converged"] and result["axes"] == "longitudinal" and result["records"] == ["m1", "m2"]
+    assert set(result["parameters"]) == set(PITCH)
+    error = np.array([result["parameters"][n]["value"] - STABLE[n] for n in result["correlation"]["names"]])
+    std = np.array([result["parameters"][n]["std"] for n in result["correlation"]["names"]])
+    covariance = np.array(result["correlation"]["matrix"]) * std[:, None] * std
+    assert error @ np.linalg.solve(covariance, error) < 29.6  # chi-square, 10 degrees of freedom, 0.999
+    for name, parameter in result["parameters"].items():
+        assert parameter["prior"] == pytest.approx(0.8 * STABLE[name]) and parameter["std_corrected"] > 0.0
+    for name, sigma in NOISE.items():
+        assert result["channels"][name]["rms"] == pytest.approx(sigma, rel=0.2)
+    written = Aircraft.read(tmp_path / "model.toml")
+    for name in PITCH:
+        assert written.derivatives[name] == result["parameters"][name]["value"]
+    assert written.derivatives["Cl_p"] == 0.8 * STABLE["Cl_p"]
+    assert {p.name for p in (tmp_path / "figures").iterdir()} >= {"correlations.svg", "histories_m1.svg"}
+    assert json.loads((tmp_path / "run.json").read_text())["command"][0] == "estimate.py"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--method", "single"),
+        ("--method", "multiple", "--interval", "10"),
+        ("--method", "collocation"),
+        ("--solver", "ipopt"),
+        ("--cost", "equation"),
+        ("--cost", "combined", "--equation-weight", "0.3"),
+        ("--cost", "combined", "--method", "collocation", "--solver", "ipopt"),
+    ],
+    ids=" ".join,
+)
+def test_every_choice_finds_the_pitching_moment(folder, run_in_process, tmp_path, options):
+    """Cm_alpha, Cm_q and Cm_delta_e within a few per cent; equation error is biased by noise in its regressors."""
+    run_in_process(
+        "estimate",
+        folder / "m1.csv",
+        "--aircraft",
+        folder / "truth.toml",
+        "--free",
+        "Cm_*",
+        "--out",
+        tmp_path,
+        *options,
+    )
+    result = estimated(tmp_path)
+    assert result["converged"], result["status"]
+    for name in ("Cm_alpha", "Cm_q", "Cm_delta_e"):
+        assert result["parameters"][name]["value"] == pytest.approx(STABLE[name], rel=0.05), name
+
+
+def test_methods_agree_on_the_optimum(folder, run_in_process, tmp_path):
+    """Single and multiple shooting minimise the same sum of squares."""
+    values = []
+    for method in ("single", "multiple"):
+        run_in_process(
+            "estimate",
+            folder / "m1.csv",
+            "--aircraft",
+            folder / "truth.toml",
+            "--free",
+            "Cm_*",
+            "--method",
+            method,
+            "--out",
+            tmp_path / method,
+        )
+        values.append(estimated(tmp_path / method)["parameters"])
+    for name, one in values[0].items():
+        assert abs(one["value"] - values[1][name]["value"]) < 1e-3 * one["std"]
+
+
+def test_soft_defects_estimate_their_noise(folder, run_in_process, tmp_path):
+    """A flight without process noise: what is found of it is too small to move the estimates."""
+    run_in_process(
+        "estimate",
+        folder / "m1.csv",
+        "--aircraft",
+        folder / "truth.toml",
+        "--free",
+        "Cm_*",
+        "--defects",
+        "soft",
+        "--out",
+        tmp_path,
+    )
+    result = estimated(tmp_path)
+    assert result["converged"], result["status"]
+    assert result["filter_error"]["status"] == "converged"
+    assert set(result["filter_error"]["process_noise"]) == {"dCL", "dCD", "dCm"}
+    # an accelerometer cannot tell its own noise from that of the force: both together are known
+    for name, sigma in NOISE.items():
+        assert result["noise"][name] == pytest.approx(sigma, rel=0.25), name
+    for name in ("Cm_alpha", "Cm_q", "Cm_delta_e"):
+        parameter = result["parameters"][name]
+        assert abs(parameter["value"] - STABLE[name]) < 4.0 * parameter["std"], name
+
+
+def test_effects_of_the_file_act_and_can_be_freed(run_in_process, tmp_path):
+    """A c.g. 0.1 m forward, guessed as 0.03 m; instrument biases have an own value per record."""
+    truth = do328().with_effects([EffectValue(kind="cg_offset", target="x", value=0.1)])
+    for seed in (3, 4):
+        record = flown(seed, truth)
+        write_record(record.with_channels(q=record["q"] + 0.01 * (seed == 4)), tmp_path / f"m{seed}.csv")
+    do328().with_effects([EffectValue(kind="cg_offset", target="x", value=0.03)]).write(tmp_path / "file.toml")
+    options = ("--aircraft", tmp_path / "file.toml", "--free", "cg_offset(x)", "bias_q", "--out", tmp_path / "out")
+    run_in_process("estimate", tmp_path / "m*.csv", *options)
+    result = estimated(tmp_path / "out")
+    for name, value in {"cg_offset(x)": 0.1, "bias_q[m3]": 0.0, "bias_q[m4]": 0.01}.items():
+        parameter = result["parameters"][name]
+        assert abs(parameter["value"] - value) < 4.0 * parameter["std"], name
+    effect = Aircraft.read(tmp_path / "out" / "model.toml").effects[0]
+    assert effect.value == result["parameters"]["cg_offset(x)"]["value"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--free", "Cm_alfa"), "did you mean"),
+        (("--equation-weight", "0.5"), "needs --cost combined"),
+        (("--cost", "combined", "--equation-weight", "1.5"), "inside"),
+        (("--interval", "0"), "at least 1"),
+        (("--interval", "5", "--method", "single"), "needs --method multiple"),
+        (("--defects", "soft", "--cost", "equation"), "needs --method multiple and --cost output"),
+        (("--axes", "full"), "delta_a"),
+        (("--cost", "outptu"), "invalid choice"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_bad_options_are_one_line(folder, run_in_process, tmp_path, options, message):
+    always = ("--aircraft", folder / "guess.toml", "--out", tmp_path / "x")
+    with pytest.raises(InputError, match=message):
+        run_in_process("estimate", folder / "m1.csv", *always, *options)
+    assert not (tmp_path / "x").exists()
+
+
+def test_bad_input_ends_with_status_2(folder, run_script, tmp_path):
+    done = run_script("estimate", folder / "m9.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path)
+    assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1 and "m9.csv" in done.stderr
+    done = run_script("simulate", folder / "m1.csv", "--aircraft", folder / "m1.csv", "--out", tmp_path)
+    assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1
+
+
+def test_equations_refuse_effects_that_they_cannot_have(folder, run_in_process, tmp_path):
+    do328().with_effects([EffectValue(kind="sensor_scale", target="alpha", value=0.1)]).write(tmp_path / "scaled.toml")
+    with pytest.raises(InputError, match=r"sensor_scale\(alpha\).*use --cost output"):
+        run_in_process(
+            "estimate",
+            folder / "m1.csv",
+            "--aircraft",
+            tmp_path / "scaled.toml",
+            "--cost",
+            "equation",
+            "--out",
+            tmp_path / "out",
+        )
+
+
+def test_simulate_flies_aircraft_side_by_side(folder, run_script, tmp_path):
+    """The true aircraft leaves the noise, the wrong one more; what is written reads back as a record."""
+    done = run_script(
+        "simulate",
+        folder / "m1.csv",
+        folder / "m2.csv",
+        "--aircraft",
+        folder / "truth.toml",
+        folder / "guess.toml",
+        "--out",
+        tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "simulate.json").read_text())["records"]
+    assert set(result) == {"m1", "m2"}
+    for record in result.values():
+        for channel, sigma in NOISE.items():
+            assert record["truth"][channel]["rms"] == pytest.approx(sigma, rel=0.3), channel
+        assert record["guess"]["q"]["rms"] > 3.0 * NOISE["q"]
+    written = read_record(tmp_path / "m1__truth.csv")
+    clean = aircraft_model(do328(), axes="longitudinal").outputs
+    assert set(clean) <= set(written.channels)
+    np.testing.assert_array_equal(written["delta_e"], read_record(folder / "m1.csv")["delta_e"])
+    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2  guess" in done.stdout
+
+
+def test_a_simulation_that_diverges_is_said(folder, run_in_process, tmp_path):
+    do328({**STABLE, "Cm_alpha": 60.0, "Cm_q": 200.0}).write(tmp_path / "wild.toml")
+    out = run_in_process("simulate", folder / "m1.csv", "--aircraft", tmp_path / "wild.toml", "--out", tmp_path / "out")
+    assert "diverged" in out
+    assert "diverged" in json.loads((tmp_path / "out" / "simulate.json").read_text())["records"]["m1"]["wild"]
+
+
+# -- real flight -------------------------------------------------------------------------------------------------------
+
+
+def test_hfb320_as_an_aircraft_file_is_the_published_model():
+    """Thrust off, at the speed V0 that the published model makes q dimensionless with: the same accelerations."""
+    published, V, alpha, theta, q, delta_e = hfb320.model(), 104.67, 0.08, 0.05, 0.03, -0.02
+    given = published.nominal_vector(hfb320.PUBLISHED)
+    f = ca.Function("f", [published.x, published.u, published.p, published.w], [published.f])
+    Vdot, alphadot, _, qdot = f([V, alpha, theta, q], [delta_e, 0.0], given, [0.0, 0.0]).full()[:, 0]
+    model = aircraft_model(hfb320_aircraft.aircraft(), axes="longitudinal")
+    known = {"delta_e": delta_e, "rho": 0.792}
+    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+    state = [V * np.cos(alpha), V * np.sin(alpha), q, theta]
+    u = [known.get(name, 0.0) for name in model.inputs]
+    udot, wdot, found, _ = f(state, u, model.nominal_vector(), np.zeros(len(model.disturbances))).full()[:, 0]
+    assert np.cos(alpha) * udot + np.sin(alpha) * wdot == pytest.approx(Vdot, rel=1e-9)
+    assert (np.cos(alpha) * wdot - np.sin(alpha) * udot) / V == pytest.approx(alphadot, rel=1e-9)
+    assert found == pytest.approx(qdot, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_hfb320_script(flight_data, run_in_process, tmp_path):
+    """Published output error within one standard error; turbulence; the gain of process noise on unseen data."""
+    run_in_process("hfb320", flight_data, "--out", tmp_path)
+    result = json.loads((tmp_path / "hfb320.json").read_text())
+    for name, value in hfb320.PUBLISHED.items():
+        parameter = result["output_error"]["parameters"][name]
+        assert abs(parameter["value"] - value) < parameter["std"], name
+    assert all(test["whiteness_p"] < 1e-6 for test in result["residuals"].values())
+    assert result["air"]["named"] and 0.1 < result["air"]["sigma"] < 2.0
+    assert 4.3 < result["filter_error"]["parameters"]["CL_alpha"]["value"] < 4.5
+    before, after = (result["held_out"][label] for label in ("output error", "with process noise"))
+    assert after["log_likelihood_per_sample"] > before["log_likelihood_per_sample"] + 1.0
+    for channel, rms in after["one_step_rms"].items():
+        assert rms < before["one_step_rms"][channel], channel
+
+
+@pytest.mark.slow
+def test_attas_script(flight_data, run_in_process, tmp_path):
+    """Independent estimates within two standard errors that allow for coloured residuals; high R2 all the same.
+
+    The repeats say which standard error is meant: estimates of two flights differ by several Cramer-Rao deviations.
+    Instruments: what kinematics alone find in one set of flights they find in the other, which shares nothing with it.
+    """
+    printed = run_in_process("attas", flight_data, "--out", tmp_path)
+    assert "Which is honest" in printed and "late, not ahead" in printed
+    result = json.loads((tmp_path / "attas.json").read_text())
+    for part, values in (("lateral", attas.LATERAL), ("longitudinal", attas.LONGITUDINAL)):
+        assert result[part]["converged"]
+        for name, value in values.items():
+            parameter = result[part]["parameters"][name]
+            assert abs(parameter["value"] - value) < 2.0 * parameter["std_corrected"], name
+    for manoeuvre in result["held_out"].values():
+        for channel, found in manoeuvre.items():
+            assert found["R2"] > 0.94 and found["lag1"] > 0.75, channel
+    for ratio in result["repeatability"].values():
+        assert ratio["std"] > 3.0 and ratio["std_corrected"] < 0.5 * ratio["std"]
+    once, again = (one["found"] for one in result["instruments"].values())
+    close = {"sensor_bias": {"rel": 0.15}, "vane_position": {"rel": 0.15}, "sensor_scale": {"abs": 0.01}}
+    close["sensor_delay"] = {"abs": 0.01}  # s, a quarter of a sample
+    for name in once:
+        assert once[name][0] == pytest.approx(again[name][0], **close[name.partition("(")[0]]), name
+    for name in ("vane_position(alpha)", "vane_position(beta)"):  # a nose boom of an aircraft 20.6 m long
+        assert 11.0 < once[name][0] < 17.0, name
+    diagnosis = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert diagnosis["verdict"] != "adequate"
+    assert diagnosis["gain"]["held_out"]["records"] == ["fAttasAilRud2-1", "fAttasAilRud2-2", "fAttasElv2"]
+
+
+def test_attas_without_its_records_says_so(run_in_process, tmp_path):
+    with pytest.raises(InputError, match=r"fAttasAilRud1.mat: no such file"):
+        run_in_process("attas", tmp_path, "--out", tmp_path / "out")
