@@ -3,8 +3,8 @@
 Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, opty, pyomo.dae against ours
 Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
              prior (problems/peers/common.py). Theirs and ours in turn in one process, medians of processor time (all
-             run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no bounds.
-             A peer that is not installed is said and left out (CONTRIBUTING.md says what it takes).
+             run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no
+             bounds. A peer that is not installed is said and left out (CONTRIBUTING.md says what it takes).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 

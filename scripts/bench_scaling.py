@@ -2,9 +2,9 @@
 
 Question     is an estimation linear in the samples up to 64000 (20 minutes at 50 Hz), and in the records up to 100?
 Set-up       stable Do 328 in long flights (problems/bench/long_flight.py), 16 moment derivatives from 0.7 x truth,
-             multiple shooting over 25 samples. Median seconds of `solve` with all standard errors; peak of the arrays that
-             live at once (tracemalloc, a run of its own), that of the standard errors with noisy surfaces, which come after,
-             and of the whole process so far.
+             multiple shooting over 25 samples. Median seconds of `solve` with all standard errors; peak of the arrays
+             that live at once (tracemalloc, a run of its own), that of the standard errors with noisy surfaces, which
+             come after, and of the whole process so far.
 Expectation  exponent of seconds per iteration over samples at most 1.1; below 1 GB. At each size the estimate is right:
              `away` is the largest distance from the truth in standard deviations.
 
