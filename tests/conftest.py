@@ -10,9 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-import casid  # noqa: F401  before numpy: it sets the number of threads
-
-# isort: split
 import hypothesis
 import pytest
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import importlib
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+import casid
 
 REPO = Path(__file__).resolve().parent.parent
 MAX_LINES = 400
@@ -155,8 +158,21 @@ def test_files_stay_small(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
 
 
-def test_import_casid_is_light() -> None:
-    """A fresh interpreter that imports casid has loaded neither matplotlib nor scipy.io: slow, and rarely needed."""
-    code = "import sys, casid; print(*sorted({'matplotlib', 'scipy.io'} & set(sys.modules)))"
+def test_import_casid_is_light_and_leaves_the_environment_alone() -> None:
+    """A fresh interpreter that imports casid has loaded no library that takes time, and changed no variable."""
+    heavy = "{'numpy', 'casadi', 'scipy', 'matplotlib', 'rich', 'threadpoolctl'}"
+    code = f"import os; b = dict(os.environ); import sys, casid; print(*({heavy} & set(sys.modules)), b == os.environ)"
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=REPO)
-    assert process.stdout.split() == []
+    assert process.stdout.split() == ["True"]
+
+
+def test_public_names_have_types_and_exist() -> None:
+    """casid/__init__.pyi, which type checkers read, imports every public name from where it lives, and no other."""
+    typed = ast.parse((REPO / "casid" / "__init__.pyi").read_text(encoding="utf-8")).body
+    imports = [node for node in typed if isinstance(node, ast.ImportFrom)]
+    homes = {alias.name: str(node.module) for node in imports for alias in node.names}
+    assert sorted(casid.__all__) == sorted(["__version__", *homes])
+    for name, home in homes.items():
+        assert getattr(casid, name) is getattr(importlib.import_module(home), name), name
+    listed = next(node.value for node in typed if isinstance(node, ast.Assign))
+    assert ast.literal_eval(listed) == casid.__all__

@@ -15,6 +15,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
@@ -122,6 +123,7 @@ def collected(fit: Fit, estimates: Iterable[Mapping[str, float] | None]) -> Boot
     )
 
 
+@single_threaded()
 def bootstrap(
     fit: Fit,
     runs: int,

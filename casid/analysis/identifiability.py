@@ -20,6 +20,7 @@ from casid.errors import unknown
 from casid.estimation.fit import Fit
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.system import Model
+from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
 _INDEX, _STRONG = 10.0, 30.0  # condition index from which collinearity is worth a word, and is strong (Belsley)
@@ -153,6 +154,7 @@ class Identifiability:
         return "\n".join(lines)
 
 
+@single_threaded()
 def identifiability(
     fit: Fit, *, controls: Sequence[str] | None = None, method: MultipleShooting = _DEFAULT_METHOD
 ) -> Identifiability:

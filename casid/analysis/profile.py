@@ -22,6 +22,7 @@ from casid.estimation.estimate import Solver, solve
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+from casid.native.threads import single_threaded
 
 _TOLERANCE = 0.005  # of the root of the deviance: half a per cent of a standard error
 _SOLVES = 10  # per side
@@ -48,6 +49,7 @@ class ProfileInterval:
     status: str
 
 
+@single_threaded()
 def profile(
     fit: Fit,
     names: Iterable[str],

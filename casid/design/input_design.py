@@ -26,6 +26,7 @@ from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.transcriptions.steps import output_function, step_function
 from casid.model.simulate import simulate
 from casid.model.system import Model
+from casid.native.threads import single_threaded
 from casid.records.record import Record
 
 _STEPS = Steps()
@@ -129,6 +130,7 @@ class InputDesign:
     status: str
 
 
+@single_threaded()
 def design_input(
     experiment: Experiment, shape: Shape = _STEPS, *, criterion: str = "D", starts: int = 4, seed: int = 0
 ) -> InputDesign:

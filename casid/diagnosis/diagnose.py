@@ -36,6 +36,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
 from casid.native.processors import side_by_side
+from casid.native.threads import single_threaded
 from casid.records.record import Record
 
 # part of a variation that may be missing in records that no fit has seen: they go where the structure was not fitted
@@ -61,6 +62,7 @@ class Stages:
         self._name = ""
 
 
+@single_threaded()
 def diagnose(
     aircraft: Aircraft,
     records: Sequence[Record],

@@ -20,12 +20,14 @@ from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.shooting import Shooting
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
+from casid.native.threads import single_threaded
 
 Solver = Automatic | GaussNewton | Ipopt
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
 
 
+@single_threaded()
 def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
     """Estimate the free parameters of `problem`.
 

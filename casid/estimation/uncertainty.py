@@ -25,6 +25,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Value
 from casid.estimation.solvers.quadratic import free_directions, inverse_along, jacobi_scale
 from casid.estimation.transcriptions.shooting import whitened
+from casid.native.threads import single_threaded
 
 _RANK = 1e-12
 
@@ -114,6 +115,7 @@ def uncertainty(
     return Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=limit_multipliers)
 
 
+@single_threaded()
 def _score_covariances(
     objective: Objective, value: Value, linear: Linearised, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -25,6 +25,7 @@ from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunction
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory_step
+from casid.native.threads import single_threaded
 from casid.records.noise import pooled_sigma
 
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
@@ -101,6 +102,7 @@ class FilterFit:
         }
 
 
+@single_threaded()
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
     """Estimate parameters, measurement noise and process noise together.
 

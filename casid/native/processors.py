@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from casid.native.threads import THREADED_LINEAR_ALGEBRA
+from casid.native.threads import single_threaded
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -45,16 +45,16 @@ def share_out(parts: int, run: Callable[[int, int], None]) -> None:
 
 
 def side_by_side(run: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
-    """run(task) of each, in their order, as many at once as there are processors; each has its part of those. One after
-    the other where linear algebra has threads of its own. Raises what the first of them raises."""
+    """run(task) of each, in their order, as many at once as there are processors; each has its part of those, and
+    linear algebra one thread. Raises what the first of them raises."""
     available = processors()
     workers = min(available, len(tasks))
-    if workers < 2 or THREADED_LINEAR_ALGEBRA:
+    if workers < 2:
         return [run(task) for task in tasks]
 
     def alone(task: Task) -> Result:
         _THREAD.processors = available // workers
         return run(task)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with single_threaded(), ThreadPoolExecutor(workers) as pool:
         return list(pool.map(alone, tasks))

@@ -1,11 +1,39 @@
-"""Threads inside the linear algebra: none, for on small matrices they cost more than they give.
+"""Threads inside the linear algebra: one while casid works, for on small matrices more cost more than they give.
 
-Their number is read once, when numpy is loaded. Where that was before casid, there are such threads, and they would
-fight over the processors with those of casid.
+The number that the caller has is put back afterwards; environment variables stay as they are.
 """
 
-import os
-import sys
+from __future__ import annotations
 
-THREADED_LINEAR_ALGEBRA = "numpy" in sys.modules and os.environ.get("OPENBLAS_NUM_THREADS") != "1"
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from threadpoolctl import ThreadpoolController
+
+_LOCK = threading.Lock()
+_INSIDE: list[Any] = []  # one entry for every block that runs, the first with the caller's numbers
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """A block, or as `@single_threaded()` a function, whose linear algebra has one thread; blocks may overlap."""
+    with _LOCK:
+        _INSIDE.append(None if _INSIDE else _libraries().limit(limits=1))
+    try:
+        yield
+    finally:
+        with _LOCK:
+            if len(_INSIDE) == 1:
+                _INSIDE[0].restore_original_limits()
+            _INSIDE.pop()
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """The BLAS of numpy and of scipy, each of which brings its own; to find them takes milliseconds."""
+    import scipy.linalg  # noqa: F401  loads that of scipy
+
+    return ThreadpoolController().select(user_api="blas")

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from casid.report.style import (
     BASELINE,
@@ -104,36 +105,57 @@ def autocorrelation(series: np.ndarray, lags: int) -> np.ndarray:
 
 
 def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, float]]], reference: str) -> Picture:
-    """By label (value, 1-sigma) of every parameter, shown relative to the values of the method `reference`."""
+    """By label (value, 1-sigma) of every parameter over its value by the method `reference`: 1 is the same, below 0 the
+    opposite sign. Where that value is 0 there is no ratio: value over 1-sigma, on an axis of its own."""
+    base = dict(zip(names, (value for value, _ in methods[reference]), strict=True))
+    panels = [[n for n in names if base[n] != 0.0], [n for n in names if base[n] == 0.0]]
+    labels = [
+        f"value over that of: {reference} (bars: 2 standard errors)",
+        f"value over its standard error ({reference}: 0)",
+    ]
+    shown = [(rows, label) for rows, label in zip(panels, labels, strict=True) if rows]
     with settings():
-        figure = blank(0.32 * len(names) + 1.0)
-        ax = figure.subplots()
-        base = np.array([value for value, _ in methods[reference]])
-        size = np.where(base != 0.0, np.abs(base), 1.0)
-        rows = np.arange(len(names))[::-1]
-        for k, (label, pairs) in enumerate(methods.items()):
-            value, std = np.array(pairs).T
-            shift = 0.16 * (0.5 * (len(methods) - 1) - k)
-            ax.errorbar(
-                1.0 + (value - base) / size,
-                rows + shift,
-                xerr=2.0 * np.nan_to_num(std) / size,
-                fmt="o",
-                ms=4,
-                color=RECORD_COLOURS[k % len(RECORD_COLOURS)],
-                label=label,
-                capsize=2,
-            )
-        ax.set_yticks(rows, names)
-        ax.set_xlabel(f"value relative to: {reference} (bars: 2 standard errors)")
-        ax.legend(loc="best")
+        figure = blank(0.32 * len(names) + 1.0 * len(shown))
+        axes = figure.subplots(len(shown), 1, squeeze=False, height_ratios=[len(rows) + 1 for rows, _ in shown])
+        for ax, (rows, label) in zip(axes[:, 0], shown, strict=True):
+            _estimate_rows(ax, names, rows, methods, base)
+            ax.set_xlabel(label)
+        axes[0, 0].legend(loc="best")
     return Picture(
         name="estimates",
         figure=figure,
         title="Estimates",
-        caption=f"Estimates relative to {reference}, with 2 sigma.",
+        caption=f"Estimates over those of {reference}, with 2 sigma; 1 is the same, below 0 the opposite sign.",
         alt=f"Estimates of {', '.join(names)} by {', '.join(methods)}.",
     )
+
+
+def _estimate_rows(
+    ax: Axes,
+    names: Sequence[str],
+    rows: Sequence[str],
+    methods: Mapping[str, Sequence[tuple[float, float]]],
+    base: Mapping[str, float],
+) -> None:
+    """One row for each parameter of `rows`, first at the top."""
+    heights = np.arange(len(rows))[::-1]
+    for k, (label, pairs) in enumerate(methods.items()):
+        value, std = np.array([pair for name, pair in zip(names, pairs, strict=True) if name in rows]).T
+        known = np.nan_to_num(std)
+        unit = np.array([base[name] for name in rows])
+        unit = np.where(unit != 0.0, unit, np.where(known > 0.0, known, 1.0))
+        ax.errorbar(
+            value / unit,
+            heights + 0.16 * (0.5 * (len(methods) - 1) - k),
+            xerr=2.0 * known / np.abs(unit),
+            fmt="o",
+            ms=4,
+            color=RECORD_COLOURS[k % len(RECORD_COLOURS)],
+            label=label,
+            capsize=2,
+        )
+    ax.set_yticks(heights, rows)
+    ax.set_ylim(-0.6, len(rows) - 0.4)
 
 
 def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:

@@ -13,6 +13,7 @@ from typing import Any
 
 from casid.diagnosis.result import Diagnosis
 from casid.report import tables
+from casid.report.folder import provenance
 from casid.report.lead import pictures
 from casid.report.style import Picture
 from casid.report.words import pretty
@@ -28,8 +29,12 @@ _CAUSES = ("ladder", "ambiguity")
 _WHERE = ("still_missing", "missing", "kinematic")
 
 
-def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any]) -> None:
-    """Write `report.html` and `report_figures/*.svg` into `folder`; `made_with` as from `provenance`."""
+def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> None:
+    """Write `report.html` and `report_figures/*.svg` into `folder`, which is made.
+
+    `made_with` is what `run.json` has; default: this process and the versions it runs.
+    """
+    made_with = provenance(0) if made_with is None else made_with
     shown = pictures(diagnosis)
     place = Path(folder) / FIGURES
     place.mkdir(parents=True, exist_ok=True)

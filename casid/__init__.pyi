@@ -1,0 +1,99 @@
+from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
+from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
+from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.result import Cause, Diagnosis
+from casid.errors import CasidError, EstimationError, InputError
+from casid.estimation import (
+    Automatic,
+    ChannelFit,
+    Collocation,
+    CombinedError,
+    EquationError,
+    Estimate,
+    Fit,
+    GaussNewton,
+    InitialState,
+    Ipopt,
+    MultipleShooting,
+    OutputError,
+    Problem,
+    RangeWeights,
+    SingleShooting,
+    StateHistory,
+    linear,
+    parameter,
+    path,
+    solve,
+)
+from casid.filtering.filter_error import FilterFit, filter_error
+from casid.model.aircraft import Aircraft, EffectValue, Inertia
+from casid.model.dynamics import aircraft_model, flight_inputs
+from casid.model.feedback import SampledFeedback
+from casid.model.simulate import Simulation, simulate
+from casid.model.system import Model, define_model
+from casid.model.trim import Trim, trim
+from casid.records import ColumnMap, Record, read_record, read_records, write_record
+from casid.report.page import write_report
+
+__version__: str
+__all__ = [
+    "__version__",
+    "Aircraft",
+    "Automatic",
+    "Bootstrap",
+    "CasidError",
+    "Cause",
+    "ChannelFit",
+    "Collocation",
+    "ColumnMap",
+    "CombinedError",
+    "Diagnosis",
+    "EffectValue",
+    "EquationError",
+    "Estimate",
+    "EstimationError",
+    "Experiment",
+    "FilterFit",
+    "Fit",
+    "GaussNewton",
+    "Identifiability",
+    "Inertia",
+    "InitialState",
+    "InputDesign",
+    "InputError",
+    "Ipopt",
+    "Model",
+    "MultipleShooting",
+    "Multisine",
+    "OutputError",
+    "Problem",
+    "ProfileInterval",
+    "RangeWeights",
+    "Record",
+    "SampledFeedback",
+    "Simulation",
+    "SingleShooting",
+    "StateHistory",
+    "Steps",
+    "Trim",
+    "aircraft_model",
+    "bootstrap",
+    "define_model",
+    "design_input",
+    "diagnose",
+    "filter_error",
+    "flight_inputs",
+    "identifiability",
+    "linear",
+    "parameter",
+    "path",
+    "profile",
+    "read_record",
+    "read_records",
+    "simulate",
+    "solve",
+    "standard_3211",
+    "trim",
+    "write_record",
+    "write_report",
+]
