@@ -14,7 +14,11 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run
 from casid.diagnosis.flight.noise_level import with_noise_level
-from casid.diagnosis.flight.statistics import channel_fits, free_simulation
+from casid.diagnosis.flight.view import view_of
+from casid.diagnosis.given.as_given import fly_as_given
+from casid.diagnosis.given.budget import budget_of
+from casid.diagnosis.given.contradicted import contradicted
+from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.judging.verdict import (
@@ -31,7 +35,7 @@ from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics
 from casid.diagnosis.naming.naming import Naming, name_causes
 from casid.diagnosis.naming.size import SHARE
 from casid.diagnosis.naming.structure import demanded_offsets, demanded_structure
-from casid.diagnosis.result import Cause, Diagnosis, View
+from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
@@ -81,12 +85,14 @@ def diagnose(
     flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
     known = attached_effects(flight)
     flight = with_noise_level(flight, known)
-    stages.begin("baseline fit")
+    stages.begin("simulation as given")
+    given, held_given = fly_as_given(flight, held, known)
+    stages.begin("refit of the file")
     calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
     found = judge_kinematics(flight, known, offsets)
-    stages.begin("baseline fit")
+    stages.begin("refit of the file")
     begun = _begun(calm, found.turbulence, found.slight)
     stages.begin("naming")
     begun, naming = _named(begun, found, known, report)
@@ -111,22 +117,31 @@ def diagnose(
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     candidates = naming.rounds[0].candidates
-    views = [_view(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)]
-    extended = extended_aircraft(flight.aircraft, kept.fit, causes, minor)
+    refitted, extended, held_refitted, held_extended = [
+        view_of(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
+    ]
+    against = contradicted(aircraft, flight_values(kept.evidence))
+    extended_file = extended_aircraft(flight.aircraft, kept.fit, causes, minor)
     stages.end()
     return Diagnosis(
         verdict=verdict,
         sentence=sentence,
+        not_judged=(),
+        data=(),
+        contradicted=against,
         aircraft=aircraft,
-        extended_aircraft=extended,
+        extended_aircraft=extended_file,
         causes=causes,
         minor=minor,
         ranking=candidates[:40],
         rounds=naming.rounds,
-        baseline=views[0],
-        extended=views[1],
-        held_out_baseline=views[2],
-        held_out_extended=views[3],
+        as_given=given,
+        refitted=refitted,
+        extended=extended,
+        held_out_as_given=held_given,
+        held_out_refitted=held_refitted,
+        held_out_extended=held_extended,
+        budget=budget_of(held_given, held_given, held_refitted, held_extended),
         bare=bare,
         missing_before=tuple(first),
         missing_after=tuple(exact),
@@ -300,10 +315,6 @@ def attached_effects(flight: Flight) -> list[Attached]:
         records = tuple(r for r in value.records if r in flight.names)
         elsewhere = not onsets if effect.timed else bool(value.records) and not records
         if not effect.stochastic and not elsewhere:
-            found.append(Attached(effect=effect, values=values_of(value, effect), onsets=onsets, records=records))
+            values = effect.in_words(values_of(value, effect))  # a time constant below zero acts as its size does
+            found.append(Attached(effect=effect, values=values, onsets=onsets, records=records))
     return found
-
-
-def _view(fitted: Fit) -> View:
-    simulated = free_simulation(fitted)
-    return View(fit=fitted, simulated=simulated, channels=channel_fits(fitted, simulated))

@@ -11,18 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.evidence.missing_input import MissingInput, place_of
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import Fit
-from casid.diagnosis.flight.statistics import ChannelFit, Simulated
+from casid.diagnosis.flight.view import View
+from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.naming.size import missing_share
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.terms import derivative_term
 
-SCHEMA = "casid.diagnosis/1"
+SCHEMA = "casid.diagnosis/2"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +52,6 @@ class Cause:
     onset_s: Mapping[str, tuple[float, float]] | None
     statistic: float
     dof: int
-    p_value: float
     held_out_gain: float | None
     indistinguishable_from: tuple[Mapping[str, Any], ...]
     sentence: str
@@ -136,48 +140,29 @@ class Round:
         return fit
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class View:
-    """A fitted model and how it explains a set of records."""
-
-    fit: Fit
-    simulated: Simulated
-    channels: Mapping[str, ChannelFit]
-
-    @property
-    def log_likelihood(self) -> float:
-        """ln L of the innovations, with its constant."""
-        samples = self.fit.readings
-        return -0.5 * (self.fit.data_deviance + samples * math.log(2.0 * math.pi))
-
-    @property
-    def samples(self) -> int:
-        return self.fit.readings
-
-
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """A derivative, term or effect of the aircraft file in `unit`: its value there (0 where the file has none), fitted
-    with today's structure, and in the extended model; `*_std` 1-sigma (Cramer-Rao)."""
+    with the structure of the file, and in the extended model; `*_std` 1-sigma (Cramer-Rao)."""
 
     name: str
     unit: str
     a_priori: float
-    baseline: float
-    baseline_std: float
+    refitted: float
+    refitted_std: float
     extended: float
     extended_std: float
 
     @property
     def change(self) -> float:
         """What the extension moved it by, in 1-sigmas of both."""
-        return (self.extended - self.baseline) / math.hypot(self.baseline_std, self.extended_std)
+        return (self.extended - self.refitted) / math.hypot(self.refitted_std, self.extended_std)
 
     def to_dict(self) -> dict[str, Any]:
         return {
             "unit": self.unit,
             "a_priori": self.a_priori,
-            "baseline": {"value": self.baseline, "std": self.baseline_std},
+            "refitted": {"value": self.refitted, "std": self.refitted_std},
             "extended": {"value": self.extended, "std": self.extended_std},
         }
 
@@ -186,9 +171,14 @@ class Parameter:
 class Diagnosis:
     """The verdict and everything it rests on.
 
-    baseline, extended            on the records that were fitted; `held_out_*` on records never used
-    bare                          the model before any cause: the baseline, with the structure that is expected of any
-                                  aircraft and in the air as it moves
+    not_judged                    what these records or this file leave open, and why
+    data                          faults of the data
+    contradicted                  what of the file stands against flight, worst first
+    as_given, refitted, extended  the file unmodified; its values fitted; with what was found. On the records that were
+                                  fitted; `held_out_*` on records never used
+    budget                        what each of these steps is worth on records never used
+    bare                          the model before any cause: the file refitted, with the structure that is expected of
+                                  any aircraft and in the air as it moves
     missing_before, missing_after anonymous inputs: where something is missing, in `bare` and in the extended model, the
                                   structure taken as exact (the verdict allows for small terms besides)
     unexplained                   what of it gains and matters still, small terms allowed for
@@ -199,16 +189,22 @@ class Diagnosis:
 
     verdict: str
     sentence: str
+    not_judged: tuple[NotJudged, ...]
+    data: tuple[Finding, ...]
+    contradicted: tuple[Contradiction, ...]
     aircraft: Aircraft
     extended_aircraft: Aircraft
     causes: tuple[Cause, ...]
     minor: tuple[Cause, ...]
     ranking: tuple[Candidate, ...]
     rounds: tuple[Round, ...]
-    baseline: View
+    as_given: View
+    refitted: View
     extended: View
-    held_out_baseline: View
+    held_out_as_given: View
+    held_out_refitted: View
     held_out_extended: View
+    budget: Budget
     bare: Fit
     missing_before: tuple[MissingInput, ...]
     missing_after: tuple[MissingInput, ...]
@@ -220,19 +216,19 @@ class Diagnosis:
 
     @property
     def is_extended(self) -> bool:
-        """Whether the extended model has anything that the baseline has not, be it a cause or minor."""
-        return self.extended.fit is not self.baseline.fit
+        """Whether the extended model has anything that the refitted file has not, be it a cause or minor."""
+        return self.extended.fit is not self.refitted.fit
 
     @property
     def bic(self) -> float:
         """Change of the Bayesian information criterion by the extension; negative is better."""
-        before, after = self.baseline.fit, self.extended.fit
-        return after.deviance - before.deviance + (_freedom(after) - _freedom(before)) * math.log(self.baseline.samples)
+        before, after = self.refitted.fit, self.extended.fit
+        return after.deviance - before.deviance + (_freedom(after) - _freedom(before)) * math.log(self.refitted.samples)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Every derivative, term and effect of the aircraft file: as the file has it, and as it was fitted."""
-        before, after, file = self.baseline.fit, self.extended.fit, self.aircraft
+        before, after, file = self.refitted.fit, self.extended.fit, self.aircraft
         a_priori = dict(file.derivatives)
         a_priori |= {f"{c}_{term}": value for c, row in file.terms.items() for term, value in row.items()}
         names = [slot.name for slot in before.slots]
@@ -247,8 +243,8 @@ class Diagnosis:
                 name=name,
                 unit=units.get(name, ""),
                 a_priori=a_priori.get(name, 0.0),
-                baseline=before[name],
-                baseline_std=before.std(name),
+                refitted=before[name],
+                refitted_std=before.std(name),
                 extended=after[name],
                 extended_std=after.std(name),
             )
@@ -268,11 +264,17 @@ class Diagnosis:
             "schema": SCHEMA,
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "not_judged": [one.to_dict() for one in self.not_judged],
+            "data": [one.to_dict() for one in self.data],
+            "contradicted": [one.to_dict() for one in self.contradicted],
             "causes": [_cause(cause) for cause in self.causes],
             "minor": [_cause(cause) for cause in self.minor],
             "ranking": [_rank(candidate) for candidate in self.ranking],
-            "baseline": _view(self.baseline),
-            "extended": _view(self.extended),
+            "unexplained": [self._unexplained(one) for one in self.unexplained],
+            "budget": self.budget.to_dict(),
+            "as_given": self.as_given.to_dict(),
+            "refitted": self.refitted.to_dict(),
+            "extended": self.extended.to_dict(),
             "gain": {"held_out": self._held_out(), "bic": self.bic},
             "parameters": {one.name: one.to_dict() for one in self.parameters},
             "missing": {
@@ -283,13 +285,31 @@ class Diagnosis:
             "seconds": dict(self.seconds),
         }
 
-    def _held_out(self) -> dict[str, Any]:
-        before, after = self.held_out_baseline, self.held_out_extended
+    def _unexplained(self, missing: MissingInput) -> dict[str, Any]:
+        fit = next(v.fit for v in (self.extended, self.held_out_extended) if missing.concerns(v.records))
+        where = place_of(missing.station)
         return {
-            "records": list(before.fit.flight.names),
-            "rms_ratio": {o: after.channels[o].rms / c.rms for o, c in before.channels.items() if c.rms > 0},
+            "port": missing.station.removeprefix("d"),
+            "share": missing_share(fit, missing),
+            "gain": missing.gain,
+            "sentence": f"Something that no cause of the catalogue explains enters at {where}.",
+        }
+
+    def _held_out(self) -> dict[str, Any]:
+        before, after = self.held_out_as_given, self.held_out_extended
+        return {
+            "records": list(before.records),
+            "rms_ratio": self.rms_ratio,
             "log_likelihood_per_sample": (after.log_likelihood - before.log_likelihood) / before.samples,
         }
+
+    @property
+    def rms_ratio(self) -> dict[str, float]:
+        """Channel -> r.m.s. residual of the extended model over that of the file as given, on held-out records; all
+        channels, worst first."""
+        before, after = self.held_out_as_given.channels, self.held_out_extended.channels
+        ratio = {o: after[o].rms / c.rms for o, c in before.items() if c.rms > 0 and o in after}
+        return dict(sorted(ratio.items(), key=lambda item: -item[1]))
 
     def write(self, path: str | Path) -> None:
         """Write diagnosis.json whole or not at all."""
@@ -316,7 +336,6 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
         "statistic": cause.statistic,
         "dof": cause.dof,
-        "p_value": cause.p_value,
         "held_out_gain": cause.held_out_gain,
         "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
         "sentence": cause.sentence,
@@ -332,20 +351,9 @@ def _rank(candidate: Candidate) -> dict[str, Any]:
         "target": effect.target,
         "term": effect.term,
         "statistic": candidate.statistic,
-        "p_value": candidate.p_value,
         "value": candidate.value,
         "std": candidate.std,
         "surviving": candidate.surviving,
-    }
-
-
-def _view(view: View) -> dict[str, Any]:
-    return {
-        "channels": {
-            name: {"rms": c.rms, "noise": c.noise, "whiteness_p": c.whiteness_p, "theil": c.theil, "R2": c.R2}
-            for name, c in view.channels.items()
-        },
-        "log_likelihood": view.log_likelihood,
     }
 
 

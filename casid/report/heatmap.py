@@ -16,10 +16,10 @@ _MOST = 1e4
 
 def heatmap(diagnosis: Diagnosis) -> Picture:
     """Channel by frequency, before and after."""
-    fit = diagnosis.baseline.fit
+    fit = diagnosis.refitted.fit
     fastest = 0.5 / max(record.dt for record in fit.flight.records)
     edges = np.array([e for e in _EDGES if e < fastest])
-    views = [("today's simulation", diagnosis.baseline)]
+    views = [("today's simulation", diagnosis.as_given)]
     if diagnosis.causes:
         views.append(("extended model", diagnosis.extended))
     outputs = fit.model.outputs

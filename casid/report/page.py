@@ -63,7 +63,7 @@ def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, An
     def those(names: tuple[str, ...]) -> str:
         return "\n".join(rest[name] for name in names if name in rest)
 
-    held = tables.channels(diagnosis.held_out_baseline, diagnosis.held_out_extended, extended)
+    held = tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, extended)
     template = Template(files("casid.report").joinpath("page.html").read_text(encoding="utf-8"))
     return template.substitute(
         aircraft=escape(diagnosis.aircraft.name),
@@ -81,7 +81,7 @@ def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, An
         + tables.alternatives(diagnosis)
         + "<h3>Minor</h3>"
         + tables.minor(diagnosis),
-        numbers=tables.channels(diagnosis.baseline, diagnosis.extended, extended) + tables.parameters(diagnosis),
+        numbers=tables.channels(diagnosis.as_given, diagnosis.extended, extended) + tables.parameters(diagnosis),
         unseen=_UNSEEN + tables.unseen(diagnosis),
         made=tables.remarks(diagnosis) + tables.seconds(diagnosis) + tables.made_with(made_with),
     )
@@ -96,7 +96,7 @@ _UNSEEN = (
 
 def gain_sentence(diagnosis: Diagnosis) -> str:
     """What the extension is worth on records that no fit has seen, in a sentence."""
-    before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
+    before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
     names = ", ".join(before.fit.flight.names)
     if not diagnosis.causes:
         table = {o: c.rms / c.noise for o, c in after.channels.items()}
@@ -134,7 +134,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
 
 
 def _facts(diagnosis: Diagnosis) -> str:
-    view, held = diagnosis.baseline, diagnosis.held_out_baseline
+    view, held = diagnosis.as_given, diagnosis.held_out_as_given
     fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.fit.flight.records)
     unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records)
     count = f"{view.samples:,}".replace(",", " ")

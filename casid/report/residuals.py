@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from casid.diagnosis.result import Diagnosis, View
+from casid.diagnosis.flight.view import View
+from casid.diagnosis.result import Diagnosis
 from casid.report.style import (
     BASELINE,
     EXPLAINED,
@@ -41,7 +42,7 @@ def telling_channels(before: View, after: View, count: int) -> list[str]:
 
 def histories(diagnosis: Diagnosis) -> Picture:
     """Measured, baseline and extended in one held-out record."""
-    before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
+    before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
     extended = diagnosis.is_extended
     old, new = misfit(before), misfit(after)
     channels = sorted(old, key=lambda o: new[o] - old[o] if extended else -old[o])[:3]
@@ -105,7 +106,7 @@ def _worst_record(view: View, channels: list[str]) -> int:
 
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
     """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left."""
-    before, after = diagnosis.baseline, diagnosis.extended
+    before, after = diagnosis.as_given, diagnosis.extended
     extended = diagnosis.is_extended
     channels = channels or telling_channels(before, after, 3)
     r = _worst_record(before, channels)
@@ -144,7 +145,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
 
 def gain(diagnosis: Diagnosis) -> Picture | None:
     """Residual over noise per channel on held-out records, before and after; None when nothing was added."""
-    before, after = diagnosis.held_out_baseline, diagnosis.held_out_extended
+    before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
     if not diagnosis.is_extended:
         return None
     old, new = misfit(before), misfit(after)

@@ -93,7 +93,7 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
 
 def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, name: str = "missing_history") -> Picture:
     """A reconstructed input in time with its ±2σ band; with `curve`, what the named causes put there."""
-    fit = diagnosis.extended.fit if curve else diagnosis.baseline.fit
+    fit = diagnosis.extended.fit if curve else diagnosis.refitted.fit
     if not missing.concerns(fit.batch.names):
         fit = diagnosis.held_out_extended.fit
     wind = missing.station.startswith("wind")

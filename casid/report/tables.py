@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from casid.diagnosis.flight.view import View
 from casid.diagnosis.naming.size import plausible
 from casid.diagnosis.naming.trials import gain_asked
-from casid.diagnosis.result import Cause, Diagnosis, Trial, View
+from casid.diagnosis.result import Cause, Diagnosis, Trial
 from casid.model.vocabulary import KINDS
 from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
@@ -110,7 +111,7 @@ def parameters(diagnosis: Diagnosis) -> str:
     """Every derivative and effect of the aircraft file: there, fitted to today's structure, and with what was added."""
     extended, rows = diagnosis.is_extended, []
     for one in diagnosis.parameters:
-        row = [escape(one.name), digits(one.a_priori), with_std(one.baseline, one.baseline_std, "1")]
+        row = [escape(one.name), digits(one.a_priori), with_std(one.refitted, one.refitted_std, "1")]
         if extended:
             shown = f"{one.change:+.1f}".replace("-", "−")
             row += [
@@ -222,7 +223,7 @@ def made_with(facts: Mapping[str, Any]) -> str:
 
 def remarks(diagnosis: Diagnosis) -> str:
     """What the reader of the records remarked, record by record."""
-    held = diagnosis.held_out_baseline
-    records = [*diagnosis.baseline.fit.flight.records, *held.fit.flight.records]
+    held = diagnosis.held_out_as_given
+    records = [*diagnosis.refitted.fit.flight.records, *held.fit.flight.records]
     items = "".join(f"<li>{escape(r.name)}: {escape(note)}</li>" for r in records for note in r.notes)
     return f"<ul>{items}</ul>" if items else ""

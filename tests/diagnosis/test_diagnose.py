@@ -75,7 +75,7 @@ def test_a_hidden_effect_is_named_with_its_size(hidden: Attached) -> None:
 def test_the_extended_model_predicts_what_it_never_saw() -> None:
     """With the lag named, the residual of the held-out record falls to its noise; without, q alone is far above it."""
     found = diagnose(rough_file(), flights([HIDDEN[1]], seed=2, count=3))
-    before, after = found.held_out_baseline, found.held_out_extended
+    before, after = found.held_out_refitted, found.held_out_extended
     assert before is not None and after is not None
     assert before.channels["q"].rms > 3.0 * NOISE["q"]
     assert after.channels["q"].rms < 1.5 * NOISE["q"]

@@ -75,12 +75,11 @@ CAUSE = {
     "records": list,
     "statistic": NUMBER,
     "dof": int,
-    "p_value": NUMBER,
     "indistinguishable_from": list,
     "sentence": str,
 }
 CHANNEL = dict.fromkeys(("rms", "noise", "whiteness_p", "theil", "R2"), NUMBER)
-RANK = {"kind": str, "target": str, "statistic": NUMBER, "p_value": NUMBER}
+RANK = {"kind": str, "target": str, "statistic": NUMBER}
 
 
 def has(table: dict, types: dict) -> bool:
@@ -89,17 +88,30 @@ def has(table: dict, types: dict) -> bool:
 
 def test_json_has_the_published_keys(folder: Path) -> None:
     document = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    assert document["schema"] == "casid.diagnosis/1"
-    assert document["verdict"] in ("adequate", "explained", "partly explained", "unexplained")
+    assert document["schema"] == "casid.diagnosis/2"
+    assert document["verdict"] in (
+        "adequate",
+        "values wrong",
+        "explained",
+        "partly explained",
+        "unexplained",
+        "data at fault",
+    )
+    assert {"not_judged", "data", "contradicted", "unexplained"} <= set(document)
     assert document["causes"] and all(has(cause, CAUSE) for cause in document["causes"])
     assert all({"term", "onset_s", "held_out_gain"} <= set(cause) for cause in document["causes"])
     assert all(has(minor, {"kind": str, "target": str, "value": NUMBER, "std": NUMBER}) for minor in document["minor"])
     assert document["ranking"] and all(has(rank, RANK) for rank in document["ranking"])
-    for view in ("baseline", "extended"):
+    for view in ("as_given", "refitted", "extended"):
         assert isinstance(document[view]["log_likelihood"], NUMBER)
         assert all(has(channel, CHANNEL) for channel in document[view]["channels"].values())
     held = document["gain"]["held_out"]
-    assert held["records"] == [NAMES[1]] and set(held["rms_ratio"]) == set(document["baseline"]["channels"])
+    assert held["records"] == [NAMES[1]] and set(held["rms_ratio"]) == set(document["as_given"]["channels"])
+    assert list(held["rms_ratio"].values()) == sorted(held["rms_ratio"].values(), reverse=True)
+    steps = dict.fromkeys(("as_given", "data_mended", "values", "structure", "noise"), NUMBER)
+    assert document["budget"]["records"] == [NAMES[1]]
+    assert set(document["budget"]["channels"]) == set(document["as_given"]["channels"])
+    assert all(has(one, steps) for one in (*document["budget"]["channels"].values(), document["budget"]["all"]))
     assert isinstance(held["log_likelihood_per_sample"], NUMBER) and isinstance(document["gain"]["bic"], NUMBER)
 
 
@@ -241,7 +253,7 @@ def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Pictu
 
 
 def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> None:
-    view, held = diagnosis.baseline, diagnosis.held_out_baseline
+    view, held = diagnosis.refitted, diagnosis.held_out_refitted
     plain = replace(diagnosis, verdict="adequate", causes=(), extended=view, held_out_extended=held, missing_after=())
     names = list(pictures(plain))
     assert names[0] == "histories" and not {"gain", "shape"} & set(names)
@@ -249,7 +261,7 @@ def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> 
 
 def test_what_stays_unexplained_opens_the_page(diagnosis: Diagnosis) -> None:
     """An input as large as the rolling moment itself, at the station of the rolling moment."""
-    quiet, view = diagnosis.missing_after[0], diagnosis.baseline
+    quiet, view = diagnosis.missing_after[0], diagnosis.refitted
     history = {name: (t, 0.02 * np.sin(t), 0.001 + 0.0 * t) for name, (t, _, _) in quiet.history.items()}
     loud = replace(quiet, station="dCl", gain=1e4, history=history)
     plain = replace(diagnosis, verdict="unexplained", causes=(), extended=view, unexplained=(loud,))

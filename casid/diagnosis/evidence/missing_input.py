@@ -28,6 +28,16 @@ _BY_CHANCE = 1e-6
 _RATIOS = np.logspace(-3.0, 6.0, 46)
 
 
+_STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
+
+
+def place_of(station: str) -> str:
+    """A station in the words of a sentence: "Cm", "the reading of theta", "moving air along z"."""
+    if station.startswith(READING):
+        return f"the reading of {station.removeprefix(READING)}"
+    return _STATIONS.get(station, station[1:])
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MissingInput:
     """What an unknown input at `station` could gain, 2 ln L; `history` record -> (nodes t, estimate, 1-sigma)."""

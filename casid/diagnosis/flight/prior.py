@@ -30,6 +30,11 @@ def prior(flight: Flight, model: Model, names: Sequence[str | None]) -> tuple[np
     return mean, weight
 
 
+def least_stated(coefficient: str) -> float:
+    """Least uncertainty of a derivative: what is stated relative to one near zero says nothing."""
+    return _LEAST_STATED * _SMALLEST[coefficient]
+
+
 def _std(flight: Flight, model: Model, name: str, size: float) -> float:
     """1-sigma as the file states it, or so loose that it says nothing: of a derivative that the file has at zero, by
     what its regressor does in these records. An offset of an instrument is small beside what matters as a cause."""
@@ -39,7 +44,7 @@ def _std(flight: Flight, model: Model, name: str, size: float) -> float:
     coefficient, term = derivative_term(name)
     smallest = _SMALLEST[coefficient]
     if name in model.prior_std:
-        return max(model.prior_std[name], _LEAST_STATED * smallest)
+        return max(model.prior_std[name], least_stated(coefficient))
     if size > 0.0 or not term.factors:
         return _LOOSE * max(size, smallest)
     moves = max(flight.regressors(model).variation(term), _RESTS)

@@ -39,8 +39,12 @@ class Simulated:
     residual: np.ndarray
 
 
-def free_simulation(fit: Fit) -> Simulated:
-    """Fly every record from its fitted initial state, open loop on the recorded inputs."""
+def free_simulation(fit: Fit, start: np.ndarray | None = None) -> Simulated:
+    """Fly every record from its fitted initial state, or from `start` (R, states), open loop on the recorded inputs.
+
+    What leaves the range of numbers is infinite.
+    """
+    begin = fit.linear.X[0] if start is None else start
     model, batch = fit.model, fit.batch
     N, R = batch.live.shape
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
@@ -49,10 +53,11 @@ def free_simulation(fit: Fit) -> Simulated:
     for r in range(R):
         P = np.tile(fit.parameters[r][:, None], (1, N - 1))
         given = (one[:, r].T for one in (U0, U1))
-        states = chain(fit.linear.X[0, r], *given, P, W0[:, r].T, W1[:, r].T, batch.dt[:, r][None])
-        X[:, r] = np.vstack([fit.linear.X[0, r][None], states.full().T])
+        states = chain(begin[r], *given, P, W0[:, r].T, W1[:, r].T, batch.dt[:, r][None])
+        X[:, r] = np.vstack([begin[r][None], states.full().T])
     output = fit.output_along(X)
     output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
+    output = np.where(np.isfinite(output), output, np.inf)
     seen = np.isfinite(batch.Z) & batch.live[..., None]
     return Simulated(output=output, residual=np.where(seen, batch.Z - output, np.nan))
 

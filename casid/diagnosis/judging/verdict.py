@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
-from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_oscillation
+from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_oscillation, place_of
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -37,7 +36,6 @@ _HINT = 0.5  # part of the gain of a name from which a cause that is none is wor
 _MOST = 0.75  # of what is missing, that something too small to matter explains if it is what is missing
 _SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
-_STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
 
 
 def causes_of(
@@ -157,7 +155,6 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
         onset_s=onset_intervals(naming.evidence, one, naming.intervals.get(one.name, {})) if effect.timed else None,
         statistic=statistic,
         dof=dof,
-        p_value=float(stats.chi2.sf(max(statistic, 0.0), dof)),
         held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
         sentence=_sentence(one, value, len(names)),
@@ -196,7 +193,6 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
         onset_s=None,
         statistic=statistic,
         dof=1,
-        p_value=float(stats.chi2.sf(statistic, 1)),
         held_out_gain=held,
         indistinguishable_from=(),
         parameters={},
@@ -242,7 +238,6 @@ def _turbulence(turbulence: Turbulence, aircraft: Aircraft, held: float | None) 
         onset_s=None,
         statistic=turbulence.gain,
         dof=1,
-        p_value=float(0.5 * stats.chi2.sf(turbulence.gain, 1)),
         held_out_gain=held,
         indistinguishable_from=(),
         sentence=effect_sentence(*effect.key, turbulence.sigma),
@@ -280,7 +275,6 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
                 onset_s=None,
                 statistic=(mean / std) ** 2,
                 dof=1,
-                p_value=float(stats.chi2.sf((mean / std) ** 2, 1)),
                 held_out_gain=None,
                 indistinguishable_from=(),
                 parameters={},
@@ -348,13 +342,7 @@ def _hint(naming: Naming) -> str:
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
     unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{_place(missing.station)}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
-
-
-def _place(station: str) -> str:
-    if station.startswith(READING):
-        return f"the reading of {station.removeprefix(READING)}"
-    return _STATIONS.get(station, station[1:])
+    return f"{place_of(missing.station)}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
 
 
 def _gain(gain: float) -> str:

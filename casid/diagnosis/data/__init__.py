@@ -1,0 +1,1 @@
+"""Faults of the data that channels show together."""

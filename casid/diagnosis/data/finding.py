@@ -1,0 +1,46 @@
+"""What is wrong with the data: one finding, as it stands in diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+Handled = Literal["excluded", "corrected", "reported"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A fault of the data.
+
+    kind, target  of the vocabulary, `data_stuck` of `beta`
+    records       names of those that have it
+    intervals_s   record -> intervals [s] that are concerned; empty: the whole record
+    value, std    its size with 1-sigma in `unit`, where it has one: the factor of a wrong unit
+    handled       "excluded": these samples take no part; "corrected": the data are judged as they should read;
+                  "reported": neither can be done, so that nothing which rests on them can be judged
+    """
+
+    kind: str
+    target: str
+    records: tuple[str, ...]
+    intervals_s: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    value: float | None = None
+    std: float | None = None
+    unit: str | None = None
+    handled: Handled
+    sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `data` in diagnosis.json."""
+        return {
+            "kind": self.kind,
+            "target": self.target,
+            "records": list(self.records),
+            "intervals_s": {record: [list(one) for one in parts] for record, parts in self.intervals_s.items()},
+            "value": self.value,
+            "std": self.std,
+            "unit": self.unit,
+            "handled": self.handled,
+            "sentence": self.sentence,
+        }

@@ -1,0 +1,66 @@
+"""The budget of the error: what each step from the file as it is given to the best model is worth on unseen data.
+
+as given -> data mended -> values of the file -> structure (causes) -> unexplained -> noise. A step that makes a channel
+worse stands in the budget as a loss.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from casid.diagnosis.flight.view import View
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steps:
+    """r.m.s. of measured minus simulated that is left after each step, in units of the channel's noise, whose own share
+    is 1. What stands between `structure` and `noise` is unexplained. Infinite where a simulation diverges."""
+
+    as_given: float
+    data_mended: float
+    values: float
+    structure: float
+    noise: float = 1.0
+
+    @property
+    def unexplained(self) -> float:
+        """What no step takes away."""
+        return self.structure - self.noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """Channel -> its steps in open-loop simulation of `records`, which no fit has seen; and those of all channels
+    together, root mean square over the channels."""
+
+    records: tuple[str, ...]
+    channels: Mapping[str, Steps]
+    together: Steps
+
+    def to_dict(self) -> dict[str, Any]:
+        """`budget` of diagnosis.json."""
+        return {
+            "records": list(self.records),
+            "channels": {name: asdict(steps) for name, steps in self.channels.items()},
+            "all": asdict(self.together),
+        }
+
+
+def budget_of(as_given: View, data_mended: View, values: View, structure: View) -> Budget:
+    """The budget of four models' simulations of the same held-out records."""
+    views = {"as_given": as_given, "data_mended": data_mended, "values": values, "structure": structure}
+    shared = [name for name in as_given.channels if all(name in view.channels for view in views.values())]
+    channels = {name: Steps(**{step: _in_noise(view, name) for step, view in views.items()}) for name in shared}
+    together = {
+        one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
+        for one in fields(Steps)
+    }
+    return Budget(records=as_given.records, channels=channels, together=Steps(**together))
+
+
+def _in_noise(view: View, channel: str) -> float:
+    one = view.channels[channel]
+    return one.rms / one.noise

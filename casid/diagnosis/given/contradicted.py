@@ -1,0 +1,167 @@
+"""Numbers of the aircraft file that flight contradicts.
+
+A number is contradicted where flight stands further from it than its stated uncertainty, or than a tenth where none is
+stated, and further than three honest deviations of the flight's own value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from casid.diagnosis.flight.prior import least_stated
+from casid.diagnosis.given.flight_values import FlightValue
+from casid.model.aircraft import Aircraft
+from casid.model.effects import effect_of
+from casid.model.terms import derivative_term
+from casid.model.vocabulary import effect_title
+
+_SIGMAS = 3.0  # honest deviations of the flight's own value
+_UNSTATED = 0.1  # of a number whose uncertainty the file does not state
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contradiction:
+    """A number of the file that flight contradicts, or that cannot be.
+
+    parameter  name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
+    given      what the file says, in `unit`; `flight` what the records say with its honest 1-sigma `std`, NaN where
+               they were not asked
+    reversed   flight has the other sign; `impossible` no aircraft has what the file says
+    """
+
+    parameter: str
+    unit: str
+    given: float
+    flight: float
+    std: float
+    reversed: bool
+    impossible: bool
+    sentence: str
+
+    @property
+    def sigmas(self) -> float:
+        """By how many honest deviations flight stands against the file."""
+        return abs(self.flight - self.given) / self.std if self.std > 0.0 else math.nan
+
+    @property
+    def percent(self) -> float:
+        """By how much of the file's number flight stands against it."""
+        return 100.0 * (self.flight / self.given - 1.0) if self.given else math.nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `contradicted` in diagnosis.json."""
+        return {
+            "parameter": self.parameter,
+            "unit": self.unit,
+            "given": self.given,
+            "flight": self.flight,
+            "std": self.std,
+            "sigmas": self.sigmas,
+            "percent": self.percent,
+            "reversed": self.reversed,
+            "impossible": self.impossible,
+            "sentence": self.sentence,
+        }
+
+
+def contradicted(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
+    """What of the file stands against flight: what cannot be first, then reversed signs, then by honest deviations."""
+    found = [*_impossible(aircraft, flight), *_derivatives(aircraft, flight), *_effects(aircraft, flight)]
+    return tuple(sorted(found, key=lambda c: (not c.impossible, not c.reversed, -_rank(c.sigmas))))
+
+
+def _rank(sigmas: float) -> float:
+    return sigmas if math.isfinite(sigmas) else math.inf
+
+
+def _derivatives(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
+    given = dict(aircraft.derivatives)
+    given |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
+    for name, value in given.items():
+        coefficient, term = derivative_term(name)
+        margin = (aircraft.relative_uncertainty or _UNSTATED) * abs(value)
+        one = _contradiction(name, term.unit, value, flight.get(name), max(margin, least_stated(coefficient)))
+        if one is not None:
+            yield one
+
+
+def _effects(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
+    for value in aircraft.effects:
+        effect = effect_of(value)
+        if not _possible(effect.limit, value.value, "value" in effect.unsigned):
+            continue
+        margin = value.std or _UNSTATED * abs(value.value)
+        one = _contradiction(effect.name, effect.unit, value.value, flight.get(effect.name), margin)
+        if one is not None:
+            yield one
+
+
+def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
+    """What no aircraft has: effects beyond what is plausible, and inertias of no rigid body."""
+    for value in aircraft.effects:
+        effect = effect_of(value)
+        if _possible(effect.limit, value.value, "value" in effect.unsigned):
+            continue
+        told, title = flight.get(effect.name), effect_title(*effect.key)
+        says = f" Flight says {_number(told, effect.unit)}." if told is not None and told.told else ""
+        yield Contradiction(
+            parameter=effect.name,
+            unit=effect.unit,
+            given=value.value,
+            flight=told.value if told else math.nan,
+            std=told.std if told else math.nan,
+            reversed=False,
+            impossible=True,
+            sentence=f"{title}: {value.value:.3g} {effect.unit} in the file, which is impossible.{says}",
+        )
+    for note in aircraft.inertia.notes:
+        yield Contradiction(
+            parameter="inertia",
+            unit="kg m2",
+            given=math.nan,
+            flight=math.nan,
+            std=math.nan,
+            reversed=False,
+            impossible=True,
+            sentence=f"The file's {note}.",
+        )
+
+
+def _possible(limit: float, value: float, unsigned: bool) -> bool:
+    return abs(value) <= limit and not (unsigned and value < 0.0)
+
+
+def _contradiction(
+    name: str, unit: str, given: float, flight: FlightValue | None, margin: float
+) -> Contradiction | None:
+    """The contradiction, if there is one."""
+    if flight is None or not flight.told:
+        return None
+    if not abs(flight.value - given) > max(margin, _SIGMAS * flight.std):
+        return None
+    opposes = flight.value * given < 0.0 and min(abs(flight.value), abs(given)) > margin
+    says = "says the opposite sign," if opposes else "says"
+    return Contradiction(
+        parameter=name,
+        unit=unit,
+        given=given,
+        flight=flight.value,
+        std=flight.std,
+        reversed=opposes,
+        impossible=False,
+        sentence=f"{name} is {_plain(given, unit)} in the file; flight {says} {_number(flight, unit)}.",
+    )
+
+
+def _plain(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}" if unit not in ("", "1") and not unit.startswith("1/") else f"{value:.3g}"
+
+
+def _number(one: FlightValue, unit: str) -> str:
+    """Value +- 1-sigma, to two digits of the sigma; a derivative per rad without its unit."""
+    places = max(0, 1 - math.floor(math.log10(one.std))) if one.std > 0.0 and math.isfinite(one.std) else 3
+    shown = "" if unit in ("", "1") or unit.startswith("1/") else f" {unit}"
+    return f"{one.value:.{places}f} +- {one.std:.{places}f}{shown}"

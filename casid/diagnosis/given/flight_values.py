@@ -1,0 +1,95 @@
+"""What flight says of each number of the aircraft file, by itself: without what the file says of that number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import Evidence, deviation
+from casid.diagnosis.flight.evaluation import Fit
+from casid.estimation.residual_colour import (
+    Piece,
+    coloured_score,
+    estimated,
+    gathered,
+    noise_autocovariance,
+    spread,
+)
+from casid.estimation.solvers.quadratic import inverse_along
+
+# of the information on a number that must come from the records for it to count as fitted; less is the file's own
+_FROM_RECORDS = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightValue:
+    """What the records say of one number: its value and honest 1-sigma, the file's own statement of it taken out; and
+    whether they say more than the file does. Where they do not, it is not fitted."""
+
+    value: float
+    std: float
+    told: bool
+
+
+def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
+    """Name -> what flight says of every fitted number of a model.
+
+    The 1-sigma allows for small terms of the structure, for stretches of record that disagree, and for coloured
+    residuals, whichever asks for most.
+    """
+    fit, found = evidence.fit, {}
+    coloured = coloured_deviation(fit)
+    for i, slot in enumerate(fit.slots):
+        value, weight = float(fit.values[i]), float(fit.prior_weight[i])
+        variance = float(evidence.covariance[i, i])
+        from_records = 1.0 - weight * variance
+        honest = max(deviation(evidence, slot.name), float(coloured[i]))
+        if not (variance > 0.0 and from_records > 0.0):
+            found[slot.name] = FlightValue(value=value, std=math.inf, told=False)
+            continue
+        own = value + float(fit.prior_pull[i]) * variance / from_records
+        told = from_records > _FROM_RECORDS
+        found[slot.name] = FlightValue(value=own, std=honest / from_records, told=told)
+    return found
+
+
+def coloured_deviation(fit: Fit) -> np.ndarray:
+    """(slots,) 1-sigma of what is fitted with the colour that its residuals show; zero where nothing can be said."""
+    found = np.zeros(len(fit.slots))
+    flat = fit.columns.reshape(fit.white.size, len(fit.slots))
+    known = np.flatnonzero(np.einsum("ij,ij->j", flat, flat) > 0.0)
+    if not len(known):
+        return found
+    prior = np.diag(fit.prior_weight[known])
+    sums, every = gathered(_pieces(fit, known)), np.eye(len(known))
+    information = prior.copy()
+    for own in sums.values():
+        spread(information, own.gram(1.0))
+    try:
+        inverse = inverse_along(every, information)
+        noise = noise_autocovariance(sums, prior, every)
+    except np.linalg.LinAlgError:
+        return found
+    colours = {channel: estimated(noise[channel], own.count) for channel, own in sums.items()}
+    score = prior + coloured_score(colours, sums, _pieces(fit, known), len(known))
+    found[known] = np.sqrt(np.maximum(np.diagonal(inverse @ score @ inverse), 0.0))
+    return found
+
+
+def _pieces(fit: Fit, known: np.ndarray) -> Iterator[Piece]:
+    """Whitened sensitivities and innovations, one record after the other."""
+    seen, columns = fit.filter.linear.seen, np.arange(len(known))
+    for record in range(fit.white.shape[1]):
+        for channel in range(fit.white.shape[2]):
+            here = seen[:, record, channel]
+            if here.any():
+                yield Piece(
+                    channel=channel,
+                    record=record,
+                    columns=columns,
+                    rows=fit.columns[here, record, channel][:, known],
+                    residuals=fit.white[here, record, channel],
+                )
