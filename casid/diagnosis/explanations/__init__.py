@@ -1,0 +1,1 @@
+"""What competes: explanations as wholes, weighed by one score."""

@@ -1,0 +1,207 @@
+"""What follows from the explanations: probabilities of causes, sets that cannot be told apart, what is unexplained.
+
+Nothing is decided here but by probability: a name is given where it is worth the cost of being wrong (`Priors.named`).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp, ndtr
+
+from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
+from casid.diagnosis.explanations.search import Found
+
+_HOLDS = 0.95  # of the probability, by an ambiguity set
+_ALIKE = 0.8  # cosine of responses from which causes may stand for each other
+_ADDS = 0.005  # of probability: less makes no member of a set
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Belief:
+    """What is believed of a cause.
+
+    probability  that it is there;  matters  that it is there and of a size that matters
+    log_odds     of all explanations that have it against all that have not
+    size, std    of its size, averaged over the explanations that have it
+    column       its most probable shape
+    alike        the rest of the smallest set of causes that stand for each other and holds 95 %, with probabilities
+    together     probability that one of that set is there and matters
+    """
+
+    name: str
+    kind: str
+    probability: float
+    matters: float
+    log_odds: float
+    size: float
+    std: float
+    column: int
+    alike: tuple[tuple[str, float], ...]
+    together: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Posterior:
+    """Probabilities, all of them within these columns, this noise and these priors.
+
+    explanations  names of all that they say -> probability, most probable first
+    causes        most probable first;  unknown  entrance -> probability that what enters there is as large as matters
+    adequate      probability that nothing that matters is wrong
+    best          the most probable explanation;  weights  of those of the search
+    """
+
+    explanations: Mapping[frozenset[str], float]
+    causes: tuple[Belief, ...]
+    unknown: Mapping[str, float]
+    adequate: float
+    best: Explanation
+    weights: tuple[tuple[Explanation, float], ...]
+    threshold: float
+
+    @property
+    def named(self) -> tuple[Belief, ...]:
+        """The causes worth their names, most probable first: of a set that stand for each other the first."""
+        found: list[Belief] = []
+        for one in self.causes:
+            others = {name for other in found for name, _ in other.alike}
+            if one.together >= self.threshold and one.name not in others:
+                found.append(one)
+        return tuple(found)
+
+
+def posterior(found: Found) -> Posterior:
+    """What the explanations of a search say together."""
+    logs = np.array([one.log for one in found.explanations])
+    weights = np.exp(logs - logsumexp(logs))
+    by_names: dict[frozenset[str], float] = defaultdict(float)
+    unknown: dict[str, float] = defaultdict(float)
+    columns = found.asked.causes
+    adequate = 0.0
+    for one, weight in zip(found.explanations, weights, strict=True):
+        by_names[one.names] += float(weight)
+        nothing = float(weight)
+        for (name, _, _), large in zip(one.unknown, one.large, strict=True):
+            unknown[name] += float(weight) * large
+            nothing *= 1.0 - large
+        for p in _matter(columns, one):
+            nothing *= 1.0 - p
+        adequate += nothing
+    pairs = tuple(zip(found.explanations, weights.tolist(), strict=True))
+    return Posterior(
+        explanations=_ranked(by_names),
+        causes=_beliefs(found, pairs),
+        unknown=_ranked(unknown),
+        adequate=adequate,
+        best=found.explanations[0],
+        weights=pairs,
+        threshold=found.priors.named,
+    )
+
+
+def _ranked(of: Mapping) -> dict:
+    return dict(sorted(of.items(), key=lambda item: (-item[1], str(sorted(item[0])))))
+
+
+def _matter(columns: Sequence[CauseColumn], one: Explanation) -> list[float]:
+    """Of each element of an explanation the probability that its size matters."""
+    found = []
+    for element, (mean, std) in zip(one.elements, one.amplitudes, strict=True):
+        least = columns[element.column].matters
+        found.append(float(ndtr((mean - least) / std) + ndtr((-least - mean) / std)))
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """A cause in an explanation: the explanation's number and weight, its column, size, and whether that matters."""
+
+    number: int
+    weight: float
+    column: int
+    size: float
+    std: float
+    matters: float
+
+
+def _beliefs(found: Found, pairs: Sequence[tuple[Explanation, float]]) -> tuple[Belief, ...]:
+    columns = found.asked.causes
+    parts: dict[str, list[_Part]] = defaultdict(list)
+    for number, (one, weight) in enumerate(pairs):
+        matter = _matter(columns, one)
+        for element, (mean, std), p in zip(one.elements, one.amplitudes, matter, strict=True):
+            column = columns[element.column]
+            part = _Part(
+                number=number,
+                weight=weight,
+                column=element.column,
+                size=mean * column.value,
+                std=std * abs(column.value),
+                matters=p,
+            )
+            parts[column.name].append(part)
+    logs = {name: float(logsumexp([pairs[p.number][0].log for p in of])) for name, of in parts.items()}
+    beliefs = [_belief(found, name, parts, logs[name]) for name in parts]
+    return tuple(sorted(beliefs, key=lambda one: (-one.probability, -one.log_odds, one.name)))
+
+
+def _belief(found: Found, name: str, parts: Mapping[str, Sequence[_Part]], log: float) -> Belief:
+    mine = parts[name]
+    weight = np.array([p.weight for p in mine])
+    share = weight / max(float(weight.sum()), 1e-300)
+    sizes, stds = np.array([p.size for p in mine]), np.array([p.std for p in mine])
+    size = float(share @ sizes)
+    by_column: dict[int, float] = defaultdict(float)
+    for p in mine:
+        by_column[p.column] += p.weight
+    column = max(by_column, key=lambda c: (by_column[c], -c))
+    others = [one.log for one in found.explanations if name not in one.names]
+    against = max(found.without.get(name, -np.inf), float(logsumexp(others)) if others else -np.inf)
+    alike, together = _set(found, name, parts)
+    return Belief(
+        name=name,
+        kind=found.asked.causes[column].kind,
+        probability=min(float(weight.sum()), 1.0),
+        matters=float(weight @ np.array([p.matters for p in mine])),
+        log_odds=log - against,
+        size=size,
+        std=float(np.sqrt(share @ (stds**2 + (sizes - size) ** 2))),
+        column=column,
+        alike=alike,
+        together=together,
+    )
+
+
+def _set(found: Found, name: str, parts: Mapping[str, Sequence[_Part]]) -> tuple[tuple[tuple[str, float], ...], float]:
+    """The other members of the smallest set about a cause that holds `_HOLDS`, and the probability that one of all
+    these is there and matters."""
+    likely = {other: sum(p.weight for p in of) for other, of in parts.items()}
+    there = {p.number: p.weight for p in parts[name]}
+    matters: dict[int, float] = {p.number: p.weight * p.matters for p in parts[name]}
+    members: list[str] = []
+    rivals = [other for other in parts if other != name and _exchangeable(found, parts[name], parts[other])]
+    while sum(there.values()) < _HOLDS and rivals:
+
+        def adds(other: str) -> float:
+            return sum(p.weight for p in parts[other] if p.number not in there)
+
+        best = max(rivals, key=lambda other: (adds(other), other))
+        if adds(best) < _ADDS:
+            break
+        rivals.remove(best)
+        members.append(best)
+        for p in parts[best]:
+            there[p.number] = p.weight
+            matters[p.number] = max(matters.get(p.number, 0.0), p.weight * p.matters)
+    told = sorted(((other, min(likely[other], 1.0)) for other in members), key=lambda one: (-one[1], one[0]))
+    return tuple(told), min(sum(matters.values()), 1.0)
+
+
+def _exchangeable(found: Found, ours: Sequence[_Part], theirs: Sequence[_Part]) -> bool:
+    """Whether two causes may stand for each other: by their tags, or by how alike their responses are."""
+    a, b = (max(of, key=lambda p: (p.weight, -p.number)).column for of in (ours, theirs))
+    tags = found.asked.causes[a].alike, found.asked.causes[b].alike
+    return (tags[0] != "" and tags[0] == tags[1]) or abs(float(found.alike[a, b])) > _ALIKE

@@ -1,0 +1,330 @@
+"""The search: which explanations are worth their weight.
+
+From nothing, and from every port at which something unknown may enter, causes are added one by one, the best of each
+number kept; then causes of the best explanations are dropped and others put in their place, until none is better. What
+is found does not depend on the order of the causes. Base levels, scales of small terms and levels at further ports are
+settings of their own: each that the best explanation asks for is gone through as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from casid.diagnosis.explanations.explanation import Element, Explanation, Innovations, Unknown
+from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.explanations.score import (
+    Background,
+    Held,
+    Loosened,
+    Sums,
+    background,
+    gain,
+    hold,
+    root_of,
+    small_information,
+    solved,
+    sums_of,
+    with_priors,
+)
+
+_MOST = 5  # causes in an explanation
+_BEAM = 40  # explanations of each number of causes that are grown further
+_NEGLIGIBLE = 14.0  # nats behind the best: 1e-6 of its weight
+_ENTRANCES = 40  # levels at ports that causes are added to
+_BETTER = 40  # explanations that are changed by dropping and swapping
+_LOOSE = 3  # ports with something unknown
+_SETTINGS = 8
+
+_Key = tuple[int, tuple[int, ...]]  # number of the loosened history, -1 for none, and of the entries
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """What a search found: explanations that are not negligible, best first, none twice.
+
+    without  name of a cause -> the largest log weight of any explanation without it
+    alike    (causes, causes) cosines of the responses to the causes' columns, as far as the background leaves them
+    """
+
+    sums: Sums
+    priors: Priors
+    explanations: tuple[Explanation, ...]
+    without: Mapping[str, float]
+    alike: np.ndarray
+
+    @property
+    def asked(self) -> Innovations:
+        return self.sums.asked
+
+
+def search(asked: Innovations, priors: Priors) -> Found:
+    """The explanations of these innovations that are worth their weight."""
+    return search_sums(sums_of(asked), priors)
+
+
+def search_sums(sums: Sums, priors: Priors) -> Found:
+    """The same from normal equations that are there already."""
+    ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
+    helds: dict[tuple[float, tuple[Unknown, ...]], Held] = {}
+    found: dict[object, Explanation] = {}
+    without: dict[str, float] = {}
+    large: dict[Unknown, float] = {}
+    alike: dict[object, np.ndarray] = {}
+    todo, done = [(level, (), ones) for level in priors.base], list[object]()
+    while todo and len(done) < _SETTINGS:
+        level, loose, scales = todo.pop(0)
+        if (key := (level, loose, tuple(scales.items()))) not in done:
+            done.append(key)
+            if (level, loose) not in helds:
+                helds[level, loose] = hold(sums, priors, level, loose)
+            one = _Search(background(sums, priors, helds[level, loose], scales), priors, large)
+            for explanation in one.run():
+                found.setdefault((explanation.setting, explanation.unknown, explanation.elements), explanation)
+                alike.setdefault(explanation.setting, one.back.K)
+            for name, log in one.without().items():
+                without[name] = max(without.get(name, -np.inf), log)
+        best = max(found.values(), key=lambda one: one.log)
+        if not todo:
+            large |= dict(zip(best.unknown, best.large, strict=True))
+            todo = [one for one in _asked_for(sums, priors, helds, best) if (*one[:2], tuple(one[2].items())) not in done]
+    kept = sorted((one for one in found.values() if one.log > best.log - _NEGLIGIBLE), key=lambda one: -one.log)
+    K = alike[best.setting]
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(K), 1e-300))
+    return Found(
+        sums=sums, priors=priors, explanations=tuple(kept), without=without, alike=K * unit[:, None] * unit
+    )
+
+
+def _asked_for(
+    sums: Sums, priors: Priors, helds: Mapping[tuple[float, tuple[Unknown, ...]], Held], best: Explanation
+) -> list[tuple[float, tuple[Unknown, ...], dict[str, float]]]:
+    """The settings that the best explanation asks for: other scales, and what it loosens as a part of all others."""
+    level, scales = best.setting.level, dict(best.setting.scales)
+    loose = best.unknown[: _LOOSE - 1]
+    held = helds.get((level, loose)) or hold(sums, priors, level, loose)
+    likely, bare = (likely_scales(sums, held, elements, priors) for elements in (best.elements, ()))
+    return [(level, loose, wanted) for wanted in (likely, bare, scales)]
+
+
+def likely_scales(
+    sums: Sums, held: Held, elements: Sequence[Element], priors: Priors
+) -> dict[str, float]:
+    """owner -> scale of the small terms with the largest evidence beside these causes, by coordinate ascent."""
+    asked, k, m = sums.asked, len(sums.asked.precision), len(sums.asked.owners)
+    best = dict.fromkeys(asked.owners, priors.bends[0])
+    if not m:
+        return best
+    common, match = with_priors(asked, held)
+    columns, scale = [e.column for e in elements], np.array([e.scale for e in elements])
+    mean = np.array([asked.causes[c].mean for c in columns])
+    others = np.block(
+        [
+            [common[:k, :k], held.cross[:k, columns]],
+            [held.cross[:k, columns].T, held.K[np.ix_(columns, columns)] + np.diag(scale**-2.0)],
+        ]
+    )
+    L, unit = root_of(others)
+    by = solved(L, unit, np.concatenate([common[:k, k:], held.cross[k:, columns].T]))
+    y = solved(L, unit, np.concatenate([match[:k], held.z[columns] + mean / scale**2]))
+    square, match = common[k:, k:] - by.T @ by, match[k:] - by.T @ y
+
+    def evidence(of: Mapping[str, float]) -> float:
+        prior = small_information(asked, of)
+        L = np.linalg.cholesky(square + prior)
+        y = solve_triangular(L, match, lower=True, check_finite=False)
+        return 0.5 * float(y @ y) - float(np.log(np.diag(L)).sum()) + 0.5 * float(np.linalg.slogdet(prior)[1])
+
+    most, settled = evidence(best), False
+    while not settled:
+        settled = True
+        for owner in best:
+            for bend in priors.bends:
+                if (found := evidence(best | {owner: bend})) > most + 1e-9:
+                    most, best, settled = found, best | {owner: bend}, False
+    return best
+
+
+class _State:
+    """Causes and a loosened history in the model: what K and z have lost, U'U and U'u, log evidence and log prior."""
+
+    def __init__(self, key: _Key, U: np.ndarray, u: np.ndarray, log: float, prior: float) -> None:
+        self.key, self.U, self.u, self.log, self.prior = key, U, u, log, prior
+
+
+class _Search:
+    """All explanations on one background."""
+
+    def __init__(self, back: Background, priors: Priors, large: Mapping[Unknown, float]) -> None:
+        self.back, self.priors, self.large, self.causes = back, priors, large, back.sums.asked.causes
+        entries = [(i, s) for i, cause in enumerate(self.causes) for s in cause.scales]
+        self.column = np.array([i for i, _ in entries], dtype=int)
+        self.scale = np.array([s for _, s in entries], dtype=float)
+        self.mean = np.array([self.causes[i].mean for i in self.column])
+        self.prior = np.array([self.causes[i].log_prior - np.log(len(self.causes[i].scales)) for i in self.column])
+        names = {name: n for n, name in enumerate(dict.fromkeys(cause.name for cause in self.causes))}
+        self.name = np.array([names[self.causes[i].name] for i in self.column], dtype=int)
+        self.diagonal = np.diag(back.K)
+        self.top = -np.inf
+        self.found: dict[_Key, tuple[float, float]] = {}
+        self.expanded: set[_Key] = set()
+
+    @cached_property
+    def options(self) -> list[Loosened]:
+        """Histories that may be loosened beside those of the background."""
+        there = {name for name, _, _ in self.back.loose}
+        entrances = [e for e in self.back.sums.asked.entrances if e.name not in there]
+        return [option for entrance in entrances for option in self.back.loosened(entrance, self.priors)]
+
+    def run(self) -> list[Explanation]:
+        nothing = self._state((-1, ()))
+        self._note(nothing)
+        self._grow([nothing])
+        self._grow(self._entrances())
+        self._swapped()
+        return [self._explanation(key) for key, (log, prior) in self.found.items() if self._counts(log + prior)]
+
+    def _counts(self, total: float) -> bool:
+        return total > self.top - _NEGLIGIBLE
+
+    def _note(self, state: _State) -> None:
+        self.found[state.key] = state.log, state.prior
+        self.top = max(self.top, state.log + state.prior)
+
+    def _entrances(self) -> list[_State]:
+        """The best loosened histories, by themselves or with the one cause that adds most."""
+        promise = []
+        for i, option in enumerate(self.options):
+            self.found[i, ()] = option.log, option.log_prior
+            self.top = max(self.top, option.log + option.log_prior)
+            z = self.back.z - option.f.T @ (option.d * option.a)
+            K = self.diagonal - option.d @ option.f**2
+            more = max(0.0, float(np.max(self._gains(z, K), initial=0.0)))
+            promise.append((option.log + option.log_prior + more, i))
+        return [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:_ENTRANCES]]
+
+    def _gains(self, z: np.ndarray, K: np.ndarray) -> np.ndarray:
+        at = self.column
+        return gain(z[at], np.maximum(K, 0.0)[at], self.mean, self.scale) + self.prior
+
+    def _state(self, key: _Key) -> _State:
+        option, entries = key
+        U, u, log, prior = np.zeros((0, len(self.causes))), np.zeros(0), 0.0, 0.0
+        if option >= 0:
+            one = self.options[option]
+            (U, u), log, prior = one.update, one.log, one.log_prior
+        state = _State((option, ()), U, u, log, prior)
+        for entry in entries:
+            state = self._with(state, entry)
+        return state
+
+    def _with(self, state: _State, entry: int) -> _State:
+        j, s, mean = self.column[entry], self.scale[entry], self.mean[entry]
+        row = self.back.K[j] - state.U[:, j] @ state.U
+        z = self.back.z[j] - state.u @ state.U[:, j]
+        q = 1.0 + s * s * row[j]
+        more = gain(z, row[j], mean, s)
+        return _State(
+            (state.key[0], tuple(sorted((*state.key[1], entry)))),
+            np.vstack([state.U, row * (s / np.sqrt(q))]),
+            np.append(state.u, (s * s * z + mean) / (s * np.sqrt(q))),
+            state.log + float(more),
+            state.prior + float(self.prior[entry]),
+        )
+
+    def _children(self, state: _State) -> list[tuple[float, _Key]]:
+        """All explanations with one cause more that are not negligible, noted; of each column the best scale."""
+        option, entries = state.key
+        self.expanded.add(state.key)
+        if not len(self.column) or len(entries) >= _MOST:
+            return []
+        more = self._gains(
+            self.back.z - state.U.T @ state.u, self.diagonal - np.einsum("ij,ij->j", state.U, state.U)
+        )
+        taken = np.isin(self.name, self.name[list(entries)])
+        totals = np.where(taken, -np.inf, state.log + state.prior + more)
+        self.top = max(self.top, float(totals.max()))
+        order = np.argsort(-totals, kind="stable")
+        first: dict[int, int] = {}
+        for entry in order[: _BEAM * 8].tolist():
+            key = option, tuple(sorted((*entries, entry)))
+            if self._counts(totals[entry]) or (not first and np.isfinite(totals[entry])):
+                log = state.log + more[entry] - self.prior[entry]
+                self.found[key] = float(log), float(state.prior + self.prior[entry])
+            if np.isfinite(totals[entry]):
+                first.setdefault(int(self.column[entry]), entry)
+        best = list(first.values())[:_BEAM]
+        return [(float(totals[entry]), (option, tuple(sorted((*entries, entry))))) for entry in best]
+
+    def _grow(self, states: Iterable[_State]) -> None:
+        """Causes added one by one, the best explanations of each number kept."""
+        states = list(states)
+        for _ in range(_MOST):
+            children: dict[object, tuple[float, _Key]] = {}
+            for state in states:
+                for total, key in self._children(state):
+                    alike = key[0], tuple(sorted(int(self.column[e]) for e in key[1]))
+                    if alike not in children or total > children[alike][0]:
+                        children[alike] = total, key
+            best = sorted(children.values(), key=lambda child: -child[0])[:_BEAM]
+            before = max((s.log + s.prior for s in states), default=-np.inf)
+            if not best or best[0][0] < max(before, self.top) - 2.0 * _NEGLIGIBLE:
+                return
+            states = [self._state(key) for _, key in best]
+
+    def _swapped(self) -> None:
+        """Causes of the best explanations dropped, and others put in their place, while that finds better ones."""
+        for _ in range(_MOST):
+            ranked = sorted(self.found, key=lambda key: -sum(self.found[key]))[:_BETTER]
+            fewer = {
+                (option, entries[:i] + entries[i + 1 :]) for option, entries in ranked for i in range(len(entries))
+            }
+            todo = sorted((fewer | set(ranked)) - self.expanded)
+            if not todo:
+                return
+            for key in todo:
+                state = self._state(key)
+                self._note(state)
+                self._children(state)
+
+    def without(self) -> dict[str, float]:
+        """Name of a cause that counts -> the largest log weight of an explanation without it."""
+        base = self.back.log + self.back.log_prior
+        ranked = sorted(((sum(weight), key) for key, weight in self.found.items()), reverse=True)
+        names = {int(self.name[e]) for total, (_, entries) in ranked if self._counts(total) for e in entries}
+        found = {}
+        for name in names:
+            total = next(total for total, (_, entries) in ranked if name not in self.name[list(entries)])
+            found[self.causes[int(self.column[np.argmax(self.name == name)])].name] = base + total
+        return found
+
+    def _explanation(self, key: _Key) -> Explanation:
+        option, entries = key
+        log, prior = self.found[key]
+        columns, scale = self.column[list(entries)], self.scale[list(entries)]
+        K, z = self.back.K[np.ix_(columns, columns)], self.back.z[columns]
+        large = {unknown: self.large.get(unknown, float(unknown[1] >= 1.0)) for unknown in self.back.loose}
+        loosened = self.options[option] if option >= 0 else None
+        if loosened is not None:
+            U, u = loosened.update
+            K, z = K - U[:, columns].T @ U[:, columns], z - u @ U[:, columns]
+        spread = np.linalg.inv(K + np.diag(scale**-2.0))
+        sizes = spread @ (z + self.mean[list(entries)] / scale**2)
+        if loosened is not None:
+            large[loosened.unknown] = loosened.as_large_as_matters(columns.tolist(), sizes)
+        unknown = tuple(sorted(large))
+        names = {self.causes[c].name for c in columns} | {one[0] for one, p in large.items() if p > 0.5}
+        return Explanation(
+            setting=self.back.setting,
+            unknown=unknown,
+            elements=tuple(Element(column=int(c), scale=float(s)) for c, s in zip(columns, scale, strict=True)),
+            amplitudes=tuple(zip(sizes.tolist(), np.sqrt(np.diag(spread)).tolist(), strict=True)),
+            large=tuple(large[one] for one in unknown),
+            names=frozenset(names),
+            log=self.back.log + self.back.log_prior + log + prior,
+            evidence=self.back.log + log,
+        )

@@ -1,0 +1,230 @@
+"""The score against the same Gaussian densities written out whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from casid.diagnosis.explanations.explanation import (
+    CauseColumn,
+    Entrance,
+    Explanation,
+    Innovations,
+    Port,
+    RecordColumns,
+)
+from casid.diagnosis.explanations.posterior import Posterior, posterior
+from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.explanations.search import search
+
+ROWS, NODES = 60, 5
+
+
+def a_question(seed: int, *, causes: int = 6, shapes: int = 2, records: int = 2) -> Innovations:
+    """White noise, seen through random columns of everything that may be asked for."""
+    rng = np.random.default_rng(seed)
+    columns = tuple(
+        RecordColumns(
+            residual=rng.standard_normal(ROWS),
+            nuisance=rng.standard_normal((ROWS, 3)),
+            small=0.2 * rng.standard_normal((ROWS, 4)),
+            histories=tuple(0.5 * rng.standard_normal((ROWS, NODES + r)) for _ in range(2)),
+            shapes=rng.standard_normal((ROWS, causes * shapes)),
+            nodes=0.5 * np.arange(NODES + r),
+        )
+        for r in range(records)
+    )
+    root = rng.standard_normal((4, 4))
+    return Innovations(
+        records=columns,
+        precision=np.array([1.0, 0.3, 2.0]),
+        pull=np.array([0.2, -0.1, 0.0]),
+        small_information=root @ root.T + 3.0 * np.eye(4),
+        owners=("a", "a", "b", "b"),
+        ports=(Port(name="first", matters=1.0), Port(name="second", matters=0.4)),
+        entrances=(
+            Entrance(name="first", ports=("first",), log_prior=-2.0),
+            Entrance(name="both", ports=("first", "second"), log_prior=-3.0),
+        ),
+        causes=tuple(
+            CauseColumn(
+                name=f"cause{i}",
+                kind=f"kind{i % 2}",
+                shape={r: shapes * i + s for r in range(records) if s == 0 or r == 0},
+                mean=0.5 * s,
+                scales=(0.2, 1.0),
+                log_prior=-1.0 - 0.1 * i,
+                matters=0.1,
+            )
+            for i in range(causes)
+            for s in range(shapes)
+        ),
+        log_determinant=1.25,
+    )
+
+
+def with_response(asked: Innovations, sizes: dict[int, float]) -> Innovations:
+    """The same with causes in the data, by their column."""
+    records = []
+    for r, one in enumerate(asked.records):
+        y = one.residual.copy()
+        for column, size in sizes.items():
+            if r in asked.causes[column].shape:
+                y += size * one.shapes[:, asked.causes[column].shape[r]]
+        records.append(replace(one, residual=y))
+    return replace(asked, records=tuple(records))
+
+
+def density(asked: Innovations, one: Explanation, priors: Priors) -> float:
+    """Log density of the innovations under an explanation, the covariance of all readings written out."""
+    n = [len(record.residual) for record in asked.records]
+    at = [slice(sum(n[:r]), sum(n[: r + 1])) for r in range(len(n))]
+    y, mean, S = np.concatenate([r.residual for r in asked.records]), np.zeros(sum(n)), np.eye(sum(n))
+
+    def add(columns: Sequence[np.ndarray], mu: np.ndarray, C: np.ndarray) -> None:
+        nonlocal mean, S
+        A = np.concatenate(columns)
+        mean, S = mean + A @ mu, S + A @ C @ A.T
+
+    add([r.nuisance for r in asked.records], -asked.pull / asked.precision, np.diag(1.0 / asked.precision))
+    scale = np.array([dict(one.setting.scales)[o] for o in asked.owners])
+    small = np.linalg.inv(asked.small_information) * scale[:, None] * scale
+    add([r.small for r in asked.records], np.zeros(len(scale)), small)
+    levels = [((port.name,), one.setting.level, priors.times[1]) for port in asked.ports]
+    levels += [(next(e.ports for e in asked.entrances if e.name == name), v, tau) for name, v, tau in one.unknown]
+    for ports, v, tau in levels:
+        for p, port in enumerate(asked.ports):
+            for r, record in enumerate(asked.records):
+                if port.name in ports:
+                    C = (v * port.matters) ** 2 * np.exp(-np.abs(record.nodes[:, None] - record.nodes) / tau)
+                    S[at[r], at[r]] += record.histories[p] @ C @ record.histories[p].T
+    for element in one.elements:
+        cause = asked.causes[element.column]
+        parts = [
+            record.shapes[:, cause.shape[r]] if r in cause.shape else np.zeros(n[r])
+            for r, record in enumerate(asked.records)
+        ]
+        add([p[:, None] for p in parts], np.array([cause.mean]), np.array([[element.scale**2]]))
+    return float(multivariate_normal.logpdf(y, mean, S)) - 0.5 * asked.log_determinant
+
+
+def test_evidence_is_the_density_written_out() -> None:
+    """Every kind of explanation, the setting's level and scales with it: to 1e-8 of the multivariate normal density."""
+    priors = Priors(base=(0.0, 0.3))
+    asked = with_response(a_question(1), {0: 0.6, 4: -0.5})
+    found = search(asked, priors)
+    kinds = {(one.setting.level > 0.0, len(one.unknown), min(len(one.elements), 3)) for one in found.explanations}
+    assert {level for level, _, _ in kinds} == {False, True}
+    assert {unknown for _, unknown, _ in kinds} >= {0, 1}
+    assert {size for _, _, size in kinds} >= {2, 3}
+    rng = np.random.default_rng(0)
+    some = {int(i) for i in rng.integers(len(found.explanations), size=40)}
+    some |= {i for i, one in enumerate(found.explanations) if one.unknown and one.elements and one.setting.level}
+    for i in sorted(some)[:80]:
+        one = found.explanations[i]
+        assert one.evidence == pytest.approx(density(asked, one, priors), abs=1e-8)
+
+
+def test_sizes_are_those_of_regression() -> None:
+    """With flat priors on amplitudes: the generalised least-squares estimate and its 1-sigma."""
+    asked = replace(
+        with_response(a_question(2), {0: 3.0}), small_information=np.zeros((0, 0)), owners=(), ports=(), entrances=()
+    )
+    asked = replace(asked, records=tuple(replace(r, small=np.zeros((ROWS, 0)), histories=()) for r in asked.records))
+    asked = replace(asked, precision=np.zeros(3), pull=np.zeros(3), causes=(replace(asked.causes[0], scales=(1e4,)),))
+    (one, *_) = search(asked, Priors(base=(0.0,))).explanations
+    A = np.concatenate([np.column_stack([r.nuisance, r.shapes[:, 0]]) for r in asked.records])
+    y = np.concatenate([r.residual for r in asked.records])
+    best = np.linalg.lstsq(A, y, rcond=None)[0]
+    assert one.names == {"cause0"}
+    mean, std = one.amplitudes[0]
+    assert mean == pytest.approx(best[-1], rel=1e-6)
+    assert std == pytest.approx(np.sqrt(np.linalg.inv(A.T @ A)[-1, -1]), rel=1e-6)
+
+
+def believed(asked: Innovations) -> Posterior:
+    return posterior(search(asked, Priors()))
+
+
+def test_order_does_not_matter() -> None:
+    """Causes, ports and records in another order: the same posterior."""
+    asked = with_response(a_question(3, causes=12), {0: 0.6, 7: 0.4})
+    rng = np.random.default_rng(4)
+    order = rng.permutation(len(asked.causes))
+    shuffled = replace(
+        asked,
+        causes=tuple(asked.causes[i] for i in order),
+        ports=asked.ports[::-1],
+        entrances=asked.entrances[::-1],
+        records=tuple(replace(r, histories=r.histories[::-1]) for r in asked.records),
+    )
+    one, other = believed(asked), believed(shuffled)
+    assert one.explanations.keys() == other.explanations.keys()
+    for names, p in one.explanations.items():
+        assert other.explanations[names] == pytest.approx(p, abs=1e-9)
+    assert [b.name for b in one.causes] == [b.name for b in other.causes]
+    for a, b in zip(one.causes, other.causes, strict=True):
+        assert (a.probability, a.size, a.together) == pytest.approx((b.probability, b.size, b.together), abs=1e-9)
+
+
+def test_two_causes_are_found_together() -> None:
+    """Sizes of 8 sigma: both are named and nothing else, and their sizes hold the truth within three deviations."""
+    asked = with_response(a_question(5, causes=20, shapes=1), {3: 1.0, 11: -1.2})
+    found = believed(asked)
+    assert {one.name for one in found.named} == {"cause3", "cause11"}
+    truth = {"cause3": 1.0, "cause11": -1.2}
+    for one in found.named:
+        assert abs(one.size - truth[one.name]) < 3.0 * one.std
+        assert one.log_odds > 10.0
+    assert found.adequate < 1e-3
+
+
+def test_white_noise_names_nothing() -> None:
+    """200 sets of noise: causes are there no more often than the prior says, and names within their threshold.
+
+    The posterior averages to the prior over data drawn from that; over data without any cause it must be below.
+    """
+    most, prior = [], []
+    for seed in range(200):
+        asked = replace(a_question(100 + seed, causes=8, shapes=1, records=1), ports=(), entrances=())
+        asked = replace(asked, records=tuple(replace(r, histories=()) for r in asked.records))
+        found = believed(asked)
+        most.append(max((one.probability for one in found.causes), default=0.0))
+        odds = np.exp([cause.log_prior for cause in asked.causes])
+        prior.append(1.0 - np.prod(1.0 / (1.0 + odds)))
+        assert sum(found.explanations.values()) == pytest.approx(1.0)
+    assert np.mean(most) < np.mean(prior)
+    assert np.mean(np.array(most) > 10.0 / 11.0) < 0.02
+
+
+def test_causes_drawn_from_the_prior_are_calibrated() -> None:
+    """Causes drawn with their prior odds and sizes: of those stated near p, p are there (reliability)."""
+    rng = np.random.default_rng(6)
+    stated, there = [], []
+    for seed in range(150):
+        asked = replace(a_question(500 + seed, causes=6, shapes=1, records=1), ports=(), entrances=())
+        asked = replace(asked, records=tuple(replace(r, histories=()) for r in asked.records))
+        asked = replace(asked, pull=np.zeros(3))
+        record = asked.records[0]
+        scale = rng.choice((1.0, 2.0, 4.0), size=2)
+        small = np.linalg.inv(asked.small_information) * np.outer(scale.repeat(2), scale.repeat(2))
+        drawn = record.nuisance @ (rng.standard_normal(3) / np.sqrt(asked.precision))
+        drawn = drawn + record.small @ rng.multivariate_normal(np.zeros(4), small)
+        odds = np.exp([cause.log_prior for cause in asked.causes])
+        has = rng.random(6) < odds / (1.0 + odds)
+        sizes = {i: rng.choice((0.2, 1.0)) * rng.standard_normal() for i in np.flatnonzero(has)}
+        asked = replace(asked, records=(replace(record, residual=record.residual + drawn),))
+        asked = with_response(asked, {int(i): float(v) for i, v in sizes.items()})
+        p = {one.name: one.probability for one in posterior(search(asked, Priors(base=(0.0,)))).causes}
+        stated += [p.get(f"cause{i}", 0.0) for i in range(6)]
+        there += has.tolist()
+    stated, there = np.array(stated), np.array(there)
+    for low, high in ((0.0, 0.1), (0.1, 0.5), (0.5, 0.9), (0.9, 1.01)):
+        inside = (stated >= low) & (stated < high)
+        expected = stated[inside].mean()
+        error = np.sqrt(max(float(np.sum(stated[inside] * (1 - stated[inside]))), 1.0)) / inside.sum()
+        assert abs(there[inside].mean() - expected) < 3.0 * error
