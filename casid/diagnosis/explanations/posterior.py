@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
 from casid.diagnosis.explanations.search import Found
@@ -76,7 +76,7 @@ class Posterior:
 def posterior(found: Found) -> Posterior:
     """What the explanations of a search say together."""
     logs = np.array([one.log for one in found.explanations])
-    weights = np.exp(logs - logsumexp(logs))
+    weights = np.exp(logs - _log_sum(logs))
     by_names: dict[frozenset[str], float] = defaultdict(float)
     unknown: dict[str, float] = defaultdict(float)
     columns = found.asked.causes
@@ -100,6 +100,11 @@ def posterior(found: Found) -> Posterior:
         weights=pairs,
         threshold=found.priors.named,
     )
+
+
+def _log_sum(logs: Sequence[float] | np.ndarray) -> float:
+    """Logarithm of the sum of exponentials."""
+    return float(np.logaddexp.reduce(np.asarray(logs, dtype=float))) if len(logs) else -np.inf
 
 
 def _ranked(of: Mapping) -> dict:
@@ -143,13 +148,26 @@ def _beliefs(found: Found, pairs: Sequence[tuple[Explanation, float]]) -> tuple[
                 matters=p,
             )
             parts[column.name].append(part)
-    logs = {name: float(logsumexp([pairs[p.number][0].log for p in of])) for name, of in parts.items()}
-    beliefs = [_belief(found, name, parts, logs[name]) for name in parts]
+    logs = {name: _log_sum([pairs[p.number][0].log for p in of]) for name, of in parts.items()}
+    likely = {name: min(sum(p.weight for p in of), 1.0) for name, of in parts.items()}
+    foremost = {name: max(of, key=lambda p: (p.weight, -p.number)).column for name, of in parts.items()}
+    about = _About(found=found, parts=parts, likely=likely, foremost=foremost)
+    beliefs = [_belief(about, name, logs[name]) for name in parts]
     return tuple(sorted(beliefs, key=lambda one: (-one.probability, -one.log_odds, one.name)))
 
 
-def _belief(found: Found, name: str, parts: Mapping[str, Sequence[_Part]], log: float) -> Belief:
-    mine = parts[name]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _About:
+    """By name of a cause: its parts in all explanations, its probability, and the column of its most probable part."""
+
+    found: Found
+    parts: Mapping[str, Sequence[_Part]]
+    likely: Mapping[str, float]
+    foremost: Mapping[str, int]
+
+
+def _belief(about: _About, name: str, log: float) -> Belief:
+    found, mine = about.found, about.parts[name]
     weight = np.array([p.weight for p in mine])
     share = weight / max(float(weight.sum()), 1e-300)
     sizes, stds = np.array([p.size for p in mine]), np.array([p.std for p in mine])
@@ -159,8 +177,8 @@ def _belief(found: Found, name: str, parts: Mapping[str, Sequence[_Part]], log: 
         by_column[p.column] += p.weight
     column = max(by_column, key=lambda c: (by_column[c], -c))
     others = [one.log for one in found.explanations if name not in one.names]
-    against = max(found.without.get(name, -np.inf), float(logsumexp(others)) if others else -np.inf)
-    alike, together = _set(found, name, parts)
+    against = max(found.without.get(name, -np.inf), _log_sum(others))
+    alike, together = _set(about, name)
     return Belief(
         name=name,
         kind=found.asked.causes[column].kind,
@@ -175,33 +193,30 @@ def _belief(found: Found, name: str, parts: Mapping[str, Sequence[_Part]], log: 
     )
 
 
-def _set(found: Found, name: str, parts: Mapping[str, Sequence[_Part]]) -> tuple[tuple[tuple[str, float], ...], float]:
+def _set(about: _About, name: str) -> tuple[tuple[tuple[str, float], ...], float]:
     """The other members of the smallest set about a cause that holds `_HOLDS`, and the probability that one of all
     these is there and matters."""
-    likely = {other: sum(p.weight for p in of) for other, of in parts.items()}
+    parts = about.parts
     there = {p.number: p.weight for p in parts[name]}
-    matters: dict[int, float] = {p.number: p.weight * p.matters for p in parts[name]}
+    matters = {p.number: p.weight * p.matters for p in parts[name]}
     members: list[str] = []
-    rivals = [other for other in parts if other != name and _exchangeable(found, parts[name], parts[other])]
+    rivals = [o for o in parts if o != name and about.likely[o] > _ADDS and _exchangeable(about, name, o)]
     while sum(there.values()) < _HOLDS and rivals:
-
-        def adds(other: str) -> float:
-            return sum(p.weight for p in parts[other] if p.number not in there)
-
-        best = max(rivals, key=lambda other: (adds(other), other))
-        if adds(best) < _ADDS:
+        adds = {other: sum(p.weight for p in parts[other] if p.number not in there) for other in rivals}
+        best = max(rivals, key=lambda other: (adds[other], other))
+        if adds[best] < _ADDS:
             break
         rivals.remove(best)
         members.append(best)
         for p in parts[best]:
             there[p.number] = p.weight
             matters[p.number] = max(matters.get(p.number, 0.0), p.weight * p.matters)
-    told = sorted(((other, min(likely[other], 1.0)) for other in members), key=lambda one: (-one[1], one[0]))
+    told = sorted(((other, about.likely[other]) for other in members), key=lambda one: (-one[1], one[0]))
     return tuple(told), min(sum(matters.values()), 1.0)
 
 
-def _exchangeable(found: Found, ours: Sequence[_Part], theirs: Sequence[_Part]) -> bool:
+def _exchangeable(about: _About, one: str, other: str) -> bool:
     """Whether two causes may stand for each other: by their tags, or by how alike their responses are."""
-    a, b = (max(of, key=lambda p: (p.weight, -p.number)).column for of in (ours, theirs))
-    tags = found.asked.causes[a].alike, found.asked.causes[b].alike
-    return (tags[0] != "" and tags[0] == tags[1]) or abs(float(found.alike[a, b])) > _ALIKE
+    a, b = about.foremost[one], about.foremost[other]
+    tags = about.found.asked.causes[a].alike, about.found.asked.causes[b].alike
+    return (tags[0] != "" and tags[0] == tags[1]) or abs(float(about.found.alike[a, b])) > _ALIKE

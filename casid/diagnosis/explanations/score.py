@@ -84,7 +84,13 @@ def _record_sums(asked: Innovations, record: RecordColumns) -> RecordSums:
         H = [h[rows] for h in record.histories]
         h = np.concatenate(H, axis=1).astype(float) * unit if H else np.zeros((len(record.residual[rows]), 0))
         alive = np.flatnonzero(np.abs(h).max(axis=0, initial=0.0) > gone)
-        some = [h[:, alive], record.nuisance[rows], record.small[rows], record.shapes[rows], record.residual[rows, None]]
+        some = [
+            h[:, alive],
+            record.nuisance[rows],
+            record.small[rows],
+            record.shapes[rows],
+            record.residual[rows, None],
+        ]
         at = np.concatenate([alive, np.arange(n, len(whole))])
         whole[np.ix_(at, at)] += _gram(np.concatenate(some, axis=1))
     h, x = slice(0, n), slice(n, -1)
@@ -241,9 +247,7 @@ def hold(sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown] = ()
     )
 
 
-def _levels(
-    sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown]
-) -> dict[int, list[tuple[float, float]]]:
+def _levels(sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown]) -> dict[int, list[tuple[float, float]]]:
     """Port -> (level, correlation time) of the histories that it has."""
     middle = priors.times[len(priors.times) // 2]
     found = {p: [(level, middle)] if level else [] for p in range(len(sums.asked.ports))}

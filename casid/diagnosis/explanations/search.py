@@ -34,9 +34,10 @@ from casid.diagnosis.explanations.score import (
 
 _MOST = 5  # causes in an explanation
 _BEAM = 40  # explanations of each number of causes that are grown further
-_NEGLIGIBLE = 14.0  # nats behind the best: 1e-6 of its weight
+_NEGLIGIBLE = 9.0  # nats behind the best: 1e-4 of its weight
 _ENTRANCES = 40  # levels at ports that causes are added to
-_BETTER = 40  # explanations that are changed by dropping and swapping
+_BETTER = 30  # explanations that are changed by dropping and swapping
+_PAIRS = 2  # causes that are added whatever the first of them promises alone
 _LOOSE = 3  # ports with something unknown
 _SETTINGS = 8
 
@@ -91,13 +92,13 @@ def search_sums(sums: Sums, priors: Priors) -> Found:
         best = max(found.values(), key=lambda one: one.log)
         if not todo:
             large |= dict(zip(best.unknown, best.large, strict=True))
-            todo = [one for one in _asked_for(sums, priors, helds, best) if (*one[:2], tuple(one[2].items())) not in done]
+            todo = [
+                one for one in _asked_for(sums, priors, helds, best) if (*one[:2], tuple(one[2].items())) not in done
+            ]
     kept = sorted((one for one in found.values() if one.log > best.log - _NEGLIGIBLE), key=lambda one: -one.log)
     K = alike[best.setting]
     unit = 1.0 / np.sqrt(np.maximum(np.diag(K), 1e-300))
-    return Found(
-        sums=sums, priors=priors, explanations=tuple(kept), without=without, alike=K * unit[:, None] * unit
-    )
+    return Found(sums=sums, priors=priors, explanations=tuple(kept), without=without, alike=K * unit[:, None] * unit)
 
 
 def _asked_for(
@@ -111,9 +112,7 @@ def _asked_for(
     return [(level, loose, wanted) for wanted in (likely, bare, scales)]
 
 
-def likely_scales(
-    sums: Sums, held: Held, elements: Sequence[Element], priors: Priors
-) -> dict[str, float]:
+def likely_scales(sums: Sums, held: Held, elements: Sequence[Element], priors: Priors) -> dict[str, float]:
     """owner -> scale of the small terms with the largest evidence beside these causes, by coordinate ascent."""
     asked, k, m = sums.asked, len(sums.asked.precision), len(sums.asked.owners)
     best = dict.fromkeys(asked.owners, priors.bends[0])
@@ -242,9 +241,7 @@ class _Search:
         self.expanded.add(state.key)
         if not len(self.column) or len(entries) >= _MOST:
             return []
-        more = self._gains(
-            self.back.z - state.U.T @ state.u, self.diagonal - np.einsum("ij,ij->j", state.U, state.U)
-        )
+        more = self._gains(self.back.z - state.U.T @ state.u, self.diagonal - np.einsum("ij,ij->j", state.U, state.U))
         taken = np.isin(self.name, self.name[list(entries)])
         totals = np.where(taken, -np.inf, state.log + state.prior + more)
         self.top = max(self.top, float(totals.max()))
@@ -252,7 +249,7 @@ class _Search:
         first: dict[int, int] = {}
         for entry in order[: _BEAM * 8].tolist():
             key = option, tuple(sorted((*entries, entry)))
-            if self._counts(totals[entry]) or (not first and np.isfinite(totals[entry])):
+            if self._counts(float(totals[entry])) or (not first and np.isfinite(totals[entry])):
                 log = state.log + more[entry] - self.prior[entry]
                 self.found[key] = float(log), float(state.prior + self.prior[entry])
             if np.isfinite(totals[entry]):
@@ -262,8 +259,8 @@ class _Search:
 
     def _grow(self, states: Iterable[_State]) -> None:
         """Causes added one by one, the best explanations of each number kept."""
-        states = list(states)
-        for _ in range(_MOST):
+        states, before = list(states), -np.inf
+        for number in range(1, _MOST + 1):
             children: dict[object, tuple[float, _Key]] = {}
             for state in states:
                 for total, key in self._children(state):
@@ -271,10 +268,9 @@ class _Search:
                     if alike not in children or total > children[alike][0]:
                         children[alike] = total, key
             best = sorted(children.values(), key=lambda child: -child[0])[:_BEAM]
-            before = max((s.log + s.prior for s in states), default=-np.inf)
-            if not best or best[0][0] < max(before, self.top) - 2.0 * _NEGLIGIBLE:
+            if not best or (number > _PAIRS and best[0][0] < before):
                 return
-            states = [self._state(key) for _, key in best]
+            states, before = [self._state(key) for _, key in best], best[0][0]
 
     def _swapped(self) -> None:
         """Causes of the best explanations dropped, and others put in their place, while that finds better ones."""
