@@ -16,6 +16,7 @@ import pytest
 os.environ["MPLBACKEND"] = "Agg"  # before anything imports matplotlib; scripts run as processes inherit it
 
 REPO = Path(__file__).resolve().parent.parent
+os.environ["PYTHONPATH"] = str(REPO)  # scripts run as processes take this checkout, whatever is installed
 FLIGHT_DATA_FILE = "hfb320_1_10.asc"
 
 # The same examples in every run, and no clock: a busy machine is not a failure.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from casid.estimation import Problem
 from casid.model.system import Model, define_model
 from casid.native import compiler
 from casid.records.record import Record
@@ -93,3 +95,12 @@ def with_derivatives(record: Record, clean: Record, noise: Mapping[str, float], 
     return record.with_channels(
         **{n: slopes[:, i] + noise[n] * rng.standard_normal(len(record)) for i, n in enumerate(names)}
     )
+
+
+def cut(problem: Problem, samples: int) -> Problem:
+    """The problem with the first samples of every record."""
+    records = [
+        replace(r, t=r.t[:samples], channels={name: v[:samples] for name, v in r.channels.items()})
+        for r in problem.records
+    ]
+    return replace(problem, records=records)

@@ -11,9 +11,12 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
-    """Gives a function that is told the name of every stage as it begins."""
+def progress(quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """Gives a function that is told the name of every stage as it begins; `quiet`: it says nothing."""
     console = Console()
+    if quiet:
+        yield lambda stage: None
+        return
     if not console.is_terminal:
         start = time.perf_counter()
         yield lambda stage: print(f"{time.perf_counter() - start:7.1f} s  {stage}", flush=True)

@@ -1,6 +1,6 @@
 """A corpus of flight records with known hidden effects, to develop and to score a diagnosis on.
 
-    python -m problems.jsbsim_corpus --out FOLDER [--aircraft fokker50 ...] [--case GLOB ...]
+    python -m problems.jsbsim.corpus --out FOLDER [--aircraft fokker50 ...] [--case GLOB ...]
 
 writes FOLDER/<aircraft>/<case>/m1.csv .. m4.csv, aircraft.toml (which knows nothing of the effect) and truth.json.
 m4 is meant as the hold-out. Needs the optional package jsbsim.

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimation_cases import cut
 
 from casid.estimation import Fit, Problem
 from casid.model.system import define_model
@@ -16,14 +17,6 @@ from casid.records.record import Record
 from problems.every_problem import every_problem
 
 BOOK = ("hfb320", "attas lateral", "attas longitudinal", "unstable short period")
-
-
-def cut(problem: Problem, samples: int) -> Problem:
-    records = [
-        replace(r, t=r.t[:samples], channels={name: v[:samples] for name, v in r.channels.items()})
-        for r in problem.records
-    ]
-    return replace(problem, records=records)
 
 
 @pytest.mark.parametrize("name", BOOK)

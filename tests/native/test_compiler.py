@@ -68,7 +68,7 @@ def test_what_a_killed_process_left_is_swept(own_cache):
 @needs_compiler
 def test_two_processes_may_compile_the_same_function(own_cache):
     code = (
-        "from casid.estimation.compiler import compile_function\n"
+        "from casid.native.compiler import compile_function\n"
         "import casadi as ca\n"
         "x = ca.SX.sym('x')\n"
         "f = compile_function(ca.Function('f', [x], [ca.sin(x) * x]))\n"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 from small_flight import NAMES, aircraft_file, records
 
+from casid.cli.diagnose import diagnose
+from casid.cli.run import script, status_of
 from casid.diagnosis.judging.held_out import split
-from casid.errors import run_script as guarded
 from casid.model.aircraft import Aircraft
 from casid.records.readers import read_record, write_record
 from casid.records.record import Record
@@ -31,19 +30,14 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(
-    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str]]:
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
     """`run(*arguments)` runs the script in this process: (exit status, standard error)."""
 
     def start(*arguments: object, instead: Callable | None = None) -> tuple[int, str]:
-        script = load_script("diagnose")
-        monkeypatch.setattr(sys, "argv", ["diagnose.py", *map(str, arguments)])
         if instead is not None:
-            monkeypatch.setattr(script, "diagnose", instead)
-        with pytest.raises(SystemExit) as stop:
-            guarded(script.main)
-        return int(stop.value.code or 0), capsys.readouterr().err
+            monkeypatch.setattr("casid.diagnosis.diagnose.diagnose", instead)
+        status = status_of(script(diagnose, "diagnose.py"), [str(argument) for argument in arguments])
+        return status, capsys.readouterr().err
 
     return start
 

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from casid.cli.run import call, script
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import apply_effects
@@ -56,11 +57,16 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def run_in_process(load_script, monkeypatch, capsys):
-    """Run a script's `main` here and return what it printed: quicker than a process, errors come as exceptions."""
+    """Run a script here and return what it printed: quicker than a process, errors come as exceptions."""
 
     def run(name: str, *arguments: object) -> str:
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])
-        load_script(name).main()
+        words = [str(argument) for argument in arguments]
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *words])
+        module = load_script(name)
+        if name in ("estimate", "simulate"):
+            call(script(getattr(module, name)), words)
+        else:
+            module.main()
         return capsys.readouterr().out
 
     return run
@@ -198,7 +204,7 @@ def test_effects_of_the_file_act_and_can_be_freed(run_in_process, tmp_path):
         (("--interval", "5", "--method", "single"), "needs --method multiple"),
         (("--defects", "soft", "--cost", "equation"), "needs --method multiple and --cost output"),
         (("--axes", "full"), "delta_a"),
-        (("--cost", "outptu"), "invalid choice"),
+        (("--cost", "outptu"), 'Invalid value "outptu"'),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_estimation_agreement import cut
+from estimation_cases import cut
 
 from casid.estimation import Automatic, GaussNewton, Ipopt, OutputError, Problem, parameter, solve
 from casid.estimation.solvers import newton

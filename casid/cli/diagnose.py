@@ -1,0 +1,117 @@
+"""`casid diagnose` and `casid demo`: what the simulation gets wrong, why, and what the extended model gains."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from casid.cli.options import DEMO, AsJson, Files, Flag, Folder, Maps, records_of
+from casid.diagnosis import diagnose as diagnosis_of
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+from casid.records.thinning import thinned
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.page import write_report
+from casid.report.progress import progress
+
+QUICK_RATE_HZ = 25.0
+
+
+def diagnose(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Path | None = None,
+    hold_out: Files | None = None,
+    maps: Maps | None = None,
+    out: Folder = Path("out/diagnosis"),
+    seed: int = 0,
+    quick: Flag = False,
+    as_json: AsJson = False,
+) -> None:
+    """Diagnose what a flight simulation lacks, from flight records.
+
+    Writes DIR/report.html (one page for a person), DIR/diagnosis.json (the same for a program), DIR/extended.toml
+    (the aircraft file with the causes that were found) and DIR/run.json (made with what). The status is 0 whatever
+    is found.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv', that are fitted. Without any, the embedded example is diagnosed.
+    aircraft
+        The aircraft file (TOML).
+    hold_out
+        Records that are never fitted. Without, the last record is held back, or of a single one its last third.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    out
+        Folder for the results.
+    seed
+        Kept with the results; no step draws random numbers.
+    quick
+        Thin the records to 25 Hz.
+    as_json
+        Print diagnosis.json and nothing else.
+    """
+    held = hold_out or []
+    if held and not records:
+        raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
+    if records and aircraft is None:
+        raise InputError("--aircraft FILE is missing; the records alone do not say what flew")
+    if aircraft is not None and not records:
+        raise InputError(f"--aircraft {aircraft} needs records; expected: diagnose RECORD ... --aircraft FILE")
+    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [])
+    if quick:
+        fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
+    _write(Aircraft.read(aircraft or DEMO / "aircraft.toml"), fitted, held_out, out, seed, as_json)
+
+
+def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
+    """Diagnose the embedded example: a Fokker 50 whose elevator lags its command, which its file does not know.
+
+    Parameters
+    ----------
+    out
+        Folder for the results.
+    quick
+        Thin the records to 25 Hz.
+    as_json
+        Print diagnosis.json and nothing else.
+    """
+    diagnose(out=out, quick=quick, as_json=as_json)
+
+
+def _flight(patterns: Sequence[str], held: Sequence[str], maps: Sequence[str]) -> tuple[list[Record], list[Record]]:
+    """Records to fit and records held out. What is held out is not fitted, also when it is given twice."""
+    held_files = [r.source for r in records_of(held, maps)] if held else []
+    apart = {Path(file).resolve() for file in held_files}
+    fit_files = [r.source for r in records_of(patterns, maps) if Path(r.source).resolve() not in apart]
+    both = records_of([*fit_files, *held_files], maps)  # together: names that two folders share are told apart
+    return both[: len(fit_files)], both[len(fit_files) :]
+
+
+def _write(
+    aircraft: Aircraft, fitted: list[Record], held_out: list[Record], out: Path, seed: int, as_json: bool
+) -> None:
+    made_with = provenance(seed)
+    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
+        diagnosis = diagnosis_of.diagnose(aircraft, fitted, held_out, report=stage)
+        stage("report")
+        diagnosis.write(folder / "diagnosis.json")
+        diagnosis.extended_aircraft.write(folder / "extended.toml")
+        write_provenance(made_with, folder / "run.json")
+        started = time.perf_counter()
+        write_report(diagnosis, folder, made_with)
+        reported = time.perf_counter() - started
+    if as_json:
+        print(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=1))
+        return
+    for name, seconds in {**diagnosis.seconds, "report": reported}.items():
+        print(f"{seconds:7.1f} s  {name}")
+    print(diagnosis)
+    print(f"report: {out / 'report.html'}")

@@ -1,0 +1,204 @@
+"""`casid estimate`: derivatives with their errors from flight records."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of
+from casid.errors import EstimationError, InputError
+from casid.estimation import (
+    Automatic,
+    Collocation,
+    CombinedError,
+    EquationError,
+    Fit,
+    GaussNewton,
+    Ipopt,
+    MultipleShooting,
+    OutputError,
+    Problem,
+    SingleShooting,
+    solve,
+)
+from casid.filtering.filter_error import FilterFit
+from casid.filtering.soft_defects import noise_of_forces, with_measurement_noise
+from casid.model.aircraft import Aircraft
+from casid.model.applied import Applied, apply_effects, default_free, with_estimates
+from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories, write_pictures
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.progress import progress
+from casid.report.style import Picture
+
+SOLVERS = {"automatic": Automatic(), "gauss-newton": GaussNewton(), "ipopt": Ipopt()}
+INTERVAL = 25  # samples; soft defects default to 1, where noise enters at every sample
+
+
+def estimate(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Path,
+    cost: Literal["output", "equation", "combined"] = "output",
+    equation_weight: float | None = None,
+    method: Literal["single", "multiple", "collocation"] = "multiple",
+    interval: int | None = None,
+    defects: Literal["hard", "soft"] = "hard",
+    solver: Literal["automatic", "gauss-newton", "ipopt"] = "automatic",
+    free: Files | None = None,
+    axes: Axes | None = None,
+    maps: Maps | None = None,
+    out: Folder = Path("out/estimate"),
+    as_json: AsJson = False,
+) -> None:
+    """Estimate the derivatives of an aircraft file from flight records.
+
+    Writes DIR/estimate.json, DIR/model.toml (the aircraft file with the estimates), DIR/figures and DIR/run.json. The
+    status is 0 also without convergence, which estimate.json says in words.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv'.
+    aircraft
+        The aircraft file (TOML). Its a-priori uncertainty is a prior, its effects act.
+    cost
+        What is minimised: output error, equation error, or both.
+    equation_weight
+        Weight of the equation part, with --cost combined.
+    method
+        How the trajectory is represented.
+    interval
+        Samples per shooting interval; default 25.
+    defects
+        Soft: forces and moments are noisy, with the variances of highest likelihood.
+    solver
+        Who minimises.
+    free
+        Globs of the parameters to estimate; default: all derivatives and terms that move the axes.
+    axes
+        Default: what the surfaces allow.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    out
+        Folder for the results.
+    as_json
+        Print estimate.json and nothing else.
+    """
+    if not records:
+        raise InputError("RECORD is missing; expected: estimate RECORD ... --aircraft FILE")
+    given = Choices(
+        cost=cost, equation_weight=equation_weight, method=method, interval=interval, defects=defects, solver=solver
+    )
+    file = Aircraft.read(aircraft)
+    read = records_of(records, maps or [])
+    made_with = provenance(0)
+    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
+        try:
+            stage("model")
+            applied = apply_effects(file, read, axes)
+            problem = problem_of(given, applied, free)
+            stage("estimation")
+            fit, found = fitted(given, problem)
+        except EstimationError as error:
+            raise InputError(str(error)) from None
+        stage("figures")
+        text = json.dumps(document(given, applied, fit, found), indent=1)
+        (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
+        write_provenance(made_with, folder / "run.json")
+        _write_model(file, fit, folder / "model.toml")
+        write_pictures(pictures(applied, fit), folder / "figures")
+    print(text if as_json else fit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choices:
+    """Cost, transcription and solver as the command line names them. Raises InputError for contradictions."""
+
+    cost: str = "output"
+    equation_weight: float | None = None
+    method: str = "multiple"
+    interval: int | None = None
+    defects: str = "hard"
+    solver: str = "automatic"
+
+    def __post_init__(self) -> None:
+        if self.equation_weight is not None and self.cost != "combined":
+            raise InputError(f"--equation-weight needs --cost combined, got --cost {self.cost}")
+        if self.interval is not None and self.method != "multiple":
+            raise InputError(f"--interval needs --method multiple, got --method {self.method}")
+        if self.defects == "soft" and (self.method != "multiple" or self.cost != "output"):
+            raise InputError(
+                f"--defects soft needs --method multiple and --cost output, got {self.method} and {self.cost}"
+            )
+
+    def shooting(self, default: int) -> int:
+        """Samples per shooting interval."""
+        return default if self.interval is None else self.interval
+
+
+def problem_of(given: Choices, applied: Applied, free: Sequence[str] | None) -> Problem:
+    """The estimation problem of the options."""
+    cost = {"output": OutputError, "equation": EquationError, "combined": CombinedError}[given.cost]()
+    if given.equation_weight is not None:
+        cost = CombinedError(equation_weight=given.equation_weight)
+    if given.cost != "output" and applied.unseen_by_equations:
+        raise InputError(
+            f"--cost {given.cost}: {', '.join(applied.unseen_by_equations)} of the aircraft file cannot act in the "
+            "equations, which take the measured signals as they are; use --cost output"
+        )
+    noise = {o: applied.aircraft.noise[o] for o in applied.model.outputs if o in applied.aircraft.noise}
+    complete = given.cost == "output" and len(noise) == len(applied.model.outputs)
+    globs = free or default_free(applied)
+    biases = [glob for glob in globs if glob.startswith("bias_")]
+    shared = [glob for glob in globs if glob not in biases]
+    noise = noise if complete else None
+    return Problem(applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise)
+
+
+def fitted(given: Choices, problem: Problem) -> tuple[Fit, FilterFit | None]:
+    """The fit, and with soft defects the filter-error fit that gave its noise."""
+    solver = SOLVERS[given.solver]
+    if given.defects == "soft":
+        found = noise_of_forces(problem)
+        method = MultipleShooting(interval=given.shooting(1), process_noise=found.intensities)
+        return solve(with_measurement_noise(problem, found), method, solver), found
+    multiple = MultipleShooting(interval=given.shooting(INTERVAL))
+    methods = {"single": SingleShooting(), "multiple": multiple, "collocation": Collocation()}
+    return solve(problem, methods[given.method], solver), None
+
+
+def document(given: Choices, applied: Applied, fit: Fit, found: FilterFit | None) -> dict[str, Any]:
+    """The content of estimate.json."""
+    further: dict[str, Any] = {"aircraft": applied.aircraft.name, "axes": applied.axes, "defects": given.defects}
+    further["notes"] = {record.name: list(record.notes) for record in applied.records}
+    if found is not None:
+        further["filter_error"] = found.to_dict()
+    return fit.to_dict() | further
+
+
+def pictures(applied: Applied, fit: Fit) -> list[Picture]:
+    """Correlations, colour of the residuals, estimates beside the file, and histories of every record."""
+    names = list(fit.channels)
+    first = applied.records[0].name
+    drawn = [correlations(list(fit.parameters), fit.correlations)]
+    drawn.append(autocorrelations(names, {"residual": fit.residuals[first]}))
+    pairs = {"a priori": [(e.prior, 0.0) for e in fit.parameters.values()]}
+    pairs |= {"estimated": [(e.value, e.std_corrected) for e in fit.parameters.values()]}
+    drawn.append(estimates(list(fit.parameters), pairs, "a priori"))
+    for record in applied.records:
+        predicted = fit.predictions[record.name]
+        measured = predicted + fit.residuals[record.name]
+        drawn.append(histories(record.name, record.t, names, measured, {"estimated model": predicted}))
+    return drawn
+
+
+def _write_model(aircraft: Aircraft, fit: Fit, path: Path) -> None:
+    """The aircraft file with the estimates; not written when an estimate is not a number."""
+    if all(map(math.isfinite, fit.values.values())):
+        std = {name: e.std_corrected for name, e in fit.parameters.items()}
+        with_estimates(aircraft, fit.values, std).write(path)

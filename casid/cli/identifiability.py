@@ -1,0 +1,126 @@
+"""`casid identifiability`: what records can tell of the derivatives of an aircraft file, in words."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from casid.analysis import Identifiability
+from casid.analysis import identifiability as identifiability_of
+from casid.analysis.excitation import Suggestion
+from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, records_of
+from casid.errors import EstimationError, InputError
+from casid.estimation import Problem, solve
+from casid.model.aircraft import Aircraft
+from casid.model.applied import apply_effects, default_free
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.progress import progress
+
+
+def identifiability(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Path | None = None,
+    free: Files | None = None,
+    axes: Axes | None = None,
+    maps: Maps | None = None,
+    out: Folder = Path("out/identifiability"),
+    as_json: AsJson = False,
+) -> None:
+    """Say which derivatives the records tell apart, which they did not move, and which manoeuvre would help.
+
+    Writes DIR/identifiability.txt and DIR/identifiability.json.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv'. Without any, the first record of the embedded example.
+    aircraft
+        The aircraft file (TOML).
+    free
+        Globs of the parameters to estimate; default: all derivatives.
+    axes
+        Default: what the surfaces allow.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    out
+        Folder for the results.
+    as_json
+        Print identifiability.json and nothing else.
+    """
+    if bool(records) != bool(aircraft):
+        raise InputError("identifiability: give records and --aircraft FILE together, or neither for the demonstration")
+    file = Aircraft.read(aircraft or DEMO / "aircraft.toml")
+    read = records_of(records or (str(DEMO / "m1.csv"),), maps or [])
+    made_with = provenance(0)
+    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
+        try:
+            applied = apply_effects(file, read, axes)
+            globs = free or default_free(applied)
+            biases = [glob for glob in globs if glob.startswith("bias_")]
+            shared = [glob for glob in globs if glob not in biases]
+            stage("estimation")
+            fit = solve(Problem(applied.model, applied.records, free=shared, per_record=biases))
+            stage("identifiability")
+            report = identifiability_of(fit)
+        except EstimationError as error:
+            raise InputError(str(error)) from None
+        text = f"{file.name}: estimation {fit.status}\n{report}"
+        found = json.dumps(document(report), indent=1)
+        (folder / "identifiability.txt").write_text(text + "\n", encoding="utf-8")
+        (folder / "identifiability.json").write_text(found + "\n", encoding="utf-8")
+        write_provenance(made_with, folder / "run.json")
+    print(found if as_json else text)
+
+
+def document(report: Identifiability) -> dict[str, Any]:
+    """The report as plain numbers and texts; what is infinite is None."""
+
+    def number(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    def suggested(helped: Suggestion | None) -> dict[str, Any] | None:
+        if helped is None:
+            return None
+        return {
+            "control": helped.control,
+            "form": helped.form,
+            "unit_s": helped.unit_s,
+            "amplitude": helped.amplitude,
+            "gain": number(helped.gain),
+        }
+
+    return {
+        "schema": "casid.identifiability/1",
+        "condition": number(report.condition),
+        "names": list(report.names),
+        "singular_values": [float(value) for value in report.singular_values],
+        "std_inflation": {name: number(value) for name, value in report.inflation.items()},
+        "unseen": {name: suggested(helped) for name, helped in report.unseen.items()},
+        "excitation": [moved.sentence for moved in report.excitation],
+        "weak": [
+            {
+                "condition": number(d.condition),
+                "change": dict(d.change),
+                "cannot": d.cannot,
+                "sentence": d.sentence,
+                "poor": [moved.control for moved in d.poor],
+                "help": suggested(d.help),
+            }
+            for d in report.weak
+        ],
+        "blend": {
+            name: {
+                "prior": b.prior,
+                "prior_std": b.prior_std,
+                "value": number(b.value),
+                "std": number(b.std),
+                "data_std": number(b.data_std),
+                "moved": b.moved,
+            }
+            for name, b in report.blends.items()
+        },
+    }

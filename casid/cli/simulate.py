@@ -1,0 +1,150 @@
+"""`casid simulate`: recorded inputs flown through aircraft files, side by side."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of
+from casid.errors import InputError
+from casid.estimation.fit import channel_fit
+from casid.filtering.initial_state import fit_initial_state
+from casid.model.aircraft import Aircraft
+from casid.model.applied import Applied, apply_effects
+from casid.model.simulate import simulate as fly_model
+from casid.records.readers import write_record
+from casid.records.record import Record
+from casid.report.estimate_figures import file_name, histories, write_pictures
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.style import Picture
+
+WINDOW_S = 5.0  # of the record, to which the initial state is fitted
+
+
+def simulate(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Files,
+    axes: Axes | None = None,
+    maps: Maps | None = None,
+    out: Folder = Path("out/simulate"),
+    as_json: AsJson = False,
+) -> None:
+    """Fly recorded inputs through one or more aircraft files, open loop.
+
+    Every flight begins at the initial state that fits the first seconds of its record best. Writes the simulated
+    records, DIR/simulate.json with r.m.s., R2 and Theil's coefficient per channel, and DIR/figures. A simulation that
+    diverges is said, and is not an error.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv'.
+    aircraft
+        Aircraft files (TOML), such as an original and its extended one.
+    axes
+        Default: what the surfaces allow.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    out
+        Folder for the results.
+    as_json
+        Print simulate.json and nothing else.
+    """
+    if not records:
+        raise InputError("RECORD is missing; expected: simulate RECORD ... --aircraft FILE ...")
+    files = fleet([Path(file) for file in aircraft])
+    read = records_of(records, maps or [])
+    applied = {label: apply_effects(one, read, axes) for label, one in files.items()}
+    made_with = provenance(0)
+    with whole_folder(out) as folder:
+        results, pictures = {}, []
+        for i, record in enumerate(read):
+            flown, results[record.name] = _fly_all(applied, i, record, folder)
+            drawn = picture(record, flown)
+            pictures += [drawn] if drawn else []
+        text = json.dumps({"schema": "casid.simulate/1", "records": results}, indent=1)
+        (folder / "simulate.json").write_text(text + "\n", encoding="utf-8")
+        write_provenance(made_with, folder / "run.json")
+        write_pictures(pictures, folder / "figures")
+    print(text if as_json else table(results))
+
+
+def _fly_all(
+    applied: dict[str, Applied], i: int, record: Record, folder: Path
+) -> tuple[dict[str, tuple[Applied, np.ndarray]], dict[str, dict]]:
+    """One record through all aircraft, written to the folder: flights that did not diverge, and statistics of all."""
+    flown: dict[str, tuple[Applied, np.ndarray]] = {}
+    results: dict[str, dict] = {}
+    for label, one in applied.items():
+        found = fly(one, one.records[i])
+        names = one.model.outputs
+        if isinstance(found, str):
+            results[label] = {"diverged": found}
+            continue
+        flown[label] = (one, found)
+        results[label] = statistics(record, names, found)
+        simulated = record.with_channels(**{name: found[:, k] for k, name in enumerate(names)})
+        write_record(simulated, folder / f"{file_name(record.name)}__{label}.csv")
+    return flown, results
+
+
+def fleet(paths: Sequence[Path]) -> dict[str, Aircraft]:
+    """Label -> aircraft; the label is the file's name without ending, with its folder where that is not enough."""
+    stems = [path.stem for path in paths]
+    labels = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}-{p.stem}" for p in paths]
+    if len(set(labels)) < len(labels):
+        raise InputError(f"--aircraft: two files are called '{labels[0]}'; give them different names")
+    return {label: Aircraft.read(path) for label, path in zip(labels, paths, strict=True)}
+
+
+def fly(applied: Applied, record: Record) -> np.ndarray | str:
+    """(N, outputs) what the instruments would have read; or where the simulation diverged."""
+    try:
+        flown = fly_model(applied.model, record, fit_initial_state(applied.model, record, WINDOW_S))
+    except (InputError, np.linalg.LinAlgError) as fault:
+        return str(fault)
+    return applied.readings(record, flown.outputs)
+
+
+def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[str, dict[str, float]]:
+    """Channel -> rms, R2, theil, samples."""
+    return {
+        name: asdict(channel_fit(record[name], flown[:, i]))
+        for i, name in enumerate(names)
+        if name in record and np.isfinite(record[name]).any()
+    }
+
+
+def picture(record: Record, flown: dict[str, tuple[Applied, np.ndarray]]) -> Picture | None:
+    """Measured against all aircraft, the channels that all of them model."""
+    models = [applied.model for applied, _ in flown.values()]
+    names = (
+        [o for o in models[0].outputs if o in record and all(o in model.outputs for model in models)] if models else []
+    )
+    if not names:
+        return None
+    curves = {
+        label: array[:, [applied.model.outputs.index(n) for n in names]] for label, (applied, array) in flown.items()
+    }
+    return histories(record.name, record.t, names, record.matrix(names), curves)
+
+
+def table(results: dict[str, dict]) -> str:
+    """r.m.s. of measured minus simulated, one line per record and aircraft."""
+    channels = list(
+        dict.fromkeys(c for row in results.values() for one in row.values() if "diverged" not in one for c in one)
+    )
+    width = max(len(f"{record}  {label}") for record, row in results.items() for label in row)
+    lines = [f"{'r.m.s.':{width}} " + " ".join(f"{c:>10}" for c in channels)]
+    for record, row in results.items():
+        for label, one in row.items():
+            head = f"{f'{record}  {label}':{width}} "
+            cells = " ".join(f"{one[c]['rms']:10.4g}" if c in one else f"{'':>10}" for c in channels)
+            lines.append(head + one.get("diverged", cells))
+    return "\n".join(lines)
