@@ -42,6 +42,7 @@ LAYERS: dict[str, set[str]] = {
     "report": _ENGINE | {"diagnosis"},
     "cli": _ENGINE | {"diagnosis", "campaign", "report"},
     "casid": _USERS - {"casid"},
+    "__main__": {"cli"},
     "problems": _USERS,
     "scripts": _USERS | {"problems"},
 }
