@@ -55,6 +55,11 @@ CHANNELS = _table(
 )
 SURFACES = ("delta_e", "delta_a", "delta_r")
 
+# Beyond these [rad, rad/s] a value is no angle or rate of an aircraft in rad; in degrees it is an ordinary one.
+RADIAN_LIMITS = MappingProxyType(
+    dict.fromkeys(("alpha", "beta", "theta", *SURFACES), 1.6) | {"phi": 6.4, "psi": 12.6, "p": 15.0, "q": 6.4, "r": 6.4}
+)
+
 _DEG = 0.017453292519943295
 _G = 9.80665
 # unit -> (SI unit, factor): SI = factor * value

@@ -22,13 +22,14 @@ REPO = Path(__file__).resolve().parent.parent
 MAX_LINES = 400
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "signals"}
+_CORE = {"errors", "arguments", "signals"}
 _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
 _USERS = _ENGINE | {"diagnosis", "campaign", "report", "cli", "casid"}
 LAYERS: dict[str, set[str]] = {
     "errors": set(),
+    "arguments": {"errors"},
     "signals": {"errors"},
     "native": {"errors"},
     "records": _CORE,

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from casid.errors import EstimationError
+from casid.arguments import given, number, numbers_by_name
+from casid.errors import EstimationError, InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +33,8 @@ Constraint = LinearConstraint | PathConstraint
 
 
 def _limits(what: str, lower: float | None, upper: float | None) -> tuple[float, float]:
-    low, high = -math.inf if lower is None else float(lower), math.inf if upper is None else float(upper)
+    low = -math.inf if lower is None or lower == -math.inf else number(lower, f"constraint on {what}: lower")
+    high = math.inf if upper is None or upper == math.inf else number(upper, f"constraint on {what}: upper")
     if math.isinf(low) and math.isinf(high):
         raise EstimationError(f"constraint on {what}: neither lower nor upper is given")
     if not low <= high:
@@ -39,9 +42,15 @@ def _limits(what: str, lower: float | None, upper: float | None) -> tuple[float,
     return low, high
 
 
+def _name(value: Any, what: str, example: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{what}: the name is {given(value)}; expected a text, like '{example}'")
+    return value
+
+
 def parameter(name: str, *, lower: float | None = None, upper: float | None = None) -> LinearConstraint:
     """Bounds on one parameter; lower == upper fixes it. A per-record parameter is bounded in every record."""
-    low, high = _limits(f"'{name}'", lower, upper)
+    low, high = _limits(f"'{_name(name, 'parameter', 'Cm_q')}'", lower, upper)
     return LinearConstraint(coefficients={name: 1.0}, lower=low, upper=high)
 
 
@@ -49,11 +58,14 @@ def linear(
     coefficients: Mapping[str, float], *, lower: float | None = None, upper: float | None = None
 ) -> LinearConstraint:
     """Limits on a linear combination of parameters, for example a ratio or a sum known from a wind tunnel."""
-    low, high = _limits(" + ".join(f"{c:g} {n}" for n, c in coefficients.items()), lower, upper)
-    return LinearConstraint(coefficients=dict(coefficients), lower=low, upper=high)
+    table = numbers_by_name(coefficients, "linear: coefficients")
+    if not any(table.values()):
+        raise InputError("linear: no coefficient differs from zero; write like cs.linear({'Cm_q': 1.0}, upper=0.0)")
+    low, high = _limits(" + ".join(f"{c:g} {n}" for n, c in table.items()), lower, upper)
+    return LinearConstraint(coefficients=table, lower=low, upper=high)
 
 
 def path(name: str, *, lower: float | None = None, upper: float | None = None) -> PathConstraint:
     """Limits on a state or an output along the whole trajectory, at the samples."""
-    low, high = _limits(f"path '{name}'", lower, upper)
+    low, high = _limits(f"path '{_name(name, 'path', 'alpha')}'", lower, upper)
     return PathConstraint(name=name, lower=low, upper=high)

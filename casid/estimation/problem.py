@@ -9,11 +9,23 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.errors import EstimationError, InputError, unknown
+from casid.arguments import an, listed, numbers_by_name
+from casid.errors import EstimationError, unknown
+from casid.estimation.checks import (
+    check_constraints,
+    check_feedback,
+    check_initial_state,
+    check_model,
+    check_names,
+    check_noise,
+    check_records,
+    check_start,
+)
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, EquationError, OutputError, RangeWeights
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
+from casid.records.given import given_records
 from casid.records.record import Record
 
 
@@ -29,7 +41,7 @@ class InitialState:
     std: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """An estimation problem, independent of how it is transcribed and solved.
 
@@ -45,8 +57,8 @@ class Problem:
     prior         use `model.prior_std` about the nominal values, for the free parameters that have one
     constraints   from `parameter`, `linear`, `path`
     feedback      digital control law in the loop: the records' inputs are then the commands that it adds to
-    Raises InputError for a name that does not exist and for gaps in an input; EstimationError for a problem that
-    cannot be estimated as posed.
+    `records` may be one alone, or the names of files. Raises InputError for a name that does not exist, a value of the
+    wrong kind and gaps in an input; EstimationError for a problem that cannot be estimated as posed.
     """
 
     model: Model
@@ -64,29 +76,34 @@ class Problem:
     feedback: SampledFeedback | None = None
 
     def __post_init__(self) -> None:
-        records = (self.records,) if isinstance(self.records, Record) else tuple(self.records)
+        check_model(self.model)
+        records = given_records(self.records, "Problem")
         object.__setattr__(self, "records", records)
-        for what, given in (("free", self.free), ("per_record", self.per_record)):
-            if isinstance(given, str):
-                raise InputError(f"Problem: {what} is the text '{given}'; expected a list of names or globs")
-        _check_records(self.model, records, simulated=not isinstance(self.cost, EquationError))
-        self.model.nominal_vector(self.fixed)
+        object.__setattr__(self, "free", check_names("free", self.free))
+        object.__setattr__(self, "per_record", check_names("per_record", self.per_record))
+        object.__setattr__(self, "constraints", check_constraints(self.constraints))
+        check_records(self.model, records, simulated=not isinstance(self.cost, EquationError))
+        self.model.nominal_vector(numbers_by_name(self.fixed, "Problem: fixed"))
         if not self.parameters:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
-        for name in self.start:
-            if name not in self.parameters and name not in self.local and name not in self.model.parameters:
-                raise unknown("parameter", name, (*self.parameters, *self.model.parameters), "Problem: start")
-        _check_initial_state(self.model, self.initial_state)
-        if self.feedback is not None and self.feedback.model is not self.model:
-            raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")
-        if isinstance(self.noise, str) and self.noise != "full":
-            raise unknown("noise", self.noise, ("full",), "Problem")
+        check_start(self.start, (*self.parameters, *self.model.parameters))
+        an(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
+        check_initial_state(self.model, self.initial_state)
+        check_feedback(self.feedback, self.model)
+        check_noise(self.noise, self.model)
+        an(self.prior, bool, "Problem: prior", "prior=True or prior=False")
         if isinstance(self.noise, str | np.ndarray) and not isinstance(self.cost, OutputError):
             raise EstimationError(
                 f"Problem: correlated noise is that of the outputs; {type(self.cost).__name__} takes noise per channel"
             )
         for constraint in self.constraints:
             self._check_constraint(constraint)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Problem of '{self.model.name}': {self.cost!r}; records {listed(r.name for r in self.records)}; "
+            f"free {listed(self.parameters)}>"
+        )
 
     def _check_constraint(self, constraint: Constraint) -> None:
         if isinstance(constraint, LinearConstraint):
@@ -204,35 +221,3 @@ def _select(globs: Sequence[str], model: Model, what: str) -> tuple[str, ...]:
             raise unknown("parameter", glob, model.parameters, f"Problem: {what}")
         chosen.update(found)
     return tuple(name for name in model.parameters if name in chosen)
-
-
-def _check_initial_state(model: Model, initial: InitialState) -> None:
-    for name in (*initial.value, *initial.std):
-        if name not in model.states:
-            raise unknown("state", name, model.states, "Problem: initial_state")
-    for name, std in initial.std.items():
-        if not (std > 0 and np.isfinite(std)):
-            raise EstimationError(
-                f"Problem: initial_state std of '{name}' is {std}; expected a positive number "
-                "(a hard initial state fails on noisy data)"
-            )
-
-
-def _check_records(model: Model, records: tuple[Record, ...], simulated: bool) -> None:
-    if not records:
-        raise InputError("Problem: no record given")
-    names = [record.name for record in records]
-    if len(set(names)) != len(names):
-        raise InputError(f"Problem: names of records are not unique: {names}")
-    for record in records:
-        if len(record) < 2 or not (np.diff(record.t) > 0).all():
-            raise InputError(f"record '{record.name}': time stamps must be at least two and strictly increase")
-        for name in model.inputs if simulated else ():
-            bad = np.flatnonzero(~np.isfinite(record[name]))
-            if len(bad):
-                raise InputError(
-                    f"record '{record.name}': input '{name}' has no value at t = {record.t[bad[0]]:g} s "
-                    f"({len(bad)} samples); cut the record there or fill the gap knowingly"
-                )
-    if simulated and not any(np.isfinite(r[n]).any() for r in records for n in model.outputs if n in r):
-        raise EstimationError(f"Problem: no record has a sample of any output of the model {model.outputs}")

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
-from casid.errors import InputError
+from casid.arguments import an, given, listed, number, whole
+from casid.errors import InputError, unknown
+from casid.model.expressions import Vectors, origin
 from casid.model.system import Model
+from casid.records.given import given_record
 from casid.records.record import Record
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Simulation:
     """States (N, states) and outputs (N, outputs) at the time stamps t (N,) of the record that gave the inputs."""
 
@@ -23,55 +27,139 @@ class Simulation:
     outputs: np.ndarray
 
     def state(self, name: str) -> np.ndarray:
+        """(N,) one state; raises InputError for a name that the model does not have."""
+        if name not in self.model.states:
+            raise unknown("state", str(name), self.model.states, f"simulation of '{self.model.name}'")
         return self.states[:, self.model.states.index(name)]
 
     def output(self, name: str) -> np.ndarray:
+        """(N,) one output; raises InputError for a name that the model does not have."""
+        if name not in self.model.outputs:
+            raise unknown("output", str(name), self.model.outputs, f"simulation of '{self.model.name}'")
         return self.outputs[:, self.model.outputs.index(name)]
+
+    def __repr__(self) -> str:
+        model, t = self.model, self.record.t
+        return (
+            f"<Simulation of '{model.name}' on record '{self.record.name}': {len(t)} samples, {t[0]:g} to {t[-1]:g} s; "
+            f"states {listed(model.states)}; outputs {listed(model.outputs)}>"
+        )
 
     def as_record(self, name: str | None = None) -> Record:
         """The record with its measured outputs replaced by the simulated ones."""
-        channels = dict(self.record.channels) | {o: self.outputs[:, i] for i, o in enumerate(self.model.outputs)}
-        return Record(
-            name=name or self.record.name,
-            t=self.record.t,
-            channels=channels,
-            hold=self.record.hold,
-            source=self.record.source,
-            notes=self.record.notes,
-        )
+        flown = self.record.with_channels(**{o: self.outputs[:, i] for i, o in enumerate(self.model.outputs)})
+        return flown.renamed(name or self.record.name)
 
 
 def simulate(
     model: Model,
-    record: Record,
-    start: np.ndarray,
+    record: Record | str | Path,
+    start: np.ndarray | Sequence[float],
     values: Mapping[str, float] | None = None,
     disturbances: Mapping[str, np.ndarray] | None = None,
     substeps: int = 1,
 ) -> Simulation:
     """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs linear or held as the record says.
 
-    start        (states,) state at the first sample
+    record       with the model's inputs, or the file of one
+    start        (states,) state at the first sample, in the order of `model.states`
     values       parameters by name, put over the model's nominal values
     disturbances known time histories (N,) of disturbances by name; the others are zero
-    Raises InputError when the motion leaves the range of numbers.
+    Raises InputError for an argument that does not fit, and when the motion leaves the range of numbers: it names the
+    state, the time and the expression.
     """
+    an(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    record, start = given_record(record, "simulate"), _start(model, start)
+    whole(substeps, "simulate: substeps")
     n = len(record)
+    _check_inputs(model, record)
     U = record.matrix(model.inputs) if model.inputs else np.zeros((n, 0))
     W = np.zeros((n, len(model.disturbances)))
     for name, series in (disturbances or {}).items():
-        W[:, model.disturbances.index(name)] = series
+        W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)
     p = model.nominal_vector(values)
     UW = np.hstack([U, W])
     after = UW[:-1] if record.hold == "held" else UW[1:]
     states = _accumulate(model, substeps, n - 1)(start, UW[:-1].T, after.T, np.diff(record.t)[None], p).full().T
-    states = np.vstack([np.asarray(start, dtype=float)[None], states])
+    states = np.vstack([start[None], states])
     if not np.isfinite(states).all():
-        when = record.t[np.argmin(np.isfinite(states).all(axis=1))]
-        raise InputError(f"simulation of '{model.name}' on record '{record.name}' diverged at t = {when:.2f} s")
+        raise InputError(_why_it_diverged(model, record, states, UW, p))
     output = ca.Function("output", [model.x, model.u, model.p, model.w], [model.h])
     outputs = output.map(n)(states.T, U.T, np.repeat(p[:, None], n, 1), W.T).full().T
+    if not np.isfinite(outputs).all():
+        k, i = np.argwhere(~np.isfinite(outputs))[0]
+        at = {"x": states[k], "u": U[k], "p": p, "w": W[k]}
+        raise InputError(
+            f"simulation of '{model.name}' on record '{record.name}': output '{model.outputs[i]}' is no number at "
+            f"t = {record.t[k]:.2f} s: {origin(model.h[int(i)], _vectors(model), at)}"
+        )
     return Simulation(model=model, record=record, states=states, outputs=outputs)
+
+
+def _start(model: Model, start: object) -> np.ndarray:
+    order = ", ".join(model.states)
+    try:
+        state = np.asarray(start, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"simulate: start is {given(start)}; expected {len(model.states)} numbers: {order}") from None
+    if state.shape != (len(model.states),):
+        raise InputError(f"simulate: start has the shape {state.shape}; expected {len(model.states)} numbers: {order}")
+    for name, value in zip(model.states, state.tolist(), strict=True):
+        number(value, f"simulate: start of '{name}'")
+    return state
+
+
+def _check_inputs(model: Model, record: Record) -> None:
+    for name in model.inputs:
+        bad = np.flatnonzero(~np.isfinite(record[name]))
+        if len(bad):
+            raise InputError(
+                f"record '{record.name}': input '{name}' has no value at t = {record.t[bad[0]]:g} s ({len(bad)} "
+                "samples); fill the gaps"
+            )
+
+
+def _disturbance(model: Model, name: str) -> int:
+    if name not in model.disturbances:
+        raise unknown("disturbance", str(name), model.disturbances, f"simulate: model '{model.name}'")
+    return model.disturbances.index(name)
+
+
+def _series(series: object, what: str, n: int) -> np.ndarray:
+    try:
+        values = np.asarray(series, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} is {given(series)}; expected {n} numbers, one for each sample") from None
+    if values.shape not in ((n,), ()):
+        raise InputError(f"{what} has the shape {values.shape}; expected ({n},), one number for each sample")
+    if not np.isfinite(values).all():
+        raise InputError(f"{what} has values that are no numbers; expected finite ones")
+    return values
+
+
+def _vectors(model: Model) -> Vectors:
+    return {
+        "x": (model.x, model.states),
+        "u": (model.u, model.inputs),
+        "p": (model.p, model.parameters),
+        "w": (model.w, model.disturbances),
+    }
+
+
+def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.ndarray, p: np.ndarray) -> str:
+    """The error of a motion that left the range of numbers: the derivative that did, or the state that grew."""
+    k = int(np.argmin(np.isfinite(states).all(axis=1))) - 1  # the last sample that is all numbers
+    head = f"simulation of '{model.name}' on record '{record.name}' diverged at t = {record.t[k + 1]:.2f} s"
+    f = ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [model.f])
+    x, dt, nu = states[k], record.t[k + 1] - record.t[k], len(model.inputs)
+    slope = f(x, UW[k], p).full()[:, 0]
+    for part in (0.0, 0.5, 1.0):  # about where the step asks for derivatives
+        at = {"x": x + part * dt * np.where(np.isfinite(slope), slope, 0.0), "u": UW[k, :nu], "p": p, "w": UW[k, nu:]}
+        for i, name in enumerate(model.states):
+            if np.isfinite(at["x"]).all() and (found := origin(model.f[i], _vectors(model), at)):
+                return f"{head}: the derivative of '{name}' is no number: {found}"
+    largest = int(np.argmax(np.abs(x) / model.scale_vector()))
+    return f"{head}: '{model.states[largest]}' had grown to {x[largest]:.3g}; check start, parameters and their units"
 
 
 def _accumulate(model: Model, substeps: int, count: int) -> ca.Function:

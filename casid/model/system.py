@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType, SimpleNamespace
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from casid.arguments import given, listed, names, number, numbers_by_name
 from casid.errors import InputError, unknown
+from casid.model.expressions import Symbols, check_symbols, expressions
 from casid.records.record import Record
 from casid.signals import scale_of
 
@@ -30,7 +33,7 @@ class EquationError:
     prediction: ca.SX
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Model:
     """dx/dt = f(x, u, p, w),  y = h(x, u, p, w), all SX column vectors in the order of the names.
 
@@ -63,7 +66,7 @@ class Model:
     units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        for what, names, symbol in (
+        for what, own, symbol in (
             ("states", self.states, self.x),
             ("inputs", self.inputs, self.u),
             ("parameters", self.parameters, self.p),
@@ -71,14 +74,20 @@ class Model:
             ("states", self.states, self.f),
             ("outputs", self.outputs, self.h),
         ):
-            if symbol.shape[0] != len(names):
+            if symbol.shape[0] != len(own):
                 rows = symbol.shape[0]
-                raise InputError(f"model '{self.name}': {len(names)} {what} but an expression of {rows} rows")
-            if len(set(names)) != len(names):
-                raise InputError(f"model '{self.name}': {what} are not unique: {names}")
+                raise InputError(f"model '{self.name}': {len(own)} {what} but an expression of {rows} rows")
+            if len(set(own)) != len(own):
+                raise InputError(f"model '{self.name}': {what} are not unique: {own}")
         missing = set(self.parameters) - set(self.nominal)
         if missing:
             raise InputError(f"model '{self.name}': no nominal value for {sorted(missing)}")
+
+    def __repr__(self) -> str:
+        return (
+            f"<Model '{self.name}': states {listed(self.states)}; inputs {listed(self.inputs)}; "
+            f"parameters {listed(self.parameters)}; outputs {listed(self.outputs)}>"
+        )
 
     def nominal_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """(parameters,) nominal values, with `values` put over them by name."""
@@ -86,7 +95,8 @@ class Model:
         for name in values:
             if name not in self.parameters:
                 raise unknown("parameter", name, self.parameters, f"model '{self.name}'")
-        return np.array([values.get(name, self.nominal[name]) for name in self.parameters], dtype=float)
+        chosen = {name: number(value, f"model '{self.name}': value of '{name}'") for name, value in values.items()}
+        return np.array([chosen.get(name, self.nominal[name]) for name in self.parameters], dtype=float)
 
     def scale_vector(self) -> np.ndarray:
         """(states,) typical size of each state."""
@@ -95,20 +105,20 @@ class Model:
 
 def measured_states(states: Sequence[str]) -> Callable[[Record], np.ndarray]:
     """A `Model.guess` for models whose states are channels: the measured channel, zero where it is not measured."""
+    return partial(_measured, tuple(states))
 
-    def guess(record: Record) -> np.ndarray:
-        columns = []
-        for name in states:
-            values = record[name] if name in record else np.zeros(len(record))
-            good = np.isfinite(values)
-            if not good.any():
-                values = np.zeros(len(record))
-            elif not good.all():
-                values = np.interp(record.t, record.t[good], values[good])
-            columns.append(values)
-        return np.stack(columns, axis=1)
 
-    return guess
+def _measured(states: Sequence[str], record: Record) -> np.ndarray:
+    columns = [np.zeros((len(record), 0))]
+    for name in states:
+        values = record[name] if name in record else np.zeros(len(record))
+        good = np.isfinite(values)
+        if not good.any():
+            values = np.zeros(len(record))
+        elif not good.all():
+            values = np.interp(record.t, record.t[good], values[good])
+        columns.append(values[:, None])
+    return np.concatenate(columns, axis=1)
 
 
 def define_model(
@@ -129,42 +139,77 @@ def define_model(
     """A Model from two functions that take a namespace of symbols and return expressions by name.
 
     `dynamics(s)` returns {state: derivative}, `output(s)` {output: expression}; `s.q`, `s.Cm_alpha`, ... are the
-    symbols. A disturbance named like "w_q" is a symbol too, zero in the nominal model. Without an equation-error
-    form, `estimation` uses the state equations with measured states.
+    symbols, and functions of numpy or casadi take them. A disturbance named like "w_q" is a symbol too, zero in the
+    nominal model. Without an equation-error form, `estimation` uses the state equations with measured states. Raises
+    InputError for a name that does not exist or is used twice, for a missing expression and for one that is none.
     """
-    groups = {"x": tuple(states), "u": tuple(inputs), "p": tuple(parameters), "w": tuple(disturbances)}
-    vectors = {key: ca.SX.sym(key, len(names)) for key, names in groups.items()}
-    symbols = {name: vectors[key][i] for key, names in groups.items() for i, name in enumerate(names)}
-    if len(symbols) != sum(len(names) for names in groups.values()):
-        raise InputError(f"model '{name}': one name is used twice among states, inputs, parameters, disturbances")
-    space = SimpleNamespace(**symbols)
-
-    def ordered(expressions: Mapping[str, Any], names: Sequence[str], what: str) -> ca.SX:
-        for key in expressions:
-            if key not in names:
-                raise unknown(what, key, names, f"model '{name}'")
-        lacking = [n for n in names if n not in expressions]
-        if lacking:
-            raise InputError(f"model '{name}': no expression for {what} {lacking}")
-        return ca.vertcat(*[ca.SX(expressions[n]) for n in names]) if names else ca.SX(0, 1)
-
-    scale = {s: scale_of(s) for s in states} | dict(state_scale or {})
+    where = f"model '{name}'"
+    groups = {
+        "x": names(states, f"{where}: states"),
+        "u": names(inputs, f"{where}: inputs"),
+        "p": tuple(numbers_by_name(parameters, f"{where}: parameters")),
+        "w": names(disturbances, f"{where}: disturbances"),
+    }
+    states, outputs = groups["x"], names(outputs, f"{where}: outputs")
+    vectors = {key: (ca.SX.sym(key, len(group)), group) for key, group in groups.items()}
+    symbols = {n: vector[i] for vector, group in vectors.values() for i, n in enumerate(group)}
+    if len(symbols) != sum(len(group) for group in groups.values()):
+        raise InputError(f"{where}: one name is used twice among states, inputs, parameters, disturbances")
+    space = Symbols(where, symbols)
+    f = expressions(dynamics, space, states, "dynamics", where)
+    h = expressions(output, space, outputs, "output", where)
+    check_symbols(ca.vertcat(f, h), vectors, where)
     return Model(
         name=name,
-        states=tuple(states),
-        inputs=tuple(inputs),
-        parameters=tuple(parameters),
-        outputs=tuple(outputs),
-        disturbances=tuple(disturbances),
-        x=vectors["x"],
-        u=vectors["u"],
-        p=vectors["p"],
-        w=vectors["w"],
-        f=ordered(dynamics(space), states, "state"),
-        h=ordered(output(space), outputs, "output"),
-        nominal=dict(parameters),
-        state_scale=scale,
-        guess=guess or measured_states(states),
-        prior_std=dict(prior_std or {}),
+        states=states,
+        inputs=groups["u"],
+        parameters=groups["p"],
+        outputs=outputs,
+        disturbances=groups["w"],
+        x=vectors["x"][0],
+        u=vectors["u"][0],
+        p=vectors["p"][0],
+        w=vectors["w"][0],
+        f=f,
+        h=h,
+        nominal=numbers_by_name(parameters, f"{where}: parameters"),
+        state_scale={s: scale_of(s) for s in states} | _sizes(state_scale, states, "state", f"{where}: state_scale"),
+        guess=measured_states(states) if guess is None else _checked_guess(guess, states, where),
+        prior_std=_sizes(prior_std, groups["p"], "parameter", f"{where}: prior_std"),
         equation=equation(space) if equation else None,
     )
+
+
+def _sizes(given_sizes: Mapping[str, float] | None, valid: Sequence[str], what: str, where: str) -> dict[str, float]:
+    """Positive numbers by name."""
+    table = numbers_by_name(given_sizes or {}, where)
+    for name, value in table.items():
+        if name not in valid:
+            raise unknown(what, name, valid, where)
+        number(value, f"{where}: '{name}'", positive=True)
+    return table
+
+
+def _checked_guess(
+    guess: Callable[[Record], np.ndarray], states: Sequence[str], where: str
+) -> Callable[[Record], np.ndarray]:
+    if not callable(guess):
+        raise InputError(f"{where}: guess is {given(guess)}; expected a function of a record, (N, {len(states)})")
+    return partial(_guessed, guess, tuple(states), where)
+
+
+def _guessed(guess: Callable[[Record], np.ndarray], states: Sequence[str], where: str, record: Record) -> np.ndarray:
+    """What a user's guess gives, checked."""
+    try:
+        found = np.asarray(guess(record), dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: guess failed on record '{record.name}': {str(error).splitlines()[0]}") from error
+    expected = (len(record), len(states))
+    if found.shape != expected:
+        raise InputError(
+            f"{where}: guess has the shape {found.shape}; expected {expected}, samples by {', '.join(states)}"
+        )
+    if not np.isfinite(found).all():
+        name = states[int(np.argmin(np.isfinite(found).all(axis=0)))]
+        raise InputError(f"{where}: guess of '{name}' is no number in record '{record.name}'; fill the gaps")
+    return found

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 
 from casid.errors import InputError, nearest
 from casid.records.record import Record
-from casid.signals import SURFACES, label_of, unit_of
+from casid.signals import RADIAN_LIMITS, SURFACES, label_of, unit_of
 
 INPUTS = (*SURFACES, "thrust", "rho")
 MIN_SAMPLES = 50
 MIN_DURATION = 3.0  # s
 
-# Beyond these [rad, rad/s] a value is no angle or rate of an aircraft in rad; in degrees it is an ordinary one.
-_LIMITS = MappingProxyType(
-    dict.fromkeys(("alpha", "beta", "theta", *SURFACES), 1.6) | {"phi": 6.4, "psi": 12.6, "p": 15.0, "q": 6.4, "r": 6.4}
-)
 _DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
 _POSITIVE = ("V", "rho", "qbar")
 _JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
@@ -71,7 +66,7 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> N
     too_large = np.flatnonzero(~(np.abs(values) < 1e150) & ~np.isnan(values))
     if len(too_large):
         raise InputError(f"{place(too_large[0])}, {column}: {values[too_large[0]]:.6g} is too large; repair it")
-    beyond = np.flatnonzero(np.abs(values) > _LIMITS.get(name, np.inf))
+    beyond = np.flatnonzero(np.abs(values) > RADIAN_LIMITS.get(name, np.inf))
     if len(beyond):
         value, unit = values[beyond[0]], unit_of(name)
         degrees = unit.replace("rad", "deg")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from casid.arguments import given, is_path
 from casid.errors import InputError, unknown
 from casid.records.toml_file import read_toml
 
@@ -34,6 +35,22 @@ class ColumnMap:
 
     columns: Mapping[str, tuple[ColumnTerm, ...]] = field(default_factory=dict)
     variable: str | None = None
+
+    @classmethod
+    def of(cls, value: ColumnMap | Mapping[str, Any] | str | Path | None) -> ColumnMap:
+        """A map as a caller may give it: itself, its TOML file, a table like {"alpha": "ALCG:deg"}, or None."""
+        if isinstance(value, ColumnMap):
+            return value
+        if isinstance(value, Mapping):
+            for channel in value:
+                if not isinstance(channel, str):
+                    raise InputError(f"column map: {given(channel)} is no channel; expected a name in quotes")
+            return cls(columns={c: _terms(v, f"column map of '{c}'") for c, v in value.items()})
+        if is_path(value):
+            return cls.read(value)
+        if value is None:
+            return cls()
+        raise InputError(f"column map is {given(value)}; expected a TOML file or a table like {{'alpha': 'ALCG:deg'}}")
 
     @classmethod
     def read(cls, path: str | Path) -> ColumnMap:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from casid.arguments import given, is_path
 from casid.errors import InputError, unknown
 from casid.records.arrays import read_mat, read_npz, read_parquet
 from casid.records.checks import channel_notes, check_channel, check_surfaces, check_time, time_notes
@@ -27,42 +28,46 @@ _BINARY: Mapping[str, Callable[[Path, str | None, str], Table]] = MappingProxyTy
     {".mat": read_mat, ".npz": read_npz, ".parquet": read_parquet}
 )
 
+_IN_MEMORY = "; data in memory are cs.Record.from_frame(df) or cs.Record.from_arrays(name, t, channels)"
 
-def read_record(path: str | Path, column_map: ColumnMap | str | Path | None = None) -> Record:
+
+def read_record(path: str | Path, column_map: ColumnMap | Mapping[str, str] | str | Path | None = None) -> Record:
     """The flight record of one file, in SI units and radians; its name is the file's name without ending.
 
-    A header may carry a unit, `alpha [deg]`; without one it is SI. `column_map`, or the TOML file of one, says which
-    column of a foreign file is which channel. `t` and at least one surface must be there. An empty cell or nan in a
-    measured output is a missing sample; columns that casid does not know are kept. `record.notes` holds remarks.
+    A header may carry a unit, `alpha [deg]`; without one it is SI. `column_map`, the TOML file of one, or a table like
+    `{"alpha": "ALCG:deg"}` says which column of a foreign file is which channel. `t` and at least one surface must be
+    there. An empty cell or nan in a measured output is a missing sample; columns that casid does not know are kept.
+    `record.notes` holds remarks.
 
     Raises InputError, in one line with file, row, column and value, for everything else: text in a number, a ragged
     row, time that runs back, gaps in an input, degrees in a radian column, a name that is nearly that of a channel, a
     record under 3 s or 50 samples.
     """
-    path = Path(path)
-    if not isinstance(column_map, ColumnMap):
-        column_map = ColumnMap.read(column_map) if column_map else ColumnMap()
+    if not is_path(path):
+        raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
+    path, column_map = Path(path), ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
-        return _checked(_read_table(path, column_map), path, column_map)
+        return record_of_table(_read_table(path, column_map), path.stem, column_map)
 
 
 def read_records(
-    paths: str | Path | Iterable[str | Path], column_map: ColumnMap | str | Path | None = None
+    paths: str | Path | Iterable[str | Path], column_map: ColumnMap | Mapping[str, str] | str | Path | None = None
 ) -> list[Record]:
     """Records of files and of patterns like `flight/m*.csv`, each pattern in alphabetical order.
 
     Records of one name from different folders are told apart as `folder/name`. Raises InputError when a pattern
     matches nothing or a file is given twice, and as `read_record`.
     """
-    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    files = [file for item in given for file in _matches(item)]
+    items = [paths] if is_path(paths) else paths
+    if not isinstance(items, Iterable) or hasattr(items, "columns"):
+        raise InputError(f"read_records: got {given(items)}; expected file names or patterns{_IN_MEMORY}")
+    files = [file for item in items for file in _matches(item)]
     if not files:
         raise InputError("no record was given; expected at least one file or pattern, like flight/m*.csv")
     for file in files:
         if sum(file.resolve() == other.resolve() for other in files) > 1:
             raise InputError(f"{file}: given twice; each record may take part once")
-    if not isinstance(column_map, ColumnMap) and column_map:
-        column_map = ColumnMap.read(column_map)
+    column_map = ColumnMap.of(column_map)
     records = [read_record(file, column_map) for file in files]
     stems = [file.stem for file in files]
     return [
@@ -97,6 +102,8 @@ def write_record(record: Record, path: str | Path) -> None:
 
 
 def _matches(item: str | Path) -> list[Path]:
+    if not is_path(item):
+        raise InputError(f"read_records: got {given(item)} in the list; expected file names or patterns")
     if Path(item).exists():
         return [Path(item)]
     found = [Path(name) for name in sorted(glob.glob(str(item)))]
@@ -116,24 +123,27 @@ def _read_table(path: Path, column_map: ColumnMap) -> Table:
     return _BINARY[ending](path, column_map.variable, str(time))
 
 
-def _checked(table: Table, path: Path, column_map: ColumnMap) -> Record:
+def record_of_table(table: Table, record_name: str, column_map: ColumnMap) -> Record:
+    """The record of a table, checked: InputError for what cannot be used, notes for what a person should know."""
     columns = channels_of(table, column_map)
     channels = dict(columns.channels)
     notes = list(columns.notes)
     if "t" not in channels:
-        raise InputError(f"{path}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit")
+        raise InputError(
+            f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
+        )
     t = channels.pop("t")
-    check_time(t, table.place, columns.places["t"], str(path))
+    check_time(t, table.place, columns.places["t"], table.source)
     for name in list(channels):
         if name in CHANNELS:
             check_channel(name, channels[name], table.place, columns.places[name])
         if np.isnan(channels[name]).all():
             notes.append(f"{name}: has no sample at all and is left out")
             del channels[name]
-    check_surfaces(channels, str(path))
+    check_surfaces(channels, table.source)
     notes += time_notes(t)
     for name, values in channels.items():
         notes += channel_notes(name, values)
     return Record(
-        name=path.stem, t=t, channels=channels, hold=table.hold or "linear", source=str(path), notes=tuple(notes)
+        name=record_name, t=t, channels=channels, hold=table.hold or "linear", source=table.source, notes=tuple(notes)
     )

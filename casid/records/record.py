@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.arguments import given, listed
 from casid.errors import InputError, unknown
+from casid.signals import RADIAN_LIMITS, label_of, unit_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_TURNS = ("phi", "psi")  # they may go on where they pass a full turn
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Record:
     """One manoeuvre.
 
@@ -20,6 +28,9 @@ class Record:
     hold       how inputs run between samples: "linear" (sampled continuous signal) or
                "held" (output of a digital control law, constant over the sample that follows)
     source     where it came from, for messages
+    notes      remarks of whoever read it
+    Raises InputError for time that does not increase, channels of another length, what is no number, and degrees.
+    `from_arrays` and `from_frame` check more, and convert units.
     """
 
     name: str
@@ -30,21 +41,57 @@ class Record:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        t = np.asarray(self.t, dtype=float)
-        channels = {name: np.asarray(values, dtype=float) for name, values in self.channels.items()}
+        if not isinstance(self.name, str):
+            raise InputError(f"Record: name is {given(self.name)}; expected a text, like 'm1'")
+        where = f"record '{self.name}'"
+        t = _samples(self.t, f"{where}: t")
+        _check_increasing(t, where)
+        if not isinstance(self.channels, Mapping):
+            raise InputError(f"{where}: channels is {given(self.channels)}; expected a table like {{'alpha': alpha}}")
+        channels = {name: _channel(name, values, t, where) for name, values in self.channels.items()}
         for name, values in channels.items():
-            if values.shape != t.shape:
-                raise InputError(f"record '{self.name}': channel '{name}' has shape {values.shape}, time {t.shape}")
+            _check_radians(name, values, where)
         if self.hold not in ("linear", "held"):
-            raise unknown("hold", self.hold, ("linear", "held"), f"record '{self.name}'")
+            raise unknown("hold", str(self.hold), ("linear", "held"), where)
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        name: str,
+        t: np.ndarray,
+        channels: Mapping[str, np.ndarray],
+        *,
+        units: Mapping[str, str] | None = None,
+        hold: str = "linear",
+    ) -> Record:
+        """A record of arrays (N,), with every check that a file gets.
+
+        `units` says by channel which unit it is in, "deg" or "kt"; SI where it says nothing. A name may carry its unit
+        as a header does, "alpha [deg]". `notes` has what a person should know. Raises InputError as `read_record`.
+        """
+        from casid.records.from_memory import record_of_arrays  # here, as that makes records
+
+        return record_of_arrays(name, t, channels, units or {}, hold)
+
+    @classmethod
+    def from_frame(
+        cls, frame: DataFrame, *, name: str = "frame", units: Mapping[str, str] | None = None, hold: str = "linear"
+    ) -> Record:
+        """A record of a pandas data frame: its columns are the channels, `t` among them or as the name of the index.
+
+        All else as in `from_arrays`.
+        """
+        from casid.records.from_memory import record_of_frame
+
+        return record_of_frame(name, frame, units or {}, hold)
 
     def __getitem__(self, channel: str) -> np.ndarray:
         if channel == "t":
             return self.t
         if channel not in self.channels:
-            raise unknown("channel", channel, self.channels, f"record '{self.name}'")
+            raise unknown("channel", str(channel), self.channels, f"record '{self.name}'")
         return self.channels[channel]
 
     def __contains__(self, channel: str) -> bool:
@@ -52,6 +99,18 @@ class Record:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        span = f"{len(self)} samples, {self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no samples"
+        held = "" if self.hold == "linear" else f"; inputs {self.hold}"
+        notes = f"; {len(self.notes)} notes" if self.notes else ""
+        return f"<Record '{self.name}': {span}{held}{notes}; channels {listed(self.channels, 25)}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"channels": dict(self.channels)}  # a read-only view cannot be pickled
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, channels=MappingProxyType(state["channels"]))
 
     @property
     def dt(self) -> float:
@@ -68,15 +127,80 @@ class Record:
         return np.stack([self[name] for name in names], axis=1)
 
     def with_channels(self, **channels: np.ndarray) -> Record:
-        """The same record with channels added or replaced."""
-        return replace(self, channels={**self.channels, **channels})
+        """The same record with channels added or replaced, (N,) each."""
+        where = f"record '{self.name}'"
+        added = {name: _channel(name, values, self.t, where) for name, values in channels.items()}
+        return self._with(channels={**self.channels, **added})
+
+    def renamed(self, name: str) -> Record:
+        """The same record under another name."""
+        return self._with(name=name)
+
+    def with_notes(self, *notes: str) -> Record:
+        """The same record with further notes."""
+        return self._with(notes=(*self.notes, *notes))
 
     def without(self, *names: str) -> Record:
         """The same record without the named channels."""
-        return replace(self, channels={k: v for k, v in self.channels.items() if k not in names})
+        return self._with(channels={k: v for k, v in self.channels.items() if k not in names})
 
     def between(self, start: float, stop: float, name: str | None = None) -> Record:
         """The part with start <= t < stop [s], time stamps kept."""
         keep = (self.t >= start) & (self.t < stop)
         channels = {k: v[keep] for k, v in self.channels.items()}
-        return replace(self, name=name or self.name, t=self.t[keep], channels=channels)
+        return self._with(name=name or self.name, t=self.t[keep], channels=channels)
+
+    def _with(self, **changes: Any) -> Record:
+        """Another record with these fields. Its values are not judged: a motion that departs may have any."""
+        other = object.__new__(Record)
+        other.__setstate__({f.name: getattr(self, f.name) for f in fields(self)} | changes)
+        return other
+
+
+def _samples(values: Any, what: str) -> np.ndarray:
+    """(N,) floats."""
+    try:
+        array = None if values is None else np.asarray(values)
+    except ValueError:  # rows of unlike length
+        array = None
+    if array is None or array.dtype.kind not in "fiu":
+        is_array = isinstance(values, (np.ndarray, list, tuple))
+        got = "no list of numbers alone" if is_array else given(values)
+        raise InputError(f"{what} is {got}; expected numbers, an array (N,)")
+    if array.ndim != 1:
+        raise InputError(f"{what} has the shape {array.shape}; expected one dimension, (N,)")
+    return array.astype(float)
+
+
+def _check_increasing(t: np.ndarray, where: str) -> None:
+    wrong = np.flatnonzero(~np.isfinite(t))
+    if len(wrong):
+        raise InputError(f"{where}: t[{wrong[0]}] is {t[wrong[0]]}; every sample needs its time in s")
+    back = np.flatnonzero(np.diff(t) <= 0.0)
+    if len(back):
+        k = int(back[0])
+        raise InputError(
+            f"{where}: time must strictly increase, but t[{k + 1}] = {t[k + 1]:.10g} s follows t[{k}] = {t[k]:.10g} s"
+        )
+
+
+def _channel(name: Any, values: Any, t: np.ndarray, where: str) -> np.ndarray:
+    if not isinstance(name, str):
+        raise InputError(f"{where}: a channel is called {given(name)}; expected a name in quotes")
+    samples = _samples(values, f"{where}: channel '{name}'")
+    if samples.shape != t.shape:
+        raise InputError(f"{where}: channel '{name}' has shape {samples.shape}, time {t.shape}; both need the same")
+    return samples
+
+
+def _check_radians(name: str, values: np.ndarray, where: str) -> None:
+    """Values that can only be degrees in a channel that casid knows in rad."""
+    limit = RADIAN_LIMITS.get(name, np.inf) if name not in _TURNS else np.inf
+    beyond = np.flatnonzero(np.abs(values) > limit)
+    if len(beyond):
+        worst, unit = values[beyond[0]], unit_of(name)
+        raise InputError(
+            f"{where}: {name} ({label_of(name)}) is {worst:.6g} {unit}, more than {limit:g}; convert it with "
+            f"np.radians, use Record.from_arrays(..., units={{'{name}': '{unit.replace('rad', 'deg')}'}}), or give it "
+            "another name if it is something else"
+        )

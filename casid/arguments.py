@@ -1,0 +1,88 @@
+"""Checks of what a caller gives to a function: the value itself, or an InputError that says what to write instead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, TypeGuard, TypeVar
+
+from casid.errors import InputError
+
+Kind = TypeVar("Kind")
+
+
+def given(value: Any) -> str:
+    """A value as an error names it, on one line and never long: numbers and texts as they are, all else by kind."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if value is None or isinstance(value, (bool, int, float)):
+        return repr(value) if not isinstance(value, int) or abs(value) < 1e15 else "a number too large"
+    if isinstance(value, str):
+        return f"the text {value if len(value) <= 40 else value[:37] + '...'!r}"
+    if isinstance(value, (list, tuple, dict, set, frozenset)):
+        return f"a {type(value).__name__} of {len(value)}"
+    name = type(value).__name__
+    return f"{'an' if name[:1] in 'AEIOU' else 'a'} {name}"
+
+
+def is_path(value: Any) -> TypeGuard[str | Path]:
+    """Whether a value can name a file."""
+    return isinstance(value, (str, Path))
+
+
+def an(value: Any, kind: type[Kind] | tuple[type[Kind], ...], what: str, write: str) -> Kind:
+    """`value` when it is of the kind; else InputError: `what` it is and what to `write`, like "cs.OutputError()"."""
+    if isinstance(value, kind):
+        return value
+    raise InputError(f"{what} is {given(value)}; write {write}")
+
+
+def number(value: Any, what: str, *, least: float | None = None, positive: bool = False) -> float:
+    """`value` as a finite float, not below `least`; InputError otherwise."""
+    wanted = "a positive number" if positive else "a finite number" if least is None else f"a number from {least:g} on"
+    plain = value.item() if getattr(value, "shape", None) == () else value  # a numpy scalar
+    if isinstance(plain, bool) or not isinstance(plain, Real):
+        raise InputError(f"{what} is {given(value)}; expected {wanted}")
+    result = float(plain)
+    if not math.isfinite(result) or (positive and result <= 0.0) or (least is not None and result < least):
+        raise InputError(f"{what} is {result:g}; expected {wanted}")
+    return result
+
+
+def whole(value: Any, what: str, least: int = 1) -> int:
+    """`value` as an int from `least` on; InputError otherwise, for 20.5 and True as well."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise InputError(f"{what} is {given(value)}; expected a whole number of at least {least}")
+    return int(value)
+
+
+def names(value: Any, what: str) -> tuple[str, ...]:
+    """`value` as texts; InputError for one text alone, and for what is no text."""
+    if isinstance(value, str):
+        raise InputError(f"{what} is {given(value)}; expected a list of names: write [{value!r}]")
+    if isinstance(value, Mapping) or not isinstance(value, Iterable):
+        raise InputError(f"{what} is {given(value)}; expected a list of names, like ['Cm_alpha', 'Cm_q']")
+    found = tuple(value)
+    for one in found:
+        if not isinstance(one, str):
+            raise InputError(f"{what} has {given(one)} in it; expected names in quotes")
+    return found
+
+
+def numbers_by_name(value: Any, what: str) -> dict[str, float]:
+    """`value` as a table name -> finite number; InputError otherwise."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{what} is {given(value)}; expected a table like {{'Cm_alpha': -1.2}}")
+    for name in value:
+        if not isinstance(name, str):
+            raise InputError(f"{what} has {given(name)} for a name; expected names in quotes")
+    return {name: number(one, f"{what}: '{name}'") for name, one in value.items()}
+
+
+def listed(values: Iterable[str], most: int = 12) -> str:
+    """Names in a row, for a `repr`: the first ones, and how many more there are."""
+    pool = list(values)
+    more = f", ... ({len(pool)} in all)" if len(pool) > most else ""
+    return (", ".join(pool[:most]) or "none") + more

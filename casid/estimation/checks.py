@@ -1,0 +1,143 @@
+"""Checks of what a caller gives to `Problem` and `solve`: an InputError that says what to write instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from casid.arguments import an, given, names, number, numbers_by_name
+from casid.errors import EstimationError, InputError, unknown
+from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
+from casid.estimation.cost import RangeWeights
+from casid.model.aircraft import Aircraft
+from casid.model.feedback import SampledFeedback
+from casid.model.path import INPUTS, STATES
+from casid.model.system import Model
+from casid.records.record import Record
+
+if TYPE_CHECKING:
+    from casid.estimation.problem import InitialState
+
+
+def check_model(model: Any) -> None:
+    """Raise InputError unless it is a model."""
+    if isinstance(model, Aircraft):
+        raise InputError(
+            "Problem: model is an Aircraft; write cs.aircraft_model(aircraft), with records that are "
+            "cs.flight_inputs(aircraft, record)"
+        )
+    an(model, Model, "Problem: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+
+
+def check_records(model: Model, records: tuple[Record, ...], simulated: bool) -> None:
+    """Raise InputError for records that cannot feed the model, EstimationError where nothing is measured."""
+    if not records:
+        raise InputError("Problem: no record given")
+    own = [record.name for record in records]
+    if len(set(own)) != len(own):
+        raise InputError(f"Problem: names of records are not unique: {own}")
+    for record in records:
+        if len(record) < 2:
+            raise InputError(f"record '{record.name}': {len(record)} time stamps; expected at least two")
+        for name in model.inputs if simulated else ():
+            if name not in record:
+                raise _missing_input(model, record, name)
+            bad = np.flatnonzero(~np.isfinite(record[name]))
+            if len(bad):
+                raise InputError(
+                    f"record '{record.name}': input '{name}' has no value at t = {record.t[bad[0]]:g} s "
+                    f"({len(bad)} samples); cut the record there or fill the gap knowingly"
+                )
+    if simulated and not any(np.isfinite(r[n]).any() for r in records for n in model.outputs if n in r):
+        raise EstimationError(f"Problem: no record has a sample of any output of the model {model.outputs}")
+
+
+def _missing_input(model: Model, record: Record, name: str) -> InputError:
+    if name in STATES and set(model.inputs) >= set(INPUTS):
+        axes = "longitudinal" if "q" in model.states else "lateral"
+        return InputError(
+            f"record '{record.name}': input '{name}' is missing, a state that the {axes} model does not move; write "
+            f"cs.flight_inputs(aircraft, record, '{axes}')"
+        )
+    if set(model.inputs) >= set(INPUTS) and name in INPUTS:
+        return InputError(
+            f"record '{record.name}': input '{name}' of the aircraft's model is missing; write "
+            "cs.flight_inputs(aircraft, record), which fills it in where that is possible"
+        )
+    return unknown("channel", name, record.channels, f"record '{record.name}': input of '{model.name}'")
+
+
+def check_names(what: str, value: Any) -> tuple[str, ...]:
+    """Globs or names of parameters as a tuple."""
+    return names(value, f"Problem: {what}")
+
+
+def check_start(start: Any, valid: Sequence[str]) -> None:
+    """Raise InputError for a start value that is no number, or is one of nothing that is free."""
+    for name in numbers_by_name(start, "Problem: start"):
+        if name not in valid:
+            raise unknown("parameter", name, valid, "Problem: start")
+
+
+def check_initial_state(model: Model, initial: InitialState) -> None:
+    """Raise InputError for what is no state or no number; EstimationError for a state that would be held hard."""
+    values = numbers_by_name(initial.value, "Problem: initial_state value")
+    for name in (*values, *initial.std):
+        if name not in model.states:
+            raise unknown("state", name, model.states, "Problem: initial_state")
+    for name, std in initial.std.items():
+        if not (isinstance(std, (int, float)) and std > 0 and np.isfinite(std)):
+            raise EstimationError(
+                f"Problem: initial_state std of '{name}' is {std!r:.40}; expected a positive number "
+                "(a hard initial state fails on noisy data)"
+            )
+
+
+def check_noise(noise: Any, model: Model) -> None:
+    """Raise InputError for what is no noise."""
+    if noise is None or isinstance(noise, RangeWeights):
+        return
+    if isinstance(noise, str):
+        if noise != "full":
+            raise unknown("noise", noise, ("full",), "Problem")
+    elif isinstance(noise, np.ndarray):
+        count = len(model.outputs)
+        if noise.shape != (count, count):
+            raise InputError(f"Problem: noise has the shape {noise.shape}; expected the covariance ({count}, {count})")
+        if not np.isfinite(noise).all() or np.linalg.eigvalsh(0.5 * (noise + noise.T)).min() <= 0.0:
+            raise InputError("Problem: noise is no covariance; expected a symmetric positive definite matrix")
+    elif isinstance(noise, Mapping):
+        for name, sigma in noise.items():
+            number(sigma, f"Problem: noise of '{name}'", positive=True)
+    else:
+        like = ", ".join(f"'{name}': 0.01" for name in model.outputs[:2])
+        raise InputError(
+            f"Problem: noise is {given(noise)}; expected None, a table {{{like}}}, 'full' or RangeWeights()"
+        )
+
+
+def check_constraints(constraints: Any) -> tuple[Constraint, ...]:
+    """Constraints as a tuple; one alone is a list of one."""
+    if isinstance(constraints, (LinearConstraint, PathConstraint)):
+        return (constraints,)
+    if isinstance(constraints, (str, Mapping)) or not hasattr(constraints, "__iter__"):
+        raise InputError(f"Problem: constraints is {given(constraints)}; write [cs.parameter('Cm_q', upper=0.0)]")
+    for one in constraints:
+        an(
+            one,
+            (LinearConstraint, PathConstraint),
+            "Problem: a constraint",
+            "cs.parameter(...), cs.linear(...) or cs.path(...)",
+        )
+    return tuple(constraints)
+
+
+def check_feedback(feedback: Any, model: Model) -> None:
+    """Raise InputError for what is no feedback, EstimationError for that of another model."""
+    if feedback is None:
+        return
+    an(feedback, SampledFeedback, "Problem: feedback", "cs.SampledFeedback(model=model, received=...)")
+    if feedback.model is not model:
+        raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")
