@@ -40,6 +40,10 @@ _ROOMS = {
         "Model",
         "define_model",
     ),
+    "casid.model.tables": (
+        "Table",
+        "table",
+    ),
     "casid.model.trim": (
         "Trim",
         "trim",

@@ -31,6 +31,7 @@ from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
 from casid.model.simulate import Simulation, simulate
 from casid.model.system import Model, define_model
+from casid.model.tables import Table, table
 from casid.model.trim import Trim, trim
 from casid.records import ColumnMap, Record, read_record, read_records, write_record
 from casid.report.page import write_report
@@ -75,6 +76,7 @@ __all__ = [
     "SingleShooting",
     "StateHistory",
     "Steps",
+    "Table",
     "Trim",
     "aircraft_model",
     "bootstrap",
@@ -93,6 +95,7 @@ __all__ = [
     "simulate",
     "solve",
     "standard_3211",
+    "table",
     "trim",
     "write_record",
     "write_report",

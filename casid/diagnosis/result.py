@@ -25,7 +25,6 @@ from casid.diagnosis.naming.size import missing_share
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
-from casid.model.terms import derivative_term
 
 SCHEMA = "casid.diagnosis/2"
 
@@ -232,7 +231,8 @@ class Diagnosis:
         a_priori = dict(file.derivatives)
         a_priori |= {f"{c}_{term}": value for c, row in file.terms.items() for term, value in row.items()}
         names = [slot.name for slot in before.slots]
-        units = {name: derivative_term(name)[1].unit for name in before.derivatives}
+        a_priori |= {name: value for one in file.tables if one.free for name, value in one.knots.items()}
+        units = {name: before.model.units[name] for name in before.derivatives}
         for value in file.effects:
             effect = effect_of(value)
             a_priori |= {effect.name: value.value} | {f"{effect.name}.{k}": v for k, v in value.parameters.items()}

@@ -82,12 +82,13 @@ def toml_text(sections: Iterable[tuple[str, Mapping[str, Any]]]) -> str:
     """
     blocks = []
     for header, table in sections:
-        lines = [header, *(f"{_key(key)} = {_value(value)}" for key, value in table.items())]
+        lines = [header, *(f"{quoted(key)} = {_value(value)}" for key, value in table.items())]
         blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
 
 
-def _key(key: str) -> str:
+def quoted(key: str) -> str:
+    """A key as TOML wants it, in quotes where it is not bare."""
     return key if _BARE_KEY.fullmatch(key) else _value(key)
 
 
@@ -95,9 +96,11 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         # A JSON string is a TOML basic string but for DEL, which JSON leaves as it is.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, Mapping):
-        inside = ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items())
+        inside = ", ".join(f"{quoted(key)} = {_value(item)}" for key, item in value.items())
         return f"{{ {inside} }}" if inside else "{}"
     return repr(float(value))

@@ -87,6 +87,7 @@ def default_free(applied: Applied) -> list[str]:
     rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.vertcat(model.f, model.h)])
     used = set(rates.sparsity_jac(2, 0).get_col())
     names = {name for _, name, _ in aerodynamic_parameters(applied.aircraft)}
+    names |= {name for one in applied.aircraft.tables if one.free for name in one.knots}
     return [name for i, name in enumerate(model.parameters) if name in names and i in used]
 
 
@@ -183,7 +184,8 @@ def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping
         parameters = {key: values.get(f"{known.name}.{key}", value) for key, value in effect.parameters.items()}
         told = known.in_words({"value": effect.value, **parameters})
         effects.append(replace(effect, value=told.pop("value"), parameters=told))
-    return replace(aircraft.with_derivatives(derivatives).with_terms(terms), effects=tuple(effects))
+    tables = tuple(one.with_knots(values) for one in aircraft.tables)
+    return replace(aircraft.with_derivatives(derivatives).with_terms(terms), tables=tables, effects=tuple(effects))
 
 
 def _measured(outputs: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from types import MappingProxyType
 
 import casadi as ca
@@ -13,6 +12,7 @@ from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
+from casid.model.equations import by_station, equation_error
 from casid.model.path import (
     AIR_STATES,
     INPUTS,
@@ -25,7 +25,7 @@ from casid.model.path import (
     disturbance_names,
     fly,
 )
-from casid.model.system import EquationError, Model
+from casid.model.system import Model
 from casid.model.terms import derivative_term
 from casid.records.record import Record
 from casid.signals import SURFACES, scale_of, unit_of
@@ -105,9 +105,9 @@ def aircraft_model(
     turning   axis, q or r -> sign of the air's rotation about it by the gradient of its velocity (`air_rotation`): -1
               and 1 by the sense of the axes, and some simulators have them otherwise; further states, behind all others
 
-    Parameters: the derivatives and terms of the file, `bias_<output>` (nominal 0), and one per effect, under
-    `Effect.name` (nominal: the file's value, or 0), with its further ones under `name.parameter`. States of effects
-    stand behind those of the aircraft. Raises InputError for unknown axes or outputs.
+    Parameters: the derivatives and terms of the file, the values of its free tables, `bias_<output>` (nominal 0), and
+    one per effect, under `Effect.name` (nominal: the file's value, or 0), with its further ones under `name.parameter`.
+    States of effects stand behind those of the aircraft. Raises InputError for unknown axes or outputs.
     """
     if axes not in MOVING:
         raise unknown("axes", axes, MOVING)
@@ -121,11 +121,13 @@ def aircraft_model(
     chosen_effects = [effect_of(e) for e in aircraft.effects] if effects is None else list(effects)
     symbolic = [e for e in chosen_effects if e.change is not None]
     derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
+    free_tables = [one for one in aircraft.tables if one.free]
+    knots = {name: value for one in free_tables for name, value in one.knots.items()}
     asked = {*chosen, *(channel for e in symbolic for channel in e.reads)}
     further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in symbolic for s, c in e.states.items()}
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further |= {AIR_STATES[axis][0]: AIR_STATES[axis][0] for axis in turning}
-    nominal = derivatives | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
+    nominal = derivatives | knots | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
     nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
     given = tuple(known)
     disturbances = tuple(d for d in disturbance_names(aircraft.force_axes) if d not in given)
@@ -145,7 +147,7 @@ def aircraft_model(
             disturbance=dict(zip(disturbances, ca.vertsplit(w), strict=True)) | {d: named_inputs[d] for d in given},
             turning=turning,
         ),
-        _by_station(symbolic),
+        by_station(symbolic),
     )
     relative = aircraft.relative_uncertainty or 0.0
     return Model(
@@ -164,9 +166,9 @@ def aircraft_model(
         nominal=nominal,
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
-        prior_std={n: relative * abs(v) for n, v in derivatives.items() if relative * abs(v) > 0.0},
-        equation=equation_error(aircraft, p, tuple(nominal), axes, symbolic, given),
-        units=parameter_units(nominal, symbolic),
+        prior_std={n: relative * abs(v) for n, v in (derivatives | knots).items() if relative * abs(v) > 0.0},
+        equation=equation_error(aircraft, p, tuple(nominal), moved_coefficients(aircraft, axes), symbolic, given),
+        units=parameter_units(nominal, symbolic, {name: one.unit for one in free_tables for name in one.knots}),
     )
 
 
@@ -175,9 +177,11 @@ def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
     return tuple(c for c in coefficient_names(aircraft.force_axes) if c[1] in _FRAME_COEFFICIENTS[axes])
 
 
-def parameter_units(names: Iterable[str], effects: Sequence[Effect]) -> dict[str, str]:
-    """Unit of each parameter of an aircraft model."""
-    units = {e.name: e.unit for e in effects}
+def parameter_units(
+    names: Iterable[str], effects: Sequence[Effect], knots: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, str]:
+    """Unit of each parameter of an aircraft model; of the `knots` of tables they are known."""
+    units = dict(knots) | {e.name: e.unit for e in effects}
     units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.further}
     return units | {
         name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
@@ -205,116 +209,6 @@ def _value(aircraft: Aircraft, name: str) -> float:
         return aircraft.derivatives[name]
     coefficient, term = name.split("_", 1)
     return aircraft.terms[coefficient][term]
-
-
-def _by_station(effects: Iterable[Effect]) -> dict[str, list]:
-    by_station: dict[str, list] = {}
-    for effect in effects:
-        if effect.change is not None and effect.station is not None:
-            by_station.setdefault(effect.station, []).append(partial(_apply, effect))
-    return by_station
-
-
-def _apply(effect: Effect, path: SignalPath) -> None:
-    assert effect.change is not None
-    further = {key: path.parameter[f"{effect.name}.{key}"] for key in effect.further}
-    effect.change(path, {"value": path.parameter[effect.name], **further})
-
-
-def equation_error(
-    aircraft: Aircraft,
-    p: ca.SX,
-    parameters: Sequence[str],
-    axes: str,
-    effects: Sequence[Effect],
-    known: Sequence[str] = (),
-) -> EquationError:
-    """Equation-error form: coefficients computed from measured accelerations (paper eq. 6, 7) against the aerodynamic
-    model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g.
-
-    `known` disturbances act, but for the wind: what is measured of the air has it already.
-    """
-    channels = (
-        "V",
-        "alpha",
-        "beta",
-        "p",
-        "q",
-        "r",
-        "ax",
-        "ay",
-        "az",
-        "pdot",
-        "qdot",
-        "rdot",
-        *SURFACES,
-        "thrust",
-        "rho",
-        *(name for name in known if not name.startswith(("wind_", "gust_"))),
-    )
-    m = ca.SX.sym("m", len(channels))
-    c = dict(zip(channels, ca.vertsplit(m), strict=True))
-    velocity = [
-        c["V"] * ca.cos(c["alpha"]) * ca.cos(c["beta"]),
-        c["V"] * ca.sin(c["beta"]),
-        c["V"] * ca.sin(c["alpha"]) * ca.cos(c["beta"]),
-    ]
-    disturbance = {d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft.force_axes)}
-    path = fly(
-        SignalPath(
-            aircraft=aircraft,
-            inputs=c,
-            parameter=dict(zip(parameters, ca.vertsplit(p), strict=True)),
-            state={
-                "u": velocity[0],
-                "v": velocity[1],
-                "w": velocity[2],
-                **{s: c[s] for s in "pqr"},
-                "phi": ca.SX(0),
-                "theta": ca.SX(0),
-            },
-            disturbance=disturbance,
-        ),
-        _by_station(e for e in effects if e.in_equations),
-    )
-    found = _coefficients_from_accelerations(aircraft, path, c)
-    names = moved_coefficients(aircraft, axes)
-    target = ca.vertcat(*[found[n] for n in names])
-    prediction = ca.vertcat(*[path.coefficient[n] for n in names])
-    used = [i for i, uses in enumerate(ca.which_depends(ca.vertcat(target, prediction), m, 1, False)) if uses]
-    wanted = ca.SX.sym("wanted", len(used))
-    full = ca.SX.zeros(len(channels))
-    for k, i in enumerate(used):
-        full[i] = wanted[k]
-    target, prediction = ca.substitute([target, prediction], [m], [full])
-    return EquationError(
-        names=names, channels=tuple(channels[i] for i in used), m=wanted, target=target, prediction=prediction
-    )
-
-
-def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: dict) -> dict:
-    p, q, r = c["p"], c["q"], c["r"]
-    x, y, z = aircraft.accelerometer
-    ax = c["ax"] + (q**2 + r**2) * x - (p * q - c["rdot"]) * y - (p * r + c["qdot"]) * z
-    ay = c["ay"] - (p * q + c["rdot"]) * x + (p**2 + r**2) * y - (q * r - c["pdot"]) * z
-    az = c["az"] - (p * r - c["qdot"]) * x - (q * r + c["pdot"]) * y + (p**2 + q**2) * z
-    qS = path.air["qbar"] * aircraft.area
-    fx, fy, fz = path.mass * ax - c["thrust"], path.mass * ay, path.mass * az
-    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
-    L = Ixx * c["pdot"] - Ixz * c["rdot"] + (Izz - Iyy) * q * r - Ixz * p * q
-    M = Iyy * c["qdot"] + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2) - aircraft.thrust_line_z * c["thrust"]
-    N = Izz * c["rdot"] - Ixz * c["pdot"] + (Iyy - Ixx) * p * q + Ixz * q * r
-    sa, cos_a = ca.sin(c["alpha"]), ca.cos(c["alpha"])
-    return {
-        "CL": (fx * sa - fz * cos_a) / qS,
-        "CD": -(fx * cos_a + fz * sa) / qS,
-        "CX": fx / qS,
-        "CZ": fz / qS,
-        "CY": fy / qS,
-        "Cl": L / (qS * aircraft.moment_length_lateral),
-        "Cm": M / (qS * aircraft.moment_length_pitch),
-        "Cn": N / (qS * aircraft.moment_length_lateral),
-    }
 
 
 def standard_density(altitude: np.ndarray) -> np.ndarray:

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from casid.model.aerodynamics import RATES, consistent, own_coefficients
 from casid.model.terms import derivative_term, parse_term
+from casid.signals import SURFACES
 
 if TYPE_CHECKING:
     from casid.model.aircraft import Aircraft
@@ -60,6 +62,7 @@ class SignalPath:
     wind: list[Any] = field(default_factory=list)
     air: dict[str, Any] = field(default_factory=dict)
     regressor: dict[str, Any] = field(default_factory=dict)
+    rates: Any = None
     coefficient: dict[str, Any] = field(default_factory=dict)
     moment: list[Any] = field(default_factory=list)
     force: list[Any] = field(default_factory=list)
@@ -137,17 +140,68 @@ def air_data_station(path: SignalPath) -> None:
 
 
 def speed_of_sound(rho: Any) -> Any:
-    """Speed of sound [m/s] of the standard troposphere as a function of density [kg/m3]."""
-    return 340.294 * (rho / 1.225) ** (0.5 * 0.23496)
+    """Speed of sound [m/s] of the standard atmosphere up to 20 km as a function of density [kg/m3]."""
+    temperature = (rho / 1.225) ** 0.23496  # relative to that at sea level
+    return 340.294 * ca.sqrt(ca.fmax(temperature, 216.65 / 288.15))
 
 
 def coefficient_station(path: SignalPath) -> None:
-    """The six coefficients: derivatives and terms of the aircraft file on the regressors (paper eq. 8)."""
+    """The six coefficients: derivatives and terms of the aircraft file on the regressors (paper eq. 8), its tables, and
+    the user's own aerodynamics. What these make of the rates of the flow angles is in the symbols `path.rates`."""
     axes = path.aircraft.force_axes
     path.coefficient = {name: path.disturbance[f"d{name}"] for name in coefficient_names(axes)}
+    path.rates = ca.SX.sym("rate", len(RATES))
+    for coefficient, value in given_coefficients(path):
+        path.coefficient[coefficient] += value
     for coefficient, name, term in aerodynamic_parameters(path.aircraft):
         if "alphadot" not in term and "betadot" not in term:
             path.coefficient[coefficient] += path.parameter[name] * evaluate(term, path)
+
+
+def given_coefficients(path: SignalPath) -> list[tuple[str, Any]]:
+    """(coefficient, value) of every table, and of the user's own aerodynamics."""
+    aircraft, seen = path.aircraft, path.regressor | dict(zip(RATES, ca.vertsplit(path.rates), strict=True))
+    rows = [(one.coefficient, one.at(seen, path.parameter)) for one in aircraft.tables]
+    if aircraft.aerodynamics is not None:
+        further = {"airspeed": path.air["V"], "qbar": path.air["qbar"], "rho": path.inputs["rho"]}
+        further |= {"thrust": path.surface["thrust"]}
+        altitude = path.state.get("altitude", aircraft.trim.get("altitude"))
+        further |= {} if altitude is None else {"altitude": altitude}
+        valid = coefficient_names(aircraft.force_axes)
+        rows += own_coefficients(aircraft.aerodynamics, seen | further, valid).items()
+    return rows
+
+
+def given_series(path: SignalPath) -> dict[str, Any]:
+    """What the aircraft's tables and own aerodynamics make of steady flow angles, "given Cm" and its slopes in the
+    surfaces, "given Cm_delta_e"; empty for an aircraft that has neither. `path` has come to its air data."""
+    aircraft = path.aircraft
+    if aircraft.aerodynamics is None and not aircraft.tables:
+        return {}
+    path.rates = ca.SX.zeros(len(RATES))
+    path.parameter = {name: value for one in aircraft.tables for name, value in one.knots.items()}
+    moved = {name: ca.SX.sym(name) for name in SURFACES}
+    held = {name: path.surface[name] for name in SURFACES}
+    path.regressor |= moved
+    total: dict[str, Any] = {}
+    for coefficient, value in given_coefficients(path):
+        total[coefficient] = total.get(coefficient, 0.0) + ca.SX(value)
+    path.regressor |= held
+    rows = {f"given {c}": value for c, value in total.items()}
+    rows |= {f"given {c}_{name}": ca.jacobian(value, of) for c, value in total.items() for name, of in moved.items()}
+    found = ca.substitute(list(rows.values()), list(moved.values()), [ca.SX(v) for v in held.values()])
+    return dict(zip(rows, found, strict=True))
+
+
+def settle_rates(path: SignalPath) -> None:
+    """Put the rates of the flow angles that the motion has where the coefficients are said in them."""
+    whole = ca.vertcat(*path.coefficient.values())
+    if not ca.depends_on(whole, path.rates):
+        return
+    found = consistent(ca.vertcat(*(path.regressor[name] for name in RATES)), path.rates)
+    settled = ca.substitute([*path.coefficient.values()], [path.rates], [found])
+    path.coefficient = dict(zip(path.coefficient, settled, strict=True))
+    path.regressor |= dict(zip(RATES, ca.vertsplit(found), strict=True))
 
 
 def evaluate(term: str, path: SignalPath) -> Any:
@@ -288,6 +342,7 @@ def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
     force_station(path)
     rigid_body_station(path)
     unsteady_regressors(path)
+    settle_rates(path)
     for coefficient, name, term in unsteady:
         path.coefficient[coefficient] += path.parameter[name] * evaluate(term, path)
     apply("coefficients")

@@ -10,9 +10,9 @@ from casid.model.terms import parse_term
 
 
 def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
-    """coefficient -> (N, R) its value along the records, by the fitted derivatives and terms."""
-    values = fit.derivatives
-    series = {c: np.zeros(fit.batch.live.shape) for c in coefficient_names(fit.flight.aircraft.force_axes)}
+    """coefficient -> (N, R) its value along the records, by its own aerodynamics, the fitted derivatives and terms."""
+    values, nothing = fit.derivatives, np.zeros(fit.batch.live.shape)
+    series = {c: fit.regressors.get(f"given {c}", nothing) for c in coefficient_names(fit.flight.aircraft.force_axes)}
     for coefficient, name, term in aerodynamic_parameters(fit.flight.aircraft):
         if name in values and "dot" not in term:
             series[coefficient] = series[coefficient] + values[name] * parse_term(term).evaluate(fit.regressors)

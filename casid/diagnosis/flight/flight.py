@@ -23,6 +23,7 @@ from casid.model.path import (
     SignalPath,
     air_data_station,
     disturbance_names,
+    given_series,
     surface_station,
     wind_station,
 )
@@ -248,7 +249,8 @@ def _sigma(series: list[np.ndarray]) -> float:
 
 
 class Regressors:
-    """The aerodynamic regressors of an aircraft along trajectories, by name, and its inputs with them."""
+    """The aerodynamic regressors of an aircraft along trajectories, by name, its inputs, and what its own aerodynamics
+    make of them (`given_series`)."""
 
     def __init__(self, flight: Flight, model: Model) -> None:
         named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
@@ -264,11 +266,12 @@ class Regressors:
         )
         for station in (surface_station, wind_station, air_data_station):
             station(path)
-        self.names = tuple(path.regressor)
+        rows = path.regressor | given_series(path)
+        self.names = tuple(rows)
         self._inputs, self._states, self._sigma = model.inputs, model.states, flight.input_sigma
         self._batch = make_batch(model, flight.records)
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
-        expressions = ca.vertcat(*path.regressor.values(), path.air["V"])
+        expressions = ca.vertcat(*rows.values(), path.air["V"])
         self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
         self._measured, self._disturbances = flight.measured(model), len(model.disturbances)
         self._windows = {name: self._quiet(i, name) for i, name in enumerate(self._inputs)}

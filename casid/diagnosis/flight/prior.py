@@ -41,6 +41,8 @@ def _std(flight: Flight, model: Model, name: str, size: float) -> float:
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
+    if name in flight.aircraft.knots:
+        return model.prior_std.get(name, _LOOSE * max(size, _SMALLEST[flight.aircraft.knots[name]]))
     coefficient, term = derivative_term(name)
     smallest = _SMALLEST[coefficient]
     if name in model.prior_std:

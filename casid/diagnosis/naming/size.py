@@ -65,7 +65,8 @@ def _consequence(fitted: Fit, one: Attached) -> float:
         return np.inf
     moved, shares = _moved(fitted, one), [0.0]
     for coefficient, size in variation(fitted).items():
-        slope = fitted.derivatives.get(f"{coefficient}_{one.effect.target}", 0.0)
+        name = f"{coefficient}_{one.effect.target}"
+        slope = fitted.derivatives.get(name, 0.0) + fitted.regressors.get(f"given {name}", 0.0)
         left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # of a model with the bare surface
         shares.append(float(np.std(left[live])) / max(_CONSEQUENCE * size, 1e-12))
     return max(shares)

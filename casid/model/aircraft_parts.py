@@ -1,0 +1,105 @@
+"""Parts of an aircraft file: its inertia tensor, and the effects that extend it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from casid.errors import InputError, unknown
+from casid.model.aircraft_file import number, number_table, numbers, shown, text
+from casid.model.terms import parse_term
+from casid.model.vocabulary import check_effect, effect_unit
+
+INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inertia:
+    """Inertia tensor [kg m2]: [[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]. InputError unless positive definite."""
+
+    Ixx: float
+    Iyy: float
+    Izz: float
+    Ixz: float
+
+    def __post_init__(self) -> None:
+        for name in INERTIAS:
+            value = number(getattr(self, name), f"inertia: '{name}'", positive=name != "Ixz")
+            object.__setattr__(self, name, value)
+        limit = math.sqrt(self.Ixx) * math.sqrt(self.Izz)
+        if abs(self.Ixz) >= limit:
+            raise InputError(
+                f"inertia: the tensor is not positive definite, 'Ixz' must stay within +-sqrt(Ixx Izz) = {limit:.5g}, "
+                f"got {self.Ixz:.5g}"
+            )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What no rigid body can have: a principal moment above the sum of the other two. Empty when all is well."""
+        mean, spread = (self.Ixx + self.Izz) / 2, math.hypot((self.Ixx - self.Izz) / 2, self.Ixz)
+        principal = sorted((mean - spread, mean + spread, self.Iyy))
+        if principal[2] <= (principal[0] + principal[1]) * (1.0 + 1e-12):
+            return ()
+        a, b, c = principal
+        return (f"inertia: no rigid body has principal moments {a:.4g}, {b:.4g}, {c:.4g}: one exceeds the other two",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectValue:
+    """A known effect and its size: one `[[effects]]` table.
+
+    target      "" for a kind that has none
+    term        canonical name of the monomial, for a kind that needs one; else None
+    value       in `unit` (SI), which is filled in from the vocabulary; meaning and sign: `vocabulary.KINDS`
+    std         1-sigma of the value; 0 when it is exact
+    records     names of the records concerned; empty: all
+    onset_s     record name -> interval [s] in which the effect sets in; None: always there
+    parameters  further named numbers, e.g. a frequency, or the steps of further coefficients
+    Raises InputError when kind, target, term and unit do not fit together.
+    """
+
+    kind: str
+    target: str = ""
+    term: str | None = None
+    value: float
+    std: float = 0.0
+    unit: str = ""
+    records: tuple[str, ...] = ()
+    onset_s: Mapping[str, tuple[float, float]] | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    sentence: str = ""
+
+    def __post_init__(self) -> None:
+        where = f"effect '{self.kind}'"
+        if isinstance(self.records, str):
+            raise InputError(f"{where}: records must be a list of names, got {shown(self.records)}")
+        check_effect(self.kind, self.target, self.term)
+        unit = effect_unit(self.kind, self.target, self.term)
+        if self.unit not in ("", unit):
+            raise InputError(f"{where}: unit {shown(self.unit)} does not fit; expected '{unit}', a value in SI")
+        values = {
+            "target": self.target or "",
+            "term": parse_term(self.term).name if self.term else None,
+            "value": number(self.value, f"{where}: value"),
+            "std": number(self.std, f"{where}: std", non_negative=True),
+            "unit": unit,
+            "records": tuple(text(name, f"{where}: a name in records") for name in self.records),
+            "onset_s": self._onsets(where),
+            "parameters": number_table(self.parameters, f"{where}: parameters"),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _onsets(self, where: str) -> dict[str, tuple[float, float]] | None:
+        if not self.onset_s:
+            return None
+        onsets = {}
+        for record, interval in self.onset_s.items():
+            if self.records and record not in self.records:
+                raise unknown("record", record, self.records, f"{where}: onset_s")
+            low, high = numbers(interval, f"{where}: onset_s of '{record}'", 2)
+            if low > high:
+                raise InputError(f"{where}: onset_s of '{record}' runs backwards, [{low}, {high}]; earliest time first")
+            onsets[record] = (low, high)
+        return onsets

@@ -1,0 +1,122 @@
+"""An aircraft and its TOML file: the tables of the file as fields of `Aircraft`, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from casid.errors import InputError
+from casid.model.aircraft_file import check_keys, number, quoted, shown, subtable, text
+from casid.model.aircraft_parts import INERTIAS, EffectValue, Inertia
+from casid.model.tables import read_tables, written_table
+
+POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
+_SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "effects")
+_AERODYNAMICS = ("force_axes", "relative_uncertainty", "derivatives", "terms", "tables", "jsbsim", "daveml", "held")
+_LENGTHS = ("moment_length", "rate_length")
+_EFFECT_KEYS = (
+    "kind",
+    "target",
+    "term",
+    "value",
+    "std",
+    "unit",
+    "records",
+    "onset_s",
+    "parameters",
+    "sentence",
+)
+
+
+def fields_of(data: Mapping[str, Any], stem: str) -> dict[str, Any]:
+    """The fields of `Aircraft` that the tables of a file give; `stem`: its name when it has none. Raises InputError."""
+    check_keys(data, _SECTIONS, "top level", ("aircraft", "reference", "aerodynamics"))
+    tables = {name: subtable(data, name, "top level") for name in _SECTIONS if name != "effects"}
+    general, aerodynamics, sensors = tables["aircraft"], tables["aerodynamics"], tables["sensors"]
+    propulsion = tables["propulsion"]
+    check_keys(general, ("name", "mass", "inertia", "gravity"), "[aircraft]", ("mass", "inertia"))
+    check_keys(propulsion, ("thrust_line_z", "engine_y"), "[propulsion]")
+    check_keys(sensors, (*POSITIONS, "noise"), "[sensors]")
+    check_keys(aerodynamics, _AERODYNAMICS, "[aerodynamics]")
+    if not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
+        raise InputError("[aerodynamics]: 'derivatives' is missing; add it")
+    inertia = subtable(general, "inertia", "[aircraft]")
+    check_keys(inertia, INERTIAS, "[aircraft] inertia", INERTIAS)
+    given = {name: general[name] for name in ("gravity",) if name in general}
+    given |= propulsion
+    given |= {name: sensors[name] for name in POSITIONS if name in sensors}
+    given |= {name: aerodynamics[name] for name in ("relative_uncertainty",) if name in aerodynamics}
+    terms = subtable(aerodynamics, "terms", "[aerodynamics]")
+    return {
+        "name": text(general.get("name", stem), "[aircraft] name"),
+        "mass": general["mass"],
+        "inertia": Inertia(**inertia),
+        **_reference(tables["reference"]),
+        **given,
+        "noise": subtable(sensors, "noise", "[sensors]"),
+        "trim": tables["trim"],
+        "force_axes": text(aerodynamics.get("force_axes", "wind"), "[aerodynamics] force_axes"),
+        "derivatives": subtable(aerodynamics, "derivatives", "[aerodynamics]"),
+        "terms": {name: subtable(terms, name, "[aerodynamics.terms]") for name in terms},
+        "tables": read_tables(subtable(aerodynamics, "tables", "[aerodynamics]")),
+        "effects": _effects(data.get("effects", [])),
+    }
+
+
+def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
+    check_keys(table, ("area", *_LENGTHS, "span", "chord"), "[reference]", ("area",))
+    values: dict[str, Any] = {"area": table["area"]}
+    for length, share in (("moment_length", 1.0), ("rate_length", 0.5)):
+        given = subtable(table, length, "[reference]")
+        check_keys(given, ("lateral", "pitch"), f"[reference] {length}")
+        for direction, full in (("lateral", "span"), ("pitch", "chord")):
+            if direction in given:
+                values[f"{length}_{direction}"] = given[direction]
+            elif full in table:
+                values[f"{length}_{direction}"] = share * number(table[full], f"[reference] {full}", positive=True)
+            else:
+                raise InputError(f"[reference]: give {length} = {{ {direction} = ... }} or '{full}', in m")
+    return values
+
+
+def _effects(tables: Any) -> tuple[EffectValue, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise InputError("effects are written as [[effects]] tables, with double brackets")
+    effects = []
+    for position, table in enumerate(tables, start=1):
+        where = f"[[effects]] number {position}"
+        check_keys(table, _EFFECT_KEYS, where, ("kind", "value"))
+        for key in ("kind", "target", "term", "unit", "sentence"):
+            text(table.get(key, ""), f"{where}: {key}")
+        if not isinstance(table.get("records", []), list):
+            raise InputError(f"{where}: records must be a list of names, got {shown(table['records'])}")
+        for key in ("onset_s", "parameters"):
+            subtable(table, key, where)
+        try:
+            effects.append(EffectValue(**table))
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+    return tuple(effects)
+
+
+def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
+    """(header, table) of the sections of its file, in their order."""
+    a = aircraft
+    inertia = {name: getattr(a.inertia, name) for name in INERTIAS}
+    yield "[aircraft]", {"name": a.name, "mass": a.mass, "inertia": inertia, "gravity": a.gravity}
+    moment = {"lateral": a.moment_length_lateral, "pitch": a.moment_length_pitch}
+    rate = {"lateral": a.rate_length_lateral, "pitch": a.rate_length_pitch}
+    yield "[reference]", {"area": a.area, "moment_length": moment, "rate_length": rate}
+    yield "[propulsion]", {"thrust_line_z": a.thrust_line_z, "engine_y": a.engine_y}
+    yield "[sensors]", {name: getattr(a, name) for name in POSITIONS}
+    optional = (("[sensors.noise]", a.noise), ("[trim]", a.trim))
+    yield from ((header, table) for header, table in optional if table)
+    yield "[aerodynamics]", {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
+    if a.derivatives or not a.tables:
+        yield "[aerodynamics.derivatives]", a.derivatives
+    if a.terms:
+        yield "[aerodynamics.terms]", a.terms
+    yield from ((f"[aerodynamics.tables.{quoted(one.name)}]", written_table(one)) for one in a.tables)
+    for effect in a.effects:
+        table = {key: getattr(effect, key) for key in _EFFECT_KEYS}
+        yield "[[effects]]", {k: v for k, v in table.items() if k in ("value", "std") or v not in (None, "", (), {})}
