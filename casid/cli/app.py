@@ -10,6 +10,8 @@ COMMANDS = {
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",
     "identifiability": "casid.cli.identifiability:identifiability",
+    "convert": "casid.cli.convert:convert",
+    "new-aircraft": "casid.cli.new_aircraft:new_aircraft",
     "demo": "casid.cli.diagnose:demo",
 }
 

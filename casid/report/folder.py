@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import shutil
 import subprocess
@@ -20,18 +21,25 @@ _PACKAGES = ("casid", "casadi", "numpy", "scipy", "matplotlib")
 _ROOT = Path(__file__).resolve().parent.parent.parent
 
 
+_PARTIAL = ".partial-"  # the folder in which a run writes, named by its process: .partial-PID-xxxx
+
+
 @contextmanager
 def whole_folder(folder: str | Path) -> Iterator[Path]:
     """A temporary folder inside `folder`; what was written into it moves up to `folder` when the block ends well.
 
     Files of the same name are replaced one by one, sub-folders of the same name as a whole; other files in `folder`
-    stay. Raises InputError at once, before any work is done, when nothing can be written there.
+    stay. What a killed run left behind is swept away. Raises InputError at once, before any work is done, when nothing
+    can be written there or when another run is writing there.
     """
     target = Path(folder)
+    if not str(folder).strip():
+        raise InputError("--out is empty; name a folder for the results")
     there = target.is_dir()
     try:
         target.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".partial-", dir=target))
+        _sweep(target)
+        temporary = Path(tempfile.mkdtemp(prefix=f"{_PARTIAL}{os.getpid()}-", dir=target))
     except OSError as error:
         raise InputError(f"{target}: cannot be written to: {error.strerror or error}; choose another --out") from None
     try:
@@ -45,6 +53,25 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
         if not there and not any(target.iterdir()):
             target.rmdir()
+
+
+def _sweep(target: Path) -> None:
+    """Take away what runs that are no more left in the folder; refuse a folder in which one still works."""
+    for left in target.glob(f"{_PARTIAL}*"):
+        process = left.name.removeprefix(_PARTIAL).split("-")[0]
+        if process.isdigit() and int(process) != os.getpid() and _alive(int(process)):
+            raise InputError(f"{target}: process {process} is writing its results there; wait, or choose another --out")
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
 
 
 def provenance(seed: int) -> dict[str, Any]:

@@ -1,0 +1,195 @@
+"""`casid new-aircraft`: the least that an aircraft file needs, written with comments that say what to put in."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+from rich.prompt import FloatPrompt
+
+from casid.cli.options import Flag
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import standard_density
+
+GRAVITY = 9.80665
+_QUESTIONS = {
+    "mass": "mass in flight [kg]",
+    "span": "wing span [m]",
+    "chord": "mean aerodynamic chord [m]",
+    "area": "wing area [m2]",
+    "speed": "true airspeed of the manoeuvres [m/s]",
+}
+
+
+def new_aircraft(
+    target: Path,
+    *,
+    name: str = "my aircraft",
+    mass: float | None = None,
+    span: float | None = None,
+    chord: float | None = None,
+    area: float | None = None,
+    speed: float | None = None,
+    altitude: float = 0.0,
+    length: float | None = None,
+    overwrite: Flag = False,
+) -> None:
+    """Write a commented aircraft file from the least that is known; asks for what is missing on a terminal.
+
+    Inertia and derivatives are typical of conventional aircraft and marked as such; replace what you know better.
+
+    Parameters
+    ----------
+    target
+        The file to write, ending in .toml.
+    name
+        Name of the aircraft.
+    mass
+        Mass in flight [kg].
+    span
+        Wing span [m].
+    chord
+        Mean aerodynamic chord [m].
+    area
+        Wing area [m2].
+    speed
+        True airspeed of the manoeuvres [m/s].
+    altitude
+        Altitude of the manoeuvres [m].
+    length
+        Length of the fuselage [m]; default: the span.
+    overwrite
+        Replace a file that is there.
+    """
+    if target.suffix.lower() != ".toml":
+        raise InputError(f"{target}: aircraft files are TOML; name the target so")
+    if target.exists() and not overwrite:
+        raise InputError(f"{target}: is there already; choose another name, or --overwrite")
+    known = _answered({"mass": mass, "span": span, "chord": chord, "area": area, "speed": speed})
+    if length is not None:
+        known["length"] = length
+    for what, value in known.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"--{what} {value:g}: expected a positive number")
+    try:
+        target.write_text(_text(name, altitude, known), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    Aircraft.read(target)
+    print(f"{target}: written; lines marked 'typical' are guesses")
+
+
+def _answered(given: dict[str, float | None]) -> dict[str, float]:
+    """What was given, and the answers to what was not."""
+    missing = [what for what, value in given.items() if value is None]
+    if missing and not sys.stdin.isatty():
+        raise InputError(f"missing: {', '.join(f'--{what}' for what in missing)}; give them as options")
+    return {w: FloatPrompt.ask(_QUESTIONS[w]) if v is None else v for w, v in given.items()}
+
+
+def inertia_of(mass: float, span: float, length: float) -> dict[str, float]:
+    """Moments of inertia [kg m2] by typical radii of gyration (Raymer, Aircraft Design, table 16.1)."""
+    return {
+        "Ixx": mass * (0.25 * span / 2.0) ** 2,
+        "Iyy": mass * (0.38 * length / 2.0) ** 2,
+        "Izz": mass * (0.39 * (span + length) / 4.0) ** 2,
+        "Ixz": 0.0,
+    }
+
+
+def derivatives_of(lift: float, aspect: float) -> dict[str, float]:
+    """Typical derivatives per rad at a lift coefficient: lift slope after Helmbold, rolling by strip theory.
+
+    The rest are middle values of conventional aircraft with a static margin of a fifth of the chord.
+    """
+    slope = 2.0 * math.pi * aspect / (2.0 + math.hypot(2.0, aspect))
+    polar = 1.0 / (math.pi * 0.8 * aspect)
+    return {
+        "CL_0": lift,
+        "CL_alpha": slope,
+        "CL_delta_e": 0.3,
+        "CD_0": 0.03 + polar * lift**2,
+        "CD_alpha": 2.0 * polar * lift * slope,
+        "CY_0": 0.0,
+        "CY_beta": -0.6,
+        "CY_delta_r": 0.15,
+        "Cl_0": 0.0,
+        "Cl_beta": -0.08,
+        "Cl_p": -slope / 8.0,
+        "Cl_r": lift / 4.0,
+        "Cl_delta_a": -0.15,
+        "Cl_delta_r": 0.01,
+        "Cm_0": 0.0,
+        "Cm_alpha": -0.2 * slope,
+        "Cm_q": -15.0,
+        "Cm_delta_e": -1.2,
+        "Cn_0": 0.0,
+        "Cn_beta": 0.1,
+        "Cn_p": -lift / 8.0,
+        "Cn_r": -0.15,
+        "Cn_delta_a": 0.0,
+        "Cn_delta_r": -0.08,
+    }
+
+
+def _text(name: str, altitude: float, known: Mapping[str, float]) -> str:
+    mass, span, chord, area, speed = (known[what] for what in _QUESTIONS)
+    rho = float(standard_density(np.array(altitude)))
+    lift = mass * GRAVITY / (0.5 * rho * speed**2 * area)
+    document = tomlkit.document()
+    document.add(tomlkit.comment("An aircraft of casid: SI units and radians. 'typical' marks a guess to be replaced."))
+    aircraft = {
+        "name": name,
+        "mass": mass,
+        "inertia": inertia_of(mass, span, known.get("length", span)),
+        "gravity": GRAVITY,
+    }
+    reference = {
+        "area": area,
+        "moment_length": {"lateral": span, "pitch": chord},
+        "rate_length": {"lateral": 0.5 * span, "pitch": 0.5 * chord},
+    }
+    sensors = {place: [0.0, 0.0, 0.0] for place in ("accelerometer", "alpha_vane", "beta_vane")}
+    trim = {"V": speed, "altitude": altitude, "rho": rho}
+    _section(document, "aircraft", aircraft, {"inertia": "kg m2, typical", "mass": "kg"})
+    lengths = {"moment_length": "m: Cl = L / (qbar S span)", "rate_length": "m: p* = p lateral / V", "area": "m2"}
+    _section(document, "reference", reference, lengths)
+    _section(document, "sensors", sensors, dict.fromkeys(sensors, "m from the centre of gravity; x forward, z down"))
+    _section(document, "trim", trim, {"V": "m/s", "altitude": "m", "rho": "kg/m3"})
+    inner = tomlkit.table()
+    for key, value in derivatives_of(lift, span**2 / area).items():
+        inner.add(key, _rounded(value))
+        inner.item(key).comment("typical")
+    body = tomlkit.table()
+    body.add("force_axes", "wind").add("relative_uncertainty", 0.5)
+    body.item("force_axes").comment("wind: CL CD CY; body: CX CZ CY")
+    body.item("relative_uncertainty").comment("1-sigma of every derivative, as a fraction of it; 0: no prior")
+    body.add("derivatives", inner)
+    document.add("aerodynamics", body)
+    return tomlkit.dumps(document)
+
+
+def _section(document: tomlkit.TOMLDocument, name: str, content: dict[str, object], comments: dict[str, str]) -> None:
+    table = tomlkit.table()
+    for key, value in content.items():
+        table.add(key, _item(value))
+        if key in comments:
+            table.item(key).comment(comments[key])
+    document.add(name, table)
+
+
+def _item(value: object) -> object:
+    if isinstance(value, dict):
+        inline = tomlkit.inline_table()
+        inline.update({key: _rounded(one) for key, one in value.items()})
+        return inline
+    return _rounded(value) if isinstance(value, float) else value
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.5g}")

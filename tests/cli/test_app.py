@@ -1,0 +1,114 @@
+"""The command `casid` as a user types it. Truth: exit statuses of the shell, the files that were there before."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from casid.cli.app import COMMANDS
+from casid.cli.convert import convert
+from casid.cli.new_aircraft import derivatives_of, inertia_of, new_aircraft
+from casid.cli.options import DEMO
+from casid.cli.run import call, script, status_of
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.trim import trim
+from casid.records.readers import read_record
+from casid.report.folder import whole_folder
+
+
+def casid(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "casid", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, **options)
+
+
+def test_help_names_every_command() -> None:
+    done = casid("--help")
+    assert done.returncode == 0 and all(name in done.stdout for name in COMMANDS)
+
+
+@pytest.mark.parametrize("arguments", [("diagnos",), ("estimate", "a.csv"), ("diagnose", "--seed", "x")])
+def test_bad_words_are_one_line_and_status_2(arguments: tuple[str, ...]) -> None:
+    done = casid(*arguments)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+
+
+def test_an_aircraft_without_records_is_an_error_and_not_the_demonstration(tmp_path: Path) -> None:
+    done = casid("diagnose", "--aircraft", DEMO / "aircraft.toml", "--out", tmp_path / "out")
+    assert done.returncode == 2 and "needs records" in done.stderr and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_run_leaves_nothing(tmp_path: Path, sent: signal.Signals, status: int) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "casid", "demo", "--out", str(out)]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not list(out.glob(".partial-*")) and running.poll() is None:
+        time.sleep(0.01)
+    running.send_signal(sent)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == status and said.count("\n") == 1 and not out.exists()
+
+
+def test_what_a_killed_run_left_is_swept_and_a_running_one_is_respected(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left = tmp_path / f".partial-{ended.pid}-abc"
+    left.mkdir()
+    with whole_folder(tmp_path) as folder:
+        (folder / "a").write_text("a")
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+    other = tmp_path / f".partial-{os.getppid()}-abc"
+    other.mkdir()
+    with pytest.raises(InputError, match="is writing its results there"), whole_folder(tmp_path):
+        pass
+
+
+def test_a_full_disk_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> None:
+        raise OSError(28, "No space left on device", "/somewhere/out")
+
+    assert status_of(script(work, "work"), []) == 2
+    assert capsys.readouterr().err.startswith("error: the disk is full, at /somewhere/out")
+
+
+def test_convert_writes_si_units(tmp_path: Path) -> None:
+    source = tmp_path / "knots.csv"
+    t = np.arange(0.0, 10.0, 0.1)
+    rows = [f"{a},{b},{c}" for a, b, c in zip(t, 100.0 + np.sin(t), 2.0 * np.sin(t), strict=True)]
+    source.write_text("\n".join(["t,V [kt],delta_e [deg]", *rows]))
+    convert(source, tmp_path / "si.csv")
+    back = read_record(tmp_path / "si.csv")
+    np.testing.assert_allclose(back["V"], (100.0 + np.sin(t)) * 1852.0 / 3600.0, rtol=1e-9)
+    np.testing.assert_allclose(back["delta_e"], np.deg2rad(2.0 * np.sin(t)), atol=1e-9)
+    with pytest.raises(InputError, match="the source itself"):
+        convert(tmp_path / "si.csv", tmp_path / "si.csv")
+
+
+def test_a_new_aircraft_is_read_back_and_flies(tmp_path: Path) -> None:
+    """The lift carries the weight at the given speed: alpha of the trim is small."""
+    file = tmp_path / "mine.toml"
+    new_aircraft(file, mass=1000.0, span=10.0, chord=1.5, area=15.0, speed=50.0, altitude=1000.0)
+    aircraft = Aircraft.read(file)
+    assert abs(trim(aircraft, V=50.0, altitude=1000.0).alpha) < np.deg2rad(2.0)
+    with pytest.raises(InputError, match="there already"):
+        new_aircraft(file, mass=1000.0, span=10.0, chord=1.5, area=15.0, speed=50.0)
+    with pytest.raises(InputError, match="--mass, --speed"):
+        call(script(new_aircraft), [str(tmp_path / "b.toml"), "--span", "10", "--chord", "1.5", "--area", "15"])
+    with pytest.raises(InputError, match="positive"):
+        new_aircraft(tmp_path / "c.toml", mass=-1.0, span=10.0, chord=1.5, area=15.0, speed=50.0)
+
+
+def test_typical_values_have_the_limits_of_theory() -> None:
+    """An infinite wing has the lift slope 2 pi (thin aerofoil); inertias obey the triangle inequality."""
+    assert derivatives_of(0.3, 1e9)["CL_alpha"] == pytest.approx(2.0 * np.pi)
+    Ixx, Iyy, Izz, _ = inertia_of(1000.0, 10.0, 8.0).values()
+    assert Ixx + Iyy > Izz > max(Ixx, Iyy) - min(Ixx, Iyy)
