@@ -6,10 +6,12 @@ import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
 from rich.prompt import FloatPrompt
+from tomlkit.items import Item
 
 from casid.cli.options import Flag
 from casid.errors import InputError
@@ -163,33 +165,35 @@ def _text(name: str, altitude: float, known: Mapping[str, float]) -> str:
     _section(document, "trim", trim, {"V": "m/s", "altitude": "m", "rho": "kg/m3"})
     inner = tomlkit.table()
     for key, value in derivatives_of(lift, span**2 / area).items():
-        inner.add(key, _rounded(value))
-        inner.item(key).comment("typical")
+        inner.add(key, _commented(_rounded(value), "typical"))
     body = tomlkit.table()
-    body.add("force_axes", "wind").add("relative_uncertainty", 0.5)
-    body.item("force_axes").comment("wind: CL CD CY; body: CX CZ CY")
-    body.item("relative_uncertainty").comment("1-sigma of every derivative, as a fraction of it; 0: no prior")
+    body.add("force_axes", _commented("wind", "wind: CL CD CY; body: CX CZ CY"))
+    body.add("relative_uncertainty", _commented(0.5, "1-sigma of every derivative, as a fraction of it; 0: no prior"))
     body.add("derivatives", inner)
     document.add("aerodynamics", body)
     return tomlkit.dumps(document)
 
 
-def _section(document: tomlkit.TOMLDocument, name: str, content: dict[str, object], comments: dict[str, str]) -> None:
+def _section(document: tomlkit.TOMLDocument, name: str, content: dict[str, Any], comments: dict[str, str]) -> None:
     table = tomlkit.table()
     for key, value in content.items():
-        table.add(key, _item(value))
-        if key in comments:
-            table.item(key).comment(comments[key])
+        table.add(key, _commented(_rounded_all(value), comments.get(key, "")))
     document.add(name, table)
 
 
-def _item(value: object) -> object:
+def _commented(value: Any, comment: str) -> Item:
+    item = tomlkit.item(value)
     if isinstance(value, dict):
-        inline = tomlkit.inline_table()
-        inline.update({key: _rounded(one) for key, one in value.items()})
-        return inline
+        item = tomlkit.inline_table()
+        item.update(value)
+    return item.comment(comment) if comment else item
+
+
+def _rounded_all(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
     return _rounded(value) if isinstance(value, float) else value
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.5g}")
+    return float(f"{value:.6g}")

@@ -11,10 +11,9 @@ from functools import cache
 
 import numpy as np
 
-from casid.native import filter_source as filter_kernel_source
-from casid.native import step_source as step_kernel_source
 from casid.native.compiler import c_compiler, compile_library
 from casid.native.processors import share_out
+from casid.native.sources import c_source
 
 _MOST = 64  # states, outputs; beyond that numpy does the work
 _TILE = 16  # columns that go through the filter side by side
@@ -125,9 +124,5 @@ def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
 
 @cache
 def _loaded() -> FilterKernel | None:
-    library = (
-        None
-        if c_compiler() is None
-        else compile_library(filter_kernel_source.SOURCE + step_kernel_source.SOURCE, _FLAGS)
-    )
+    library = None if c_compiler() is None else compile_library(c_source("filter") + c_source("step"), _FLAGS)
     return None if library is None else FilterKernel(str(library))

@@ -17,14 +17,15 @@ import subprocess
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
+
+from casid.native.cache import find, keep, workshop
 
 FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off", "-shared", "-fPIC")
 _LOG = logging.getLogger(__name__)
@@ -40,10 +41,22 @@ def c_compiler() -> str | None:
     """Path of the C compiler; None when there is none or CASID_NO_COMPILER is set (said once)."""
     if os.environ.get("CASID_NO_COMPILER"):
         return None
-    found = shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
-    if found is None:
-        _LOG.warning("no C compiler found: estimation runs in the CasADi virtual machine, slower")
-    return found
+    for name in (os.environ.get("CC", "cc"), "gcc", "clang"):
+        found = shutil.which(name)
+        if found is not None and _version(found) is not None:
+            return found
+    _LOG.warning("no C compiler found: estimation runs in the CasADi virtual machine, slower")
+    return None
+
+
+@cache
+def _version(compiler: str) -> str | None:
+    """What the compiler says of itself; None when it cannot even do that."""
+    try:
+        done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True, timeout=30.0)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout
 
 
 def compile_first() -> bool:
@@ -53,16 +66,11 @@ def compile_first() -> bool:
     return bool(os.environ.get("CASID_COMPILE_FIRST"))
 
 
-def cache_folder() -> Path:
-    """Where compiled functions are kept between runs."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "casid"
-
-
 @cache
 def _machine() -> str:
     """What a compiled library depends on besides its source: compiler version and processor."""
     compiler = c_compiler()
-    version = subprocess.run([str(compiler), "--version"], capture_output=True, text=True, check=True).stdout
+    version = _version(str(compiler))
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     cpu = next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
@@ -75,10 +83,14 @@ def _source(function: ca.Function) -> str:
     return generator.dump()
 
 
-def library_path(source: str, flags: tuple[str, ...] = FLAGS) -> Path:
-    """Where the library of a source is, or would be, in the cache."""
-    key = hashlib.sha256("\0".join([source, *flags, _machine(), ca.CasadiMeta.version()]).encode()).hexdigest()
-    return cache_folder() / f"{key[:32]}.so"
+def _key(source: str, flags: tuple[str, ...]) -> str:
+    text = "\0".join([source, *flags, _machine(), ca.CasadiMeta.version()])
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def cached_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
+    """The library of a C source, if it has been compiled before."""
+    return find(_key(source, flags))
 
 
 def compile_function(function: ca.Function) -> ca.Function | None:
@@ -93,11 +105,11 @@ def _load(function: ca.Function, library: Path) -> ca.Function:
 
 def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
     """The library of a C source, from the cache or made now; None (and said) when compiling fails."""
-    library = library_path(source, flags)
-    if library.exists():
+    library = cached_library(source, flags)
+    if library is not None:
         return library
     try:
-        with _workshop(library.parent) as folder:
+        with workshop() as folder:
             text, binary = folder / "f.c", folder / "f.so"
             text.write_text(source)
             options = [flag for flag in flags if not flag.startswith("-l")]
@@ -105,38 +117,11 @@ def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
             command = [str(c_compiler()), *options, str(text), "-o", str(binary), *libraries, "-lm"]
             environment = {**os.environ, "TMPDIR": str(folder)}
             subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-            # one step, on one file system: another process sees the whole library or none
-            os.replace(binary, library)
-        return library
+            return keep(_key(source, flags), binary)
     except (OSError, subprocess.CalledProcessError) as error:
         detail = getattr(error, "stderr", "") or str(error)
         _LOG.warning("compiling failed, the CasADi virtual machine is used: %s", detail.strip()[-200:])
         return None
-
-
-@contextmanager
-def _workshop(cache_path: Path) -> Iterator[Path]:
-    """A folder of this process for everything that compiling writes; what a killed process left is swept first."""
-    cache_path.mkdir(parents=True, exist_ok=True)
-    for left in cache_path.glob("building-*"):
-        if not _alive(int(left.name.split("-")[1])):
-            shutil.rmtree(left, ignore_errors=True)
-    folder = cache_path / f"building-{os.getpid()}-{threading.get_ident()}"
-    folder.mkdir(exist_ok=True)
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 class Compilable:
@@ -151,7 +136,7 @@ class Compilable:
         instructions = function.n_instructions()
         self._look_up_after = _SOURCE_PER_INSTRUCTION * instructions
         self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
-        self._pending: tuple[str, Path] | None = None
+        self._pending: str | None = None  # its C source
         self._settled = False
         self._batches: OrderedDict[tuple, Batch] = OrderedDict()
 
@@ -178,15 +163,13 @@ class Compilable:
             return self.function
         if self._pending is None:
             with BUILDING:
-                source = _source(self.function)
-            self._pending = (source, library_path(source))
-        source, library = self._pending
-        if library.exists():
-            self.function, self._settled = _load(self.function, library), True
-        elif self.spent >= self._compile_after:
+                self._pending = _source(self.function)
+        library = cached_library(self._pending)
+        if library is None and self.spent >= self._compile_after:
             self._settled = True
-            if compile_library(source) is not None:
-                self.function = _load(self.function, library)
+            library = compile_library(self._pending)
+        if library is not None:
+            self.function, self._settled = _load(self.function, library), True
         return self.function
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from casid.native.emitter import emit, prelude
-from casid.native.kkt_source import REDUCE
+from casid.native.sources import c_source
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +70,9 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
             _column("homogeneous", stages, s, []),
             _column("driven", stages, s, rows),
             _drives(stages, rows),
-            *([_COVARIANCE] if s.v else []),
-            _BODY,
-            REDUCE,
+            *([c_source("covariance")] if s.v else []),
+            c_source("segments"),
+            c_source("reduce"),
         ]
     )
 
@@ -129,180 +129,3 @@ def _drives(stages: dict[str, ca.Sparsity], rows: list[int]) -> str:
         for i, j, k in _entries(stages[f"Q{stage}"]):
             lines.append(f"d[{j}][{stage - 1}][{rows.index(i)}] = Q{stage}[{k}];")
     return "\n".join([*lines, "}"])
-
-
-# P <- A P A' + sum G G'; noise of intensity sigma, held over dt, has the standard deviation sigma/sqrt(dt)
-_COVARIANCE = r"""
-#define PATTERNS F1, F2, F3, F4, E1, E2, E3, E4
-static inline void turn(V (*restrict P)[N])
-{
-    for (int i = 0; i < N; i++)
-        for (int j = 0; j < i; j++) {
-            V held = P[i][j];
-            P[i][j] = P[j][i];
-            P[j][i] = held;
-        }
-}
-
-static inline void spread(V (*restrict P)[N], V (*restrict d)[4][DRIVEN], V dt, const double *intensity,
-                          const V *F1, const V *F2, const V *F3, const V *F4,
-                          const V *E1, const V *E2, const V *E3, const V *E4)
-{
-    V rate = dt;
-    for (int l = 0; l < W; l++) rate[l] = 1.0 / fmax(dt[l], 1e-12);
-    for (int j = 0; j < N; j++) homogeneous(P[j], 0, dt, PATTERNS);
-    turn(P);
-    for (int j = 0; j < N; j++) homogeneous(P[j], 0, dt, PATTERNS);
-    for (int k = 0; k < NV; k++) {
-        V g[N];
-        memset(g, 0, sizeof g);
-        driven(g, d[F + k], dt, PATTERNS);
-        for (int i = 0; i < N; i++)
-            for (int j = 0; j < N; j++) P[i][j] += g[i] * g[j] * (rate * (intensity[k] * intensity[k]));
-    }
-}
-"""
-
-_BODY = r"""
-#define SEGMENT(l) (first + (l) < count ? first + (l) : count - 1)
-
-int lanes(void) { return W; }
-
-static inline void gather(V *to, const double *from, int width, long first, long count)
-{
-    for (int i = 0; i < width; i++)
-        for (int l = 0; l < W; l++) to[i][l] = from[SEGMENT(l) * width + i];
-}
-
-static inline void scatter(double *to, const V *from, int width, long row, long rows, long first, long count)
-{
-    for (int l = 0; l < W && first + l < count; l++)
-        for (int i = 0; i < width; i++) to[((first + l) * rows + row) * width + i] = from[i][l];
-}
-
-#define PATTERN (2 * M + 1 + O)
-#define TRIANGLE (O * (O + 1) / 2)
-
-/* the row of a table that each lane's pattern says; `held` is the pattern that `to` is of already */
-static inline void choose(V *to, V *held, const V *pattern, const double *table, int width)
-{
-    if (!memcmp(held, pattern, sizeof(V))) return;
-    *held = *pattern;
-    for (int l = 0; l < W; l++)
-        for (int i = 0; i < width; i++) to[i][l] = table[(long)(*pattern)[l] * width + i];
-}
-
-/* live (blocks): samples after which nothing but padding follows; seen (patterns, O): 1 where present;
-   states (count, length, N), y (count, length, O), end (count, N), squares (count, O) of present residuals */
-void simulate(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,
-              const double *seen, double *states, double *y, double *end, double *squares)
-{
-    for (long first = 0; first < count; first += W, data += length * STRIDE) {
-        const V *d = data;
-        V x[N], p[Q], after[N], out[O], sum[O], present[O], held = (V){0} - 1.0;
-        gather(x, nodes, N, first, count);
-        gather(p, parameters, Q, first, count);
-        for (int i = 0; i < O; i++) sum[i] = (V){0};
-        for (long k = 0; k < live[first / W]; k++, d += STRIDE) {
-            advance(x, d, d + M, d + 2 * M, p, after, out);
-            scatter(states, x, N, k, length, first, count);
-            scatter(y, out, O, k, length, first, count);
-            choose(present, &held, d + PATTERN, seen, O);
-            for (int i = 0; i < O; i++) {
-                V r = (out[i] - d[2 * M + 1 + i]) * present[i];
-                sum[i] += r * r;
-            }
-            for (int i = 0; i < N; i++) x[i] = after[i];
-        }
-        for (long k = live[first / W]; k < length; k++) {
-            scatter(states, x, N, k, length, first, count);
-            scatter(y, out, O, k, length, first, count);
-        }
-        scatter(end, x, N, 0, 1, first, count);
-        scatter(squares, sum, O, 0, 1, first, count);
-    }
-}
-
-static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q)[NF], const V *r)
-{
-    for (int i = 0; i < O; i++)
-        for (int c = 0; c < NF; c++) g[i][c] += q[i][c] * r[i];
-    for (int c = 0; c < NF; c++)
-        for (int d = 0; d <= c; d++) {
-            V h = *H;
-            for (int i = 0; i < O; i++) h += q[i][c] * q[i][d];
-            *H++ = h;
-        }
-}
-
-/* q <- L q, r <- L r with the lower triangle L by rows */
-static inline void whiten(V (*restrict q)[NF], V *restrict r, const V *restrict L, long dense)
-{
-    for (int i = O - 1; i >= 0; i--) {
-        const V *row = L + i * (i + 1) / 2;
-        r[i] *= row[i];
-        for (int c = 0; c < NF; c++) q[i][c] *= row[i];
-        if (!dense) continue;
-        for (int j = 0; j < i; j++) {
-            r[i] += row[j] * r[j];
-            for (int c = 0; c < NF; c++) q[i][c] += row[j] * q[j][c];
-        }
-    }
-}
-
-/* weights (patterns, TRIANGLE): by rows, the factor that whitens the residuals, dense when more than its diagonal is
-   not zero; hessian (count, NF, NF), gradient (count, O, NF) of each whitened residual, transition (count, N, NF),
-   end (count, N),
-   covariance (count, N, N) when NV, rows (count, length, O, NF) may be NULL */
-void linearise(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,
-               const double *weights, long dense, const double *intensity, double *hessian, double *gradient,
-               double *transition, double *end, double *covariance, double *rows)
-{
-    for (long first = 0; first < count; first += W, data += length * STRIDE) {
-        const V *d = data;
-        V x[N], p[Q], after[N], out[O], r[O], S[NF][N], q[O][NF], g[O][NF], H[NF * (NF + 1) / 2];
-        V drive[F + NV + 1][4][DRIVEN];
-        V L[TRIANGLE], held = (V){0} - 1.0;
-        STAGE_ARRAYS;
-        gather(x, nodes, N, first, count);
-        gather(p, parameters, Q, first, count);
-        memset(S, 0, sizeof S);
-        memset(drive, 0, sizeof drive);
-        memset(g, 0, sizeof g);
-        memset(H, 0, sizeof H);
-        for (int i = 0; i < N; i++) S[i][i] = (V){0} + 1.0;
-#if NV
-        V P[N][N];
-        memset(P, 0, sizeof P);
-#endif
-        for (long k = 0; k < live[first / W]; k++, d += STRIDE) {
-            derive(x, d, d + M, d + 2 * M, p, after, out, STAGES);
-            drives(drive, Q1, Q2, Q3, Q4);
-            outputs(q, C, D, S);
-            choose(L, &held, d + PATTERN, weights, TRIANGLE);
-            for (int i = 0; i < O; i++) r[i] = out[i] - d[2 * M + 1 + i];
-            whiten(q, r, L, dense);
-            if (rows) scatter(rows, q[0], O * NF, k, length, first, count);
-            accumulate(H, g, q, r);
-            for (int c = 0; c < N; c++) homogeneous(S[c], 0, d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
-            for (int c = 0; c < F; c++) driven(S[N + c], drive[c], d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
-#if NV
-            spread(P, drive, d[2 * M], intensity, F1, F2, F3, F4, E1, E2, E3, E4);
-#endif
-            for (int i = 0; i < N; i++) x[i] = after[i];
-        }
-        scatter(end, x, N, 0, 1, first, count);
-        scatter(gradient, g[0], O * NF, 0, 1, first, count);
-#if NV
-        scatter(covariance, P[0], N * N, 0, 1, first, count);
-#endif
-        for (int l = 0; l < W && first + l < count; l++) {
-            double *h = hessian + (first + l) * NF * NF, *t = transition + (first + l) * N * NF;
-            for (int c = 0, at = 0; c < NF; c++) {
-                for (int d = 0; d <= c; d++) h[c * NF + d] = h[d * NF + c] = H[at++][l];
-                for (int i = 0; i < N; i++) t[i * NF + c] = S[c][i][l];
-            }
-        }
-    }
-}
-"""

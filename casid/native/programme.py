@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from casid.native.compiler import c_compiler, compile_library, library_path
+from casid.native.compiler import c_compiler, cached_library, compile_library
 
 _FUNCTIONS = ("nlp_f", "nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l", "nlp_grad")
 # the source is long and plain: more optimisation doubles the time of the compiler and gains nothing
@@ -44,10 +44,11 @@ class CompilableProgramme:
             self._settled = True
             return
         self._source = self._source or self._written()
-        library = library_path(self._source, _FLAGS)
-        if not library.exists() and self._spent < _COMPILE_PER_BYTE[self._hessian] * len(self._source):
+        library = cached_library(self._source, _FLAGS)
+        if library is None and self._spent < _COMPILE_PER_BYTE[self._hessian] * len(self._source):
             return
-        if compile_library(self._source, _FLAGS) is not None:
+        library = library or compile_library(self._source, _FLAGS)
+        if library is not None:
             more = {"hess_lag": ca.external("nlp_hess_l", str(library))} if self._hessian == "given" else {}
             self._solver = ca.nlpsol("estimation", "ipopt", str(library), self._options | more)
         self._settled, self._source = True, ""

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 
+import casadi as ca
 import numpy as np
 import pytest
 from estimation_cases import NOISE, START, flight, needs_compiler, short_period
@@ -13,9 +14,10 @@ from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 from casid.estimation import Ipopt, Problem, solve
 from casid.estimation.transcriptions.steps import sample_derivatives, step_function
 from casid.model.system import Model
-from casid.native import compiler
+from casid.native import cache, compiler
 from casid.native import programme as compiled_programme
-from casid.native.compiler import Batch, Compilable, cache_folder, compile_function
+from casid.native.cache import cache_folder
+from casid.native.compiler import Batch, Compilable, compile_function
 
 
 def arguments(function, count: int, seed: int = 0) -> list[np.ndarray]:
@@ -151,3 +153,64 @@ def test_a_programme_of_ipopt_does_without_a_compiler(monkeypatch):
     monkeypatch.setattr(compiled_programme, "c_compiler", lambda: None)
     record = flight(noise=NOISE, rng=np.random.default_rng(1))
     assert solve(Problem(short_period(), [record], free=["*"], start=START), solver=Ipopt()).converged
+
+
+def compiled() -> float:
+    x = ca.SX.sym("x")
+    function = compile_function(ca.Function("f", [x], [ca.sin(x) * x]))
+    assert function is not None
+    return float(function(2.0))  # pyright: ignore[reportArgumentType]
+
+
+@needs_compiler
+@pytest.mark.parametrize("content", [b"", b"garbage", None])
+def test_a_library_that_is_not_what_its_name_says_is_built_again(own_cache, content):
+    """An empty, a garbage and a truncated one: none is ever loaded."""
+    compiled()
+    (library,) = own_cache.glob("*.so")
+    broken = library.read_bytes()[:3000] if content is None else content
+    library.unlink()  # what is loaded stays whole
+    library.write_bytes(broken)
+    assert compiled() == pytest.approx(2.0 * np.sin(2.0), rel=1e-15)
+    assert library.stat().st_size > 3000
+
+
+@needs_compiler
+def test_a_folder_that_others_may_write_to_is_not_used(own_cache, caplog):
+    own_cache.mkdir(parents=True)
+    own_cache.chmod(0o777)
+    assert compiled() == pytest.approx(2.0 * np.sin(2.0), rel=1e-15)
+    assert not list(own_cache.iterdir()) and "this run only" in caplog.text
+
+
+@needs_compiler
+def test_a_new_folder_is_of_the_user_alone(own_cache):
+    compiled()
+    assert own_cache.stat().st_mode & 0o777 == 0o700
+
+
+@needs_compiler
+def test_the_cache_is_bounded_and_the_longest_unused_go_first(own_cache, monkeypatch):
+    compiled()
+    (library,) = own_cache.glob("*.so")
+    old = own_cache / "old-0.so"
+    old.write_bytes(bytes(10_000))
+    os.utime(old, (1.0, 1.0))
+    monkeypatch.setattr(cache, "MOST_BYTES", library.stat().st_size * 2 + 5_000)
+    y = ca.SX.sym("y")
+    assert compile_function(ca.Function("g", [y], [ca.cos(y)])) is not None
+    assert not old.exists() and library.exists()
+
+
+def test_a_compiler_that_fails_is_no_compiler(tmp_path, monkeypatch):
+    broken = tmp_path / "cc"
+    broken.write_text("#!/bin/sh\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.delenv("CASID_NO_COMPILER", raising=False)
+    compiler.c_compiler.cache_clear()
+    try:
+        assert compiler.c_compiler() is None
+    finally:
+        compiler.c_compiler.cache_clear()

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.transcriptions.layout import Layout
-from casid.native.compiler import c_compiler, compile_first, compile_library, library_path
+from casid.native.compiler import c_compiler, cached_library, compile_first, compile_library
 from casid.native.emitter import UnknownOperationError
 from casid.native.kernel_source import Sizes, kernel_source, sizes_of
 
@@ -263,7 +263,7 @@ class KernelOffer:
             _LOG.warning("model '%s' is estimated without the fast kernel: %s", self._name, error)
             self._settled = True
             return None
-        if compile_first() or self.spent >= price or library_path(source, FLAGS).exists():
+        if compile_first() or self.spent >= price or cached_library(source, FLAGS) is not None:
             self._kernel, self._settled = _compiled(source, sizes), True
         return self._kernel
 

@@ -1,10 +1,7 @@
-"""The C source of the recursions in `filter_kernel`; the numpy versions in `kalman` say what it computes.
-
-Every function runs the parts `from` to `to` of its work: records, samples or tiles of columns. MOST, the largest number
-of states or outputs, and TILE, the columns that go through the filter side by side, are defined when it is compiled.
-"""
-
-SOURCE = r"""
+/* The recursions of the Kalman filter (casid/filtering/kernel.py); the numpy versions in casid/filtering/kalman.py say
+   what they compute. Every function runs the parts `from` to `to` of its work: records, samples or tiles of columns.
+   MOST, the largest number of states or outputs, and TILE, the columns that go through the filter side by side, are
+   defined when it is compiled. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -397,4 +394,3 @@ void costates(long from, long to, long N, long R, long n, long ny, const double 
         }
     }
 }
-"""

@@ -1,11 +1,7 @@
-"""C source of the step of a record (see `kkt`), with the sizes N, F, NF, the vector V and its width W of the kernel.
-
-Gaussian elimination with partial pivoting, of which the widths are known here. Row i of `a` holds the columns from
-i-BAND on and zeros up to a whole vector. LAPACK's dgbsv, which does the same, spends its time on calls for rows this
-short.
-"""
-
-REDUCE = r"""
+/* The step of a record (casid/estimation/solvers/kkt.py), with the sizes N, F, NF, the vector V and its width W of the
+   kernel. Gaussian elimination with partial pivoting, of which the widths are known here. Row i of `a` holds the columns
+   from i-BAND on and zeros up to a whole vector. LAPACK's dgbsv, which does the same, spends its time on calls for rows
+   this short. */
 #define BAND (2 * N - 1)
 #define LEFT ((2 * BAND + W) / W) /* vectors from the pivot of a row to its end */
 #define ROW (BAND + LEFT * W)
@@ -145,4 +141,3 @@ int reduce(long count, const double *hessian, const double *gradient, const doub
     for (int f = 0; f < F; f++) memcpy(information + f * SIDES, sum[f], SIDES * sizeof(double));
     return 0;
 }
-"""

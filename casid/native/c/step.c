@@ -1,9 +1,4 @@
-"""The C source of the step matrices in `filter_kernel`; `innovations._interval` says what it computes.
-
-To be compiled behind `filter_kernel_source`.
-"""
-
-SOURCE = r"""
+/* The step matrices of a linearised model, compiled behind filter.c; casid/filtering/innovations.py says what they are. */
 /* moved (nx) = K x0, K (nx, nx) by columns that lie `rows` apart */
 static void along(long nx, long rows, const double *K, const double *x0, double *moved)
 {
@@ -69,4 +64,3 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
         }
     }
 }
-"""

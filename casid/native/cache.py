@@ -1,0 +1,128 @@
+"""The folder of compiled libraries: owned by the user alone, checked by content, bounded in size.
+
+What is loaded is executed. A folder that somebody else owns or may write to is therefore not used, and a library is
+named by the checksum of its content, so that a truncated or foreign one is built again instead of loaded.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import logging
+import os
+import shutil
+import stat
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+
+import platformdirs
+
+_LOG = logging.getLogger(__name__)
+MOST_BYTES = 300_000_000  # of all libraries; the longest unused go first
+_seen: dict[Path, tuple[float, int]] = {}  # libraries checked by this process: modification time, size
+
+
+def cache_folder() -> Path:
+    """Where compiled libraries are kept between runs: ``casid`` in the user's cache folder."""
+    return platformdirs.user_cache_path("casid")
+
+
+def find(key: str) -> Path | None:
+    """The library of a key, when it is in the cache and its content is what its name says."""
+    for library in _folder(cache_folder()).glob(f"{key}-*.so"):
+        if _is_whole(library):
+            with suppress(OSError):
+                os.utime(library)  # the longest unused go first
+            state = library.stat()
+            _seen[library] = (state.st_mtime, state.st_size)
+            return library
+    return None
+
+
+def keep(key: str, binary: Path) -> Path:
+    """Take a library into the cache, in one step: another process sees the whole library or none."""
+    folder = _folder(cache_folder())
+    library = folder / f"{key}-{_checksum(binary)}.so"
+    os.replace(binary, library)
+    _bound(folder, library)
+    return library
+
+
+@contextmanager
+def workshop() -> Iterator[Path]:
+    """A folder of this process for everything that compiling writes; what a killed process left is swept first."""
+    folder = _folder(cache_folder())
+    for left in folder.glob("building-*"):
+        process = left.name.split("-")[1]
+        if process.isdigit() and not _alive(int(process)):
+            shutil.rmtree(left, ignore_errors=True)
+    place = folder / f"building-{os.getpid()}-{threading.get_ident()}"
+    place.mkdir(exist_ok=True)
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+@cache
+def _folder(wanted: Path) -> Path:
+    """The cache folder, or one of this process alone where that cannot be trusted (said once)."""
+    try:
+        wanted.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if _is_ours(wanted):
+            return wanted
+        why = "belongs to somebody else, or others may write there"
+    except OSError as error:
+        why = error.strerror or str(error)
+    _LOG.warning("%s: %s; compiled code is kept for this run only", wanted, why)
+    private = Path(tempfile.mkdtemp(prefix="casid-"))
+    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    return private
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether the folder is a real one of this user, into which nobody else may write."""
+    if not hasattr(os, "getuid"):
+        return True
+    state = folder.lstat()
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid():
+        return False
+    return not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _is_whole(library: Path) -> bool:
+    state = library.stat()
+    if _seen.get(library) == (state.st_mtime, state.st_size):
+        return True
+    return library.stem.rpartition("-")[2] == _checksum(library)
+
+
+def _checksum(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:32]
+
+
+def _bound(folder: Path, newest: Path) -> None:
+    """Delete the longest unused libraries until the rest fits."""
+    with suppress(OSError):
+        libraries = sorted(folder.glob("*.so"), key=lambda library: library.stat().st_mtime)
+        total = sum(library.stat().st_size for library in libraries)
+        for library in libraries:
+            if total <= MOST_BYTES:
+                return
+            if library != newest:
+                total -= library.stat().st_size
+                library.unlink(missing_ok=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
