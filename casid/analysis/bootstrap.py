@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from casid.arguments import an
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.cost import EquationError
 from casid.estimation.estimate import Solver, solve
@@ -15,6 +16,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
@@ -124,6 +126,7 @@ def collected(fit: Fit, estimates: Iterable[Mapping[str, float] | None]) -> Boot
 
 
 @single_threaded()
+@singular_is("bootstrap", "parameters or states cannot be told apart; fix one, or give a prior")
 def bootstrap(
     fit: Fit,
     runs: int,
@@ -136,6 +139,7 @@ def bootstrap(
     """`runs` draws in this process; see `drawn_problem` for what is drawn.
 
     Raises EstimationError for a fit that has not converged."""
+    an(fit, Fit, "bootstrap: fit", "cs.solve(problem)")
     if not fit.converged:
         raise EstimationError(f"bootstrap: the fit has not converged ({fit.status}); there is no model to draw from")
     return collected(fit, (replica(fit, (seed, run), input_noise, method, solver) for run in range(runs)))

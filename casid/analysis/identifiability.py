@@ -16,10 +16,12 @@ import numpy as np
 
 from casid.analysis.excitation import Candidate, Excitation, Suggestion, best_manoeuvre, candidates, excitations
 from casid.analysis.relinearise import relinearise
+from casid.arguments import an
 from casid.errors import unknown
 from casid.estimation.fit import Fit
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.system import Model
+from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
@@ -155,6 +157,7 @@ class Identifiability:
 
 
 @single_threaded()
+@singular_is("identifiability", "the states of a record are not determined; give InitialState(std={...})")
 def identifiability(
     fit: Fit, *, controls: Sequence[str] | None = None, method: MultipleShooting = _DEFAULT_METHOD
 ) -> Identifiability:
@@ -165,6 +168,7 @@ def identifiability(
     The a-priori blend uses the model's `prior_std`; where the fit left it out, it is put in by one linear step. With
     weights that are no inverse noise the information is that of the weights. Raises InputError for an unknown control.
     """
+    an(fit, Fit, "identifiability: fit", "cs.solve(problem)")
     problem = fit.problem
     for name in controls or ():
         if name not in problem.model.inputs:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from casid.arguments import an
 from casid.errors import EstimationError, InputError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.constraints import parameter as limits_of
@@ -22,6 +23,7 @@ from casid.estimation.estimate import Solver, solve
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
 _TOLERANCE = 0.005  # of the root of the deviance: half a per cent of a standard error
@@ -50,6 +52,7 @@ class ProfileInterval:
 
 
 @single_threaded()
+@singular_is("profile", "parameters or states cannot be told apart; fix one, or give a prior")
 def profile(
     fit: Fit,
     names: Iterable[str],
@@ -65,6 +68,7 @@ def profile(
     interval off. Raises InputError for an unknown name or a level outside (0, 1), EstimationError for a fit whose cost
     is no likelihood or that has not converged.
     """
+    an(fit, Fit, "profile: fit", "cs.solve(problem)")
     _check(fit, level, method)
     return {name: _Search(fit, fit[name].name, method, solver).interval(level) for name in names}
 

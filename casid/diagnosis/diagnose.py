@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
@@ -39,8 +40,11 @@ from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
+from casid.model.given import given_aircraft
 from casid.native.processors import side_by_side
+from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
+from casid.records.given import given_records
 from casid.records.record import Record
 
 # part of a variation that may be missing in records that no fit has seen: they go where the structure was not fitted
@@ -67,8 +71,9 @@ class Stages:
 
 
 @single_threaded()
+@singular_is("diagnose", "the model cannot follow these records: check units and signs of channels and of the file")
 def diagnose(
-    aircraft: Aircraft,
+    aircraft: Aircraft | str | Path,
     records: Sequence[Record],
     hold_out: Sequence[Record] = (),
     report: Callable[[str], None] = lambda stage: None,
@@ -76,8 +81,11 @@ def diagnose(
     """Diagnose an aircraft file on flight records.
 
     hold_out  records that are never fitted; when none is given one record, or the last third of a single one, is held
-    back. report  is called with the name of every stage. Raises InputError for records that cannot feed the model.
+    back. report  is called with the name of every stage. Names of files are taken too, of the aircraft and of records.
+    Raises InputError for what is neither and for records that cannot feed the model.
     """
+    aircraft = given_aircraft(aircraft, "diagnose")
+    records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     stages = Stages(report)
     stages.begin("reading the records")
     fitted, held = split(records, hold_out)

@@ -7,8 +7,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from casid.errors import EstimationError
+from casid.arguments import an
+from casid.errors import EstimationError, InputError
 from casid.estimation.cost import EquationError, RangeWeights
+from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit, StateHistory, channel_fit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton, Outcome, minimise
@@ -20,6 +22,7 @@ from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.shooting import Shooting
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
+from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
 Solver = Automatic | GaussNewton | Ipopt
@@ -28,6 +31,7 @@ _DEFAULT_SOLVER = Automatic()
 
 
 @single_threaded()
+@singular_is("solve", "parameters or states cannot be told apart; fix one, or give a prior")
 def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
     """Estimate the free parameters of `problem`.
 
@@ -38,6 +42,7 @@ def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Sol
     of iteration that goes wrong is not an error: `Fit.status` says it.
     """
     begin = time.perf_counter()
+    an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     if problem.path_constraints and isinstance(solver, Automatic):
         solver = Ipopt(seconds=solver.seconds)
     _check(problem, method, solver)
@@ -67,6 +72,9 @@ def build_objective(problem: Problem, method: Transcription) -> Objective:
 
 
 def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
+    for what, value in (("method", method), ("solver", solver)):
+        if isinstance(value, type):
+            raise InputError(f"solve: the {what} is the class {value.__name__}; write {value.__name__}()")
     if not isinstance(method, SingleShooting | MultipleShooting | Collocation):
         raise EstimationError(f"solve: {method!r} is no transcription; expected SingleShooting() or the like")
     if not isinstance(solver, Solver):
@@ -90,10 +98,8 @@ def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
 
 def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: float) -> Fit:
     problem, value = objective.problem, outcome.value
-    status = outcome.status
     errors = _errors(objective, outcome)
-    if errors.confused and status == "converged":
-        status = f"not identifiable: the data cannot tell {', '.join(errors.confused)} apart; fix one or give a prior"
+    status = status_in_words(problem, outcome.status, outcome.point, errors, method)
     measured, predicted = _signals(objective, outcome)
     names, levels = objective.channel_names, objective.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from casid.arguments import an
 from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem
@@ -25,6 +26,7 @@ from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunction
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory_step
+from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.noise import pooled_sigma
 
@@ -103,6 +105,7 @@ class FilterFit:
 
 
 @single_threaded()
+@singular_is("filter_error", "parameters or states cannot be told apart; fix one, or give a prior")
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
     """Estimate parameters, measurement noise and process noise together.
 
@@ -114,6 +117,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     than OutputError, range weights, constraints, a prior of the initial state. A course of iteration that goes wrong is
     not an error: `FilterFit.status` says it.
     """
+    an(problem, Problem, "filter_error: problem", "cs.Problem(model, records, free=[...])")
     begin = time.perf_counter()
     system = _prepare(problem, process_noise)
     theta, X = problem.start_vector, _guess(problem, system.batch)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
 
+from casid.arguments import names
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.equations import by_station, equation_error
+from casid.model.given import given_aircraft
 from casid.model.path import (
     AIR_STATES,
     INPUTS,
@@ -27,6 +30,7 @@ from casid.model.path import (
 )
 from casid.model.system import Model
 from casid.model.terms import derivative_term
+from casid.records.given import given_record
 from casid.records.record import Record
 from casid.signals import SURFACES, scale_of, unit_of
 
@@ -87,7 +91,7 @@ def state_guess(
 
 
 def aircraft_model(
-    aircraft: Aircraft,
+    aircraft: Aircraft | str | Path,
     *,
     axes: str = "full",
     outputs: Iterable[str] | None = None,
@@ -95,7 +99,7 @@ def aircraft_model(
     known: Iterable[str] = (),
     turning: Mapping[str, float] = MappingProxyType({}),
 ) -> Model:
-    """The aircraft of an aircraft file as a symbolic model.
+    """The aircraft of an aircraft file, or of the file of that name, as a symbolic model.
 
     axes      "full", or "longitudinal" (u w q theta move) or "lateral" (v p r phi move); the states that do not move
               are then inputs with the names of `STATES`, see `flight_inputs`
@@ -109,10 +113,11 @@ def aircraft_model(
     one per effect, under `Effect.name` (nominal: the file's value, or 0), with its further ones under `name.parameter`.
     States of effects stand behind those of the aircraft. Raises InputError for unknown axes or outputs.
     """
+    aircraft = given_aircraft(aircraft, "aircraft_model")
     if axes not in MOVING:
-        raise unknown("axes", axes, MOVING)
+        raise unknown("axes", str(axes), MOVING, "aircraft_model")
     moving = MOVING[axes]
-    chosen = tuple(outputs) if outputs is not None else _FRAME_OUTPUTS[axes]
+    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else _FRAME_OUTPUTS[axes]
     valid = (*_FRAME_OUTPUTS[axes], *INTEGRATED[axes])
     for name in chosen:
         if name not in valid:
@@ -216,7 +221,7 @@ def standard_density(altitude: np.ndarray) -> np.ndarray:
     return 1.225 * (1.0 - 2.25577e-5 * altitude) ** 4.25588
 
 
-def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full") -> Record:
+def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, axes: str = "full") -> Record:
     """The record with every input channel that an aircraft model wants.
 
     Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
@@ -224,6 +229,9 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full") -> Rec
     is an InputError, not a guess. `record.notes` says what was filled in. Heading and bank go on where they pass 180 or
     360 deg.
     """
+    aircraft, record = given_aircraft(aircraft, "flight_inputs"), given_record(record, "flight_inputs")
+    if axes not in MOVING:
+        raise unknown("axes", str(axes), MOVING, "flight_inputs")
     added: dict[str, np.ndarray] = {}
     notes: list[str] = []
     n = len(record)
@@ -258,15 +266,7 @@ def flight_inputs(aircraft: Aircraft, record: Record, axes: str = "full") -> Rec
         added |= dict(zip(fixed, columns.T, strict=True))
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
     added |= {name: _unwrapped(record[name]) for name in ("psi", "phi") if name in record}
-    filled = record.with_channels(**added)
-    return Record(
-        name=filled.name,
-        t=filled.t,
-        channels=filled.channels,
-        hold=filled.hold,
-        source=filled.source,
-        notes=(*record.notes, *notes),
-    )
+    return record.with_channels(**added).with_notes(*notes)
 
 
 def _unwrapped(angle: np.ndarray) -> np.ndarray:

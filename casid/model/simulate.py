@@ -11,7 +11,7 @@ import numpy as np
 
 from casid.arguments import an, given, listed, number, whole
 from casid.errors import InputError, unknown
-from casid.model.expressions import Vectors, origin
+from casid.model.expressions import origin
 from casid.model.system import Model
 from casid.records.given import given_record
 from casid.records.record import Record
@@ -91,7 +91,7 @@ def simulate(
         at = {"x": states[k], "u": U[k], "p": p, "w": W[k]}
         raise InputError(
             f"simulation of '{model.name}' on record '{record.name}': output '{model.outputs[i]}' is no number at "
-            f"t = {record.t[k]:.2f} s: {origin(model.h[int(i)], _vectors(model), at)}"
+            f"t = {record.t[k]:.2f} s: {origin(model.h[int(i)], model.vectors, at)}"
         )
     return Simulation(model=model, record=record, states=states, outputs=outputs)
 
@@ -137,15 +137,6 @@ def _series(series: object, what: str, n: int) -> np.ndarray:
     return values
 
 
-def _vectors(model: Model) -> Vectors:
-    return {
-        "x": (model.x, model.states),
-        "u": (model.u, model.inputs),
-        "p": (model.p, model.parameters),
-        "w": (model.w, model.disturbances),
-    }
-
-
 def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.ndarray, p: np.ndarray) -> str:
     """The error of a motion that left the range of numbers: the derivative that did, or the state that grew."""
     k = int(np.argmin(np.isfinite(states).all(axis=1))) - 1  # the last sample that is all numbers
@@ -156,7 +147,7 @@ def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.nd
     for part in (0.0, 0.5, 1.0):  # about where the step asks for derivatives
         at = {"x": x + part * dt * np.where(np.isfinite(slope), slope, 0.0), "u": UW[k, :nu], "p": p, "w": UW[k, nu:]}
         for i, name in enumerate(model.states):
-            if np.isfinite(at["x"]).all() and (found := origin(model.f[i], _vectors(model), at)):
+            if np.isfinite(at["x"]).all() and (found := origin(model.f[i], model.vectors, at)):
                 return f"{head}: the derivative of '{name}' is no number: {found}"
     largest = int(np.argmax(np.abs(x) / model.scale_vector()))
     return f"{head}: '{model.states[largest]}' had grown to {x[largest]:.3g}; check start, parameters and their units"

@@ -5,7 +5,7 @@ An aircraft is one of them; so is a two-state short period of three lines. All e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
@@ -16,7 +16,7 @@ import numpy as np
 
 from casid.arguments import given, listed, names, number, numbers_by_name
 from casid.errors import InputError, unknown
-from casid.model.expressions import Symbols, check_symbols, expressions
+from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
 from casid.records.record import Record
 from casid.signals import scale_of
 
@@ -98,6 +98,16 @@ class Model:
         chosen = {name: number(value, f"model '{self.name}': value of '{name}'") for name, value in values.items()}
         return np.array([chosen.get(name, self.nominal[name]) for name in self.parameters], dtype=float)
 
+    @property
+    def vectors(self) -> Vectors:
+        """Letter -> vector of symbols and the names of its rows: states x, inputs u, parameters p, disturbances w."""
+        return {
+            "x": (self.x, self.states),
+            "u": (self.u, self.inputs),
+            "p": (self.p, self.parameters),
+            "w": (self.w, self.disturbances),
+        }
+
     def scale_vector(self) -> np.ndarray:
         """(states,) typical size of each state."""
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
@@ -106,6 +116,13 @@ class Model:
 def measured_states(states: Sequence[str]) -> Callable[[Record], np.ndarray]:
     """A `Model.guess` for models whose states are channels: the measured channel, zero where it is not measured."""
     return partial(_measured, tuple(states))
+
+
+def unguessed_states(model: Model, records: Iterable[Record]) -> list[str]:
+    """States that begin at zero for want of anything better: no channel of a record, in a model without a guess."""
+    if not isinstance(model.guess, partial) or model.guess.func is not _measured:
+        return []
+    return [s for s in model.states if any(s not in r or not np.isfinite(r[s]).any() for r in records)]
 
 
 def _measured(states: Sequence[str], record: Record) -> np.ndarray:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from scipy.optimize import root
 
+from casid.arguments import number
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model, standard_density
+from casid.model.given import given_aircraft
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +40,7 @@ class Trim:
 
 
 def trim(
-    aircraft: Aircraft,
+    aircraft: Aircraft | str | Path,
     *,
     V: float,
     altitude: float | None = None,
@@ -51,6 +54,11 @@ def trim(
     Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is. climb_angle [rad].
     `values` overrides parameters of the aircraft file. Raises InputError when there is no trim.
     """
+    aircraft = given_aircraft(aircraft, "trim")
+    number(V, "trim: V", positive=True)
+    for what, value in (("altitude", altitude), ("rho", rho), ("thrust", thrust), ("climb_angle", climb_angle)):
+        if value is not None:
+            number(value, f"trim: {what}", positive=what == "rho")
     if (rho is None and altitude is None) == (thrust is None):
         raise InputError("trim: give either a density (rho or altitude) or a thrust, the other is solved for")
     if rho is None and altitude is not None:

@@ -16,7 +16,7 @@ from casid.signals import RADIAN_LIMITS, label_of, unit_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_TURNS = ("phi", "psi")  # they may go on where they pass a full turn
+_TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, or hang upside down
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -128,10 +128,10 @@ def test_an_iteration_that_is_cut_short_does_not_claim_convergence():
 
 
 def test_transcriptions_refuse_what_makes_no_sense():
-    with pytest.raises(EstimationError, match="at least 1"):
+    with pytest.raises(InputError, match="at least 1"):
         MultipleShooting(interval=0)
-    with pytest.raises(EstimationError, match="expected 1 to 9"):
-        Collocation(degree=0)
+    with pytest.raises(InputError, match="expected 1 to 9"):
+        Collocation(degree=10)
     with pytest.raises(InputError, match="did you mean 'exact'"):
         Ipopt(hessian="exakt")
 

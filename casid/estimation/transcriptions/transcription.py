@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from casid.errors import EstimationError
+from casid.arguments import number, numbers_by_name, whole
+from casid.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,18 +22,16 @@ class MultipleShooting:
                     integrated noise after one second [unit * sqrt(s) of the quantity it drives]: a state name is noise
                     on that state equation, a disturbance name of the model enters through df/dw. Defects then are
                     random with the covariance that this noise gains over the interval, and are paid for in the cost.
-    Raises EstimationError for an interval below one sample or an intensity that is not positive.
+    Raises InputError for an interval below one sample or an intensity that is not positive.
     """
 
     interval: int = 25
     process_noise: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.interval < 1:
-            raise EstimationError(f"MultipleShooting: interval is {self.interval} samples; expected at least 1")
-        for name, intensity in (self.process_noise or {}).items():
-            if not intensity > 0:
-                raise EstimationError(f"MultipleShooting: process noise of '{name}' is {intensity}; expected > 0")
+        whole(self.interval, "MultipleShooting: interval (samples)")
+        for name, intensity in numbers_by_name(self.process_noise or {}, "MultipleShooting: process_noise").items():
+            number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +41,8 @@ class Collocation:
     degree: int = 3
 
     def __post_init__(self) -> None:
-        if not 1 <= self.degree <= 9:
-            raise EstimationError(f"Collocation: degree is {self.degree}; expected 1 to 9")
+        if whole(self.degree, "Collocation: degree") > 9:
+            raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
 
 
 Transcription = SingleShooting | MultipleShooting | Collocation
