@@ -31,7 +31,7 @@ from casid.model.path import (
 from casid.model.system import Model
 from casid.model.terms import derivative_term
 from casid.records.given import given_record
-from casid.records.record import Record
+from casid.records.record import Record, check_radians
 from casid.signals import SURFACES, scale_of, unit_of
 
 # states that move in a reduction; the others are inputs, taken from the record
@@ -232,6 +232,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     aircraft, record = given_aircraft(aircraft, "flight_inputs"), given_record(record, "flight_inputs")
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "flight_inputs")
+    check_radians(record)
     added: dict[str, np.ndarray] = {}
     notes: list[str] = []
     n = len(record)

@@ -49,12 +49,11 @@ class Record:
         if not isinstance(self.channels, Mapping):
             raise InputError(f"{where}: channels is {given(self.channels)}; expected a table like {{'alpha': alpha}}")
         channels = {name: _channel(name, values, t, where) for name, values in self.channels.items()}
-        for name, values in channels.items():
-            _check_radians(name, values, where)
         if self.hold not in ("linear", "held"):
             raise unknown("hold", str(self.hold), ("linear", "held"), where)
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "channels", MappingProxyType(channels))
+        check_radians(self, least=2.0 * np.pi)  # of any system; `flight_inputs` knows that it is an aircraft
 
     @classmethod
     def from_arrays(
@@ -193,14 +192,16 @@ def _channel(name: Any, values: Any, t: np.ndarray, where: str) -> np.ndarray:
     return samples
 
 
-def _check_radians(name: str, values: np.ndarray, where: str) -> None:
-    """Values that can only be degrees in a channel that casid knows in rad."""
-    limit = RADIAN_LIMITS.get(name, np.inf) if name not in _TURNS else np.inf
-    beyond = np.flatnonzero(np.abs(values) > limit)
-    if len(beyond):
-        worst, unit = values[beyond[0]], unit_of(name)
-        raise InputError(
-            f"{where}: {name} ({label_of(name)}) is {worst:.6g} {unit}, more than {limit:g}; convert it with "
-            f"np.radians, use Record.from_arrays(..., units={{'{name}': '{unit.replace('rad', 'deg')}'}}), or give it "
-            "another name if it is something else"
-        )
+def check_radians(record: Record, least: float = 0.0) -> None:
+    """Raise InputError for values that can only be degrees in a channel that casid knows in rad: above what an aircraft
+    does, and above `least`."""
+    for name, values in record.channels.items():
+        limit = max(RADIAN_LIMITS.get(name, np.inf), least) if name not in _TURNS else np.inf
+        beyond = np.flatnonzero(np.abs(values) > limit)
+        if len(beyond):
+            unit, degrees = unit_of(name), unit_of(name).replace("rad", "deg")
+            raise InputError(
+                f"record '{record.name}': {name} ({label_of(name)}) is {values[beyond[0]]:.6g} {unit}, more than "
+                f"{limit:.3g}; np.radians converts it, or Record.from_arrays(..., units={{'{name}': '{degrees}'}}); "
+                "or give it another name if it is another thing"
+            )
