@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from casid.cli.options import DEMO, AsJson, Files, Flag, Folder, Maps, records_of
 from casid.diagnosis import diagnose as diagnosis_of
+from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
@@ -31,6 +32,7 @@ def diagnose(
     out: Folder = Path("out/diagnosis"),
     seed: int = 0,
     quick: Flag = False,
+    criteria: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
     """Diagnose what a flight simulation lacks, from flight records.
@@ -55,9 +57,12 @@ def diagnose(
         Kept with the results; no step draws random numbers.
     quick
         Thin the records to 25 Hz.
+    criteria
+        TOML file with other numbers to decide by.
     as_json
         Print diagnosis.json and nothing else.
     """
+    by = Criteria() if criteria is None else Criteria.read(criteria)
     held = hold_out or []
     if held and not records:
         raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
@@ -68,7 +73,7 @@ def diagnose(
     fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [])
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
-    _write(Aircraft.read(aircraft or DEMO / "aircraft.toml"), fitted, held_out, out, seed, as_json)
+    _write(Aircraft.read(aircraft or DEMO / "aircraft.toml"), fitted, held_out, by, out, seed, as_json)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -96,11 +101,17 @@ def _flight(patterns: Sequence[str], held: Sequence[str], maps: Sequence[str]) -
 
 
 def _write(
-    aircraft: Aircraft, fitted: list[Record], held_out: list[Record], out: Path, seed: int, as_json: bool
+    aircraft: Aircraft,
+    fitted: list[Record],
+    held_out: list[Record],
+    criteria: Criteria,
+    out: Path,
+    seed: int,
+    as_json: bool,
 ) -> None:
-    made_with = provenance(seed)
+    made_with = provenance(seed) | {"criteria": criteria.changes}
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        diagnosis = diagnosis_of.diagnose(aircraft, fitted, held_out, report=stage)
+        diagnosis = diagnosis_of.diagnose(aircraft, fitted, held_out, report=stage, criteria=criteria)
         stage("report")
         diagnosis.write(folder / "diagnosis.json")
         diagnosis.extended_aircraft.write(folder / "extended.toml")

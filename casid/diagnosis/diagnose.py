@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.evaluation import Fit
@@ -34,7 +35,6 @@ from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics, without_turbulence
 from casid.diagnosis.naming.naming import Naming, name_causes
-from casid.diagnosis.naming.size import SHARE
 from casid.diagnosis.naming.structure import demanded_offsets, demanded_structure
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.aircraft import Aircraft
@@ -46,9 +46,6 @@ from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record
-
-# part of a variation that may be missing in records that no fit has seen: they go where the structure was not fitted
-_NOTABLE = 2.0 * SHARE
 
 
 class Stages:
@@ -77,19 +74,34 @@ def diagnose(
     records: Sequence[Record],
     hold_out: Sequence[Record] = (),
     report: Callable[[str], None] = lambda stage: None,
+    criteria: Criteria | None = None,
 ) -> Diagnosis:
     """Diagnose an aircraft file on flight records.
 
-    hold_out  records that are never fitted; when none is given one record, or the last third of a single one, is held
-    back. report  is called with the name of every stage. Names of files are taken too, of the aircraft and of records.
-    Raises InputError for what is neither and for records that cannot feed the model.
+    Parameters
+    ----------
+    aircraft
+        The simulation as an aircraft file has it; a name of a file is taken too.
+    records
+        Flight records to be fitted, or names of files.
+    hold_out
+        Records that are never fitted; when none is given one record, or the last third of a single one, is held back.
+    report
+        Is called with the name of every stage.
+    criteria
+        The numbers by which the diagnosis decides; by default those of `Criteria()`.
+
+    Raises
+    ------
+    InputError
+        For what is neither, and for records that cannot feed the model.
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
-    stages = Stages(report)
+    stages, criteria = Stages(report), criteria or Criteria()
     stages.begin("reading the records")
-    fitted, held = split(records, hold_out)
-    flight = prepare(aircraft, fitted)
+    fitted, held = split(records, hold_out, criteria.held_out)
+    flight = prepare(aircraft, fitted, criteria)
     flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
     known = attached_effects(flight)
     flight = with_noise_level(flight, known)
@@ -141,7 +153,7 @@ def diagnose(
         extended_aircraft=extended_file,
         causes=causes,
         minor=minor,
-        ranking=candidates[:40],
+        ranking=candidates[: criteria.numerics.naming.ranking],
         rounds=naming.rounds,
         as_given=given,
         refitted=refitted,
@@ -156,7 +168,7 @@ def diagnose(
         unexplained=tuple(unexplained),
         kinematic=tuple(found.ranked),
         turbulence=begun.turbulence,
-        detectable=smallest_detectable(candidates),
+        detectable=smallest_detectable(candidates, criteria.verdict),
         seconds=stages.seconds,
     )
 
@@ -175,7 +187,7 @@ class _Begun:
     @property
     def least(self) -> float:
         """What the rough model of turbulence leaves to others."""
-        return kinematics.OF_TURBULENCE * self.turbulence.gain if self.turbulence.named else 0.0
+        return self.turbulence.criteria.left * self.turbulence.gain if self.turbulence.named else 0.0
 
     def without_causes(self, named: Collection[tuple[str, str, str | None]]) -> Fit:
         """The model before any cause: one of the structure may have been `named` as one."""
@@ -294,7 +306,9 @@ def _missing_on_held(
     def missing(model: Fit, held: Fit) -> list[MissingInput]:
         held = with_events(held, model)
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
-        return still_missing(evidence, missing_inputs(evidence), causes, least, _NOTABLE)
+        return still_missing(
+            evidence, missing_inputs(evidence), causes, least, kept.evidence.criteria.held_out.missing_share
+        )
 
     found = missing(kept.fit, kept.held_fit)
     if found and slight:

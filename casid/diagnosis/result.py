@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.evidence.missing_input import MissingInput, place_of
 from casid.diagnosis.evidence.screening import Candidate
@@ -212,6 +213,11 @@ class Diagnosis:
     turbulence: Turbulence
     detectable: Mapping[str, float]
     seconds: Mapping[str, float]
+
+    @property
+    def criteria(self) -> Criteria:
+        """By which it was decided."""
+        return self.bare.criteria
 
     @property
     def is_extended(self) -> bool:

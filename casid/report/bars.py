@@ -12,8 +12,6 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from casid.diagnosis.kinematics.check import KINEMATIC_GAIN
-from casid.diagnosis.naming.trials import GAIN, GAIN_OF_AN_INSTRUMENT
 from casid.diagnosis.result import Cause, Diagnosis, Trial
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
@@ -50,7 +48,8 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
         if held is not None and held > 0:
             held_out.append(held)
             ax.plot(held, y, "D", color=BASELINE, mec="white", ms=8, zorder=3)
-    ax.axvline(GAIN, color=MEASURED, ls=":", lw=1.2)
+    asked = diagnosis.criteria.naming
+    ax.axvline(asked.gain, color=MEASURED, ls=":", lw=1.2)
     ax.set_xscale("log")
     ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain for _, t, _ in rows), *held_out))
     ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
@@ -71,9 +70,9 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
         title="Which cause: what each one gains when it is fitted",
         caption=(
             "Each bar is a full fit of the extended model. 2 Δ ln L is the drop of the deviance; to be named a "
-            f"cause must gain {GAIN:.0f} beyond its price, a fault of an instrument {GAIN_OF_AN_INSTRUMENT:.0f}. On "
-            "fitted records only that counts which small further terms cannot explain. "
-            + ("Round 2 starts from the model with the first cause, and so on." if several else "")
+            f"cause must gain {asked.gain:.0f} beyond its price, a fault of an instrument "
+            f"{asked.gain_of_an_instrument:.0f}. On fitted records only that counts which small further terms cannot "
+            "explain. " + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
         alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain:.0f}.",
     )
@@ -165,7 +164,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
             best[key] = (z, f"{fault} {quantity(candidate.value, effect.unit)}".strip())
     if not best:
         return None
-    limit = math.sqrt(KINEMATIC_GAIN)
+    limit = math.sqrt(diagnosis.criteria.kinematics.seen)
     everyone = sorted(best, key=lambda k: -best[k][0])
     order = everyone[:_MOST_INSTRUMENTS]
     figure = blank(0.29 * len(order) + 1.2)

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.view import View
-from casid.diagnosis.naming.size import plausible
+from casid.diagnosis.naming.size import is_artefact, plausible
 from casid.diagnosis.naming.trials import gain_asked
 from casid.diagnosis.result import Cause, Diagnosis, Trial
 from casid.model.vocabulary import KINDS
@@ -147,18 +148,19 @@ def alternatives(diagnosis: Diagnosis) -> str:
                     str(number),
                     escape(quantity(one.values["value"], one.effect.unit)),
                     digits(trial.gain),
-                    escape((doubted or _why(trial, winner, trial in round_.equivalents)) + later),
+                    escape((doubted or _why(trial, winner, trial in round_.equivalents, diagnosis.criteria)) + later),
                 )
             )
     head = ("cause", "round", "fitted size", "gain 2 Δ ln L", "why it was not named")
     return table(head, rows, "Alternatives that were fitted, and why they lost")
 
 
-def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
+def _why(trial: Trial, winner: Trial | None, equivalent: bool, criteria: Criteria) -> str:
     if trial.refuted:
         return "refuted: the kinematics contradict an error of this size"
     if not trial.meaningful:
-        possible = plausible(trial.candidate.attached, trial.share)
+        one = trial.candidate.attached
+        possible = plausible(one) and not is_artefact(one, trial.share, criteria.size)
         return "too small to matter, or to be certain" if possible else "of no plausible size"
     if equivalent:
         return "cannot be told apart from the one that was named"
@@ -168,9 +170,8 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool) -> str:
         return f"kinematics find it of another size, or less of it than of {_name(winner)}"
     if winner is not None:
         return f"gains {100.0 * (1.0 - trial.gain / winner.gain):.0f} % less than {_name(winner)}"
-    return (
-        "leaves unexplained what is missing" if trial.net > gain_asked(trial.effect) else "gains too little to be named"
-    )
+    enough = trial.net > gain_asked(trial.effect, criteria)
+    return "leaves unexplained what is missing" if enough else "gains too little to be named"
 
 
 def _name(trial: Trial) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from casid.campaign.blind import solve
-from casid.diagnosis.evidence.fingerprints import EDGE
+from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.model.terms import parse_term
 from casid.model.vocabulary import KINDS
@@ -122,7 +122,8 @@ def test_every_kind_is_drawn_in_the_words_of_the_vocabulary(kind: str) -> None:
             assert blind_do328.effect_value(one).unit == one.unit
         if one.onset_s is not None:
             assert set(one.onset_s) == set(one.records)
-            assert all(EDGE < onset < 20.0 - EDGE for onset in one.onset_s.values())
+            edge = Criteria().screening.edge
+            assert all(edge < onset < 20.0 - edge for onset in one.onset_s.values())
 
 
 def test_two_effects_are_of_different_families() -> None:

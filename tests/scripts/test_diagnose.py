@@ -12,6 +12,7 @@ from small_flight import NAMES, aircraft_file, records
 
 from casid.cli.diagnose import diagnose
 from casid.cli.run import script, status_of
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.judging.held_out import split
 from casid.model.aircraft import Aircraft
 from casid.records.readers import read_record, write_record
@@ -49,12 +50,18 @@ class Seen:
     fitted: list[str]
     held: list[str]
     samples: int
+    criteria: Criteria
 
     def __call__(
-        self, aircraft: Aircraft, given: Sequence[Record], hold_out: Sequence[Record], report: Callable
+        self,
+        aircraft: Aircraft,
+        given: Sequence[Record],
+        hold_out: Sequence[Record],
+        report: Callable,
+        criteria: Criteria,
     ) -> None:
-        self.aircraft, self.samples = aircraft, len(given[0])
-        fitted, held = split(given, hold_out)
+        self.aircraft, self.samples, self.criteria = aircraft, len(given[0]), criteria
+        fitted, held = split(given, hold_out, criteria.held_out)
         self.fitted, self.held = [r.name for r in fitted], [r.name for r in held]
         raise KeyboardInterrupt
 
@@ -120,6 +127,16 @@ def test_quick_thins_the_records(run: Callable, tmp_path: Path) -> None:
     run("--out", tmp_path, instead=full)
     run("--out", tmp_path, "--quick", instead=quick)
     assert quick.samples == (full.samples + 1) // 2  # 50 Hz to 25 Hz
+
+
+def test_criteria_come_from_a_file(run: Callable, tmp_path: Path) -> None:
+    file, seen = tmp_path / "my.toml", Seen()
+    file.write_text("[held_out]\nfitted_part = 0.5\n", encoding="utf-8")
+    run("--out", tmp_path / "out", "--criteria", file, instead=seen)
+    assert seen.criteria == Criteria().with_values({"held_out": {"fitted_part": 0.5}})
+    file.write_text("[heldout]\nfitted_part = 0.5\n", encoding="utf-8")
+    status, error = run("--out", tmp_path / "out", "--criteria", file)
+    assert status == 2 and "did you mean 'held_out.fitted_part'" in error and error.count("\n") == 1
 
 
 def test_thinning_keeps_every_nth_sample() -> None:

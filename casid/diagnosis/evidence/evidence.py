@@ -13,14 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_blas_funcs
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
 from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.native.processors import share_out, side_by_side
-
-_SURE = 3.0  # times its spread that a value must be from zero
-_KNOWN = 0.005  # of a value: what samples leave open between them, and another simulator does otherwise
-_STRETCH, _OWN = 5.0, 0.7  # s; and the largest part of a slot's information that a stretch counts for
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,6 +40,11 @@ class Evidence:
     factors: np.ndarray
     scales: Mapping[str, float]
     _sums: _Sums
+
+    @property
+    def criteria(self) -> Criteria:
+        """By which everything that looks at this evidence decides."""
+        return self.fit.criteria
 
     @property
     def samples(self) -> int:
@@ -87,18 +89,20 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Sums:
     """Normal equations `gram`, `slope` of slots (prior included) and small terms, whose prior information is `alike` at
-    a scale of one, and the coefficients that own the small terms."""
+    a scale of one, the coefficients that own the small terms, and the `scales` that are tried."""
 
     gram: np.ndarray
     slope: np.ndarray
     alike: np.ndarray
     owners: tuple[str, ...]
+    scales: tuple[float, ...]
 
     def most_likely(self) -> dict[str, float]:
         k = len(self.slope) - len(self.owners)
         by_slots = self.gram[k:, :k] @ scaled_inverse(self.gram[:k, :k]) if k else np.zeros((len(self.owners), 0))
         square = self.gram[k:, k:] - by_slots @ self.gram[:k, k:]
-        return most_likely_scales(square, self.slope[k:] - by_slots @ self.slope[:k], self.alike, self.owners)
+        match = self.slope[k:] - by_slots @ self.slope[:k]
+        return most_likely_scales(square, match, self.alike, self.owners, self.scales)
 
     def posterior(self, scales: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
         """(covariance, newton, and by what the marginalised small terms change the deviance)."""
@@ -122,14 +126,15 @@ def _sums(fit: Fit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _Sums
     slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
     gram[range(k), range(k)] += fit.prior_weight
     slope[:k] -= fit.prior_pull
-    return _Sums(gram=gram, slope=slope, alike=small.alike, owners=tuple(c for c, _ in small.names))
+    owners = tuple(c for c, _ in small.names)
+    return _Sums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
 
 
 def deviation(evidence: Evidence, name: str) -> float:
     """Honest 1-sigma of a fitted slot: its `spread`, where small terms of the structure would move the value to, what
-    records leave open that are sampled and noisy, and `_KNOWN`, for no value is known better."""
+    records leave open that are sampled and noisy, and a part of it, for no value is known better."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    parts = spread(evidence, name), evidence.newton[index], _KNOWN * evidence.fit[name]
+    parts = spread(evidence, name), evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
     return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
 
 
@@ -178,7 +183,9 @@ def is_sure(evidence: Evidence, name: str) -> bool:
     may replace it, leaves zero out; a value that is not fitted itself is taken as sure."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return True
-    return abs(evidence.fit[name]) > max(_SURE * spread(evidence, name), 1.96 * deviation(evidence, name))
+    criteria = evidence.criteria.structure
+    interval = criteria.confidence * deviation(evidence, name)
+    return abs(evidence.fit[name]) > max(criteria.sure * spread(evidence, name), interval)
 
 
 def spread(evidence: Evidence, name: str) -> float:
@@ -189,22 +196,23 @@ def spread(evidence: Evidence, name: str) -> float:
 
 
 def scatter(evidence: Evidence, index: int) -> float:
-    """1-sigma of a fitted slot from how far stretches of `_STRETCH` pull it apart, whatever makes them disagree.
+    """1-sigma of a fitted slot from how far stretches of record pull it apart, whatever makes them disagree.
 
     The sandwich covariance with stretches as clusters, each weighed up by what it determines of the slot itself (the
     jackknife's: Bell and McCaffrey 2002): without error of the model it is the posterior 1-sigma on average; what is
     left of the aircraft's real structure makes it larger.
     """
     direction, pulls, shares = evidence.covariance[index], [], []
+    criteria = evidence.criteria.structure
     for r, flat in enumerate(evidence.by_record):
-        samples = max(1, round(_STRETCH / evidence.fit.flight.records[r].dt))
+        samples = max(1, round(criteria.stretch / evidence.fit.flight.records[r].dt))
         along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
         left = evidence.fit.white[:, r] - (flat @ evidence.newton).reshape(along.shape)
         first = np.arange(0, len(along), samples)
         pulls.append(np.add.reduceat((along * left).sum(axis=1), first))
         shares.append(np.add.reduceat((along**2).sum(axis=1), first))
     share = np.concatenate(shares)
-    own = np.minimum(share / max(float(share.sum()), 1e-300), _OWN)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
 
 

@@ -20,10 +20,6 @@ from casid.model.effect import Effect
 from casid.model.terms import parse_term
 from casid.native.processors import side_by_side
 
-_AT_ONCE, _LEAST, _MOST = 1.8e6, 24, 96  # numbers of whitened responses, and responses, that are in memory together
-ONSET_STEP, _FINE_UP_TO = 1.0, 30.0  # s, between onsets, and length of a record up to which they are as near as asked
-EDGE = 1.0  # s from either end of a record: what sets in nearer to it has always been there, or never
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fingerprint:
@@ -53,7 +49,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
             if not effect.timed:
                 rows.append((effect, values, None))
                 continue
-            at = onset_grid(evidence, ONSET_STEP, values.get("length", np.inf)) if onsets is None else onsets
+            at = onset_grid(evidence, length=values.get("length", np.inf)) if onsets is None else onsets
             rows += [(effect, values, float(onset)) for onset in at]
     rows.sort(key=lambda row: row[2] or 0.0)  # what has not begun yet needs no work
     symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
@@ -69,12 +65,14 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     return [print_ for found in side_by_side(some, parts) for print_ in found]
 
 
-def onset_grid(evidence: Evidence, step: float, length: float = np.inf) -> np.ndarray:
-    """Onsets [s] after a record's first sample to look at, `step` apart, and further in long records, so that the work
-    grows as the records do; but no further than an event of that `length` takes."""
+def onset_grid(evidence: Evidence, step: float | None = None, length: float = np.inf) -> np.ndarray:
+    """Onsets [s] after a record's first sample to look at, `step` apart, by default as a screening does, and further in
+    long records, so that the work grows as the records do; but no further than an event of that `length` takes."""
     longest = max(record.duration for record in evidence.fit.flight.records)
-    wider = max(step, min(step * longest / _FINE_UP_TO, length))
-    return np.arange(EDGE, longest - EDGE, wider)
+    numerics, edge = evidence.criteria.numerics.screening, evidence.criteria.screening.edge
+    step = numerics.onset_step if step is None else step
+    wider = max(step, min(step * longest / numerics.fine_up_to, length))
+    return np.arange(edge, longest - edge, wider)
 
 
 def _a_history(effect: Effect) -> bool:
@@ -153,7 +151,8 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
 
 def _together(base: Fit) -> int:
     """Responses that are in memory at a time."""
-    return int(np.clip(_AT_ONCE / base.white.size, _LEAST, _MOST))
+    numerics = base.criteria.numerics.screening
+    return int(np.clip(numerics.responses / base.white.size, numerics.fewest_responses, numerics.most_responses))
 
 
 def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:

@@ -16,16 +16,11 @@ from scipy import special, stats
 
 from casid.diagnosis.evidence.evidence import Evidence, cross_of, gram_of
 from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.dynamics import moved_coefficients
 from casid.native.processors import side_by_side
 
 READING = "reading_"  # and the channel: station of what is added to a reading
-ONE_READING = 1.5  # times what moving air gains, by an unknown input at one reading: then it drifts, and no air moves
-_SPACING, _TIMES = 0.4, (0.4, 1.5, 6.0)  # s, between nodes, and correlation times
-_MOST_NODES = 500  # of all records: longer ones are looked at less finely
-_DRIFT_SPACING, _DRIFT_TIMES = 2.0, (6.0, 20.0)  # s, of readings
-_BY_CHANCE = 1e-6
-_RATIOS = np.logspace(-3.0, 6.0, 46)
 
 
 _STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
@@ -110,10 +105,12 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
 
 
 def _peak_frequency(fit: Fit) -> float | None:
-    """Frequency [Hz] of the highest peak that white innovations would show in `_BY_CHANCE` of all cases at most."""
+    """Frequency [Hz] of the highest peak that white innovations hardly ever show by chance."""
+    criteria, numerics = fit.criteria.screening, fit.criteria.numerics.missing_input
     steps = np.array([record.dt for record in fit.flight.records])
     frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
-    frequency = frequency[(frequency > 0.5 / _SPACING) & (frequency < 0.4 / steps.min())]
+    highest = numerics.highest_frequency
+    frequency = frequency[(frequency > 0.5 / numerics.spacing) & (frequency < highest / steps.min())]
     if not len(frequency):
         return None
     power, dof = np.zeros((len(frequency), len(fit.model.outputs))), np.zeros(len(frequency))
@@ -122,13 +119,13 @@ def _peak_frequency(fit: Fit) -> float | None:
         white = np.where(seen, fit.white[:, r], 0.0)
         nodes = np.fft.rfftfreq(2 * len(white), dt)
         own = 2.0 * np.abs(np.fft.rfft(white, 2 * len(white), axis=0)) ** 2 / np.maximum(seen.sum(axis=0), 1)
-        below = frequency < 0.4 / dt
+        below = frequency < highest / dt
         at = np.clip(np.rint(frequency[below] / nodes[1]).astype(int), 0, len(nodes) - 1)
         power[below] += own[at]  # chi-square, two degrees of freedom
         dof[below] += 2.0
     chance = _log_chance(power, dof[:, None]) + np.log(power.size)
     at, _ = np.unravel_index(np.argmin(chance), chance.shape)
-    return float(frequency[at]) if chance.min() < np.log(_BY_CHANCE) else None
+    return float(frequency[at]) if chance.min() < np.log(criteria.by_chance) else None
 
 
 def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
@@ -163,10 +160,10 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
 
 
 def _one_station(evidence: Evidence, station: str) -> MissingInput:
-    fit, slow = evidence.fit, station.startswith(READING)
-    spacing, times = (_DRIFT_SPACING, _DRIFT_TIMES) if slow else (_SPACING, _TIMES)
+    fit, slow, numerics = evidence.fit, station.startswith(READING), evidence.criteria.numerics.missing_input
+    spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.spacing, numerics.times)
     longest = max(record.duration for record in fit.flight.records)
-    spacing = max(spacing, len(fit.flight.records) * longest / _MOST_NODES)
+    spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
     nodes = np.arange(0.0, longest + spacing, spacing)
     since = fit.batch.t - fit.batch.t[0]
     hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - nodes) / spacing)
@@ -198,13 +195,13 @@ def _most_likely(
         match[own] = w.T @ fit.white[:, r].reshape(-1)
     match -= cross.T @ evidence.newton
     gram -= cross.T @ evidence.covariance @ cross
-    best = (0.0, times[0], 0.0)
+    best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
         root = _prior_root(nodes, tau, R)
         values, vectors = np.linalg.eigh(root.T @ gram @ root)
         values = np.maximum(values, 0.0)
         power = (vectors.T @ (root.T @ match)) ** 2
-        for variance in _RATIOS / max(values[-1], 1e-300):
+        for variance in ratios / max(values[-1], 1e-300):
             gain = float(np.sum(variance * power / (1 + variance * values)) - np.sum(np.log1p(variance * values)))
             if gain > best[0]:
                 best = (gain, tau, variance)
@@ -215,6 +212,12 @@ def _most_likely(
         here = nodes <= record.duration
         inside[record.name] = record.t[0] + nodes[here], mean[here], sigma[here]
     return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), history=inside)
+
+
+def _ratios(numerics: MissingInputNumerics) -> np.ndarray:
+    """The variances that are tried, in units of the best-determined direction."""
+    first, last = np.log10(numerics.smallest_variance), np.log10(numerics.largest_variance)
+    return np.logspace(first, last, numerics.variances)
 
 
 def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import Fingerprint, fingerprints
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
-
-_STARTS = 4  # records from which sets of records grow
-_EQUIVALENT = (10.0, 0.005)  # absolute and relative distance in gain within which causes are one set
-_SURVIVING = 0.02  # below this share a fingerprint is a combination of fitted derivatives
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,7 +53,7 @@ class Screen:
     the model as exact and projects off the slots alone."""
 
     def __init__(self, evidence: Evidence, exact: bool = False) -> None:
-        self.evidence, self.base = evidence, evidence.fit
+        self.evidence, self.base, self.criteria = evidence, evidence.fit, evidence.criteria
         self.covariance, self.newton = evidence.covariance, evidence.newton
         if exact:
             k = len(evidence.fit.slots)
@@ -94,7 +91,7 @@ class Screen:
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
         """(statistic, size, its 1-sigma, surviving share); zero statistic for what derivatives imitate fully."""
         left, match, share = self.projected(parts, keep)
-        if left <= 0.0 or share < _SURVIVING:
+        if left <= 0.0 or share < self.criteria.screening.surviving:
             return 0.0, 0.0, np.inf, share
         return match**2 / left, match / left, left**-0.5, share
 
@@ -125,14 +122,14 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     """The best of the tried shapes, in all records or, for what may change between flights, in some. What only shows as
     a difference between records, which a set and all the others tell equally well, is in the fewer."""
     effect, names = prints[0].effect, np.array(judge.base.batch.names)
-    R = len(names)
+    R, criteria, longest = len(names), judge.criteria.screening, judge.criteria.numerics.screening.longest_start
     best: Candidate | None = None
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.by_record else []
         some = sorted({tuple(sorted(chosen)) for _, chosen in sets if len(chosen) < R}, key=len)
         for keep in (np.ones(R), *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
-            if size == 0.0 or (not effect.linear and not 0.3 < size < 3.0):
+            if size == 0.0 or (not effect.linear and not criteria.smallest_size < size < criteria.largest_size):
                 continue
             tried = len(prints) * (1.0 if keep.all() else 2.0**R - 1.0)
             dof = 1 + (effect.linear and len(one.values) > 0)
@@ -140,8 +137,8 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             records = () if keep.all() else tuple(names[keep > 0].tolist())
             before = best.attached.records if best is not None and effect.relative else ()
             in_more = 0 < len(before) < len(records) and {*before, *records} == {*names.tolist()}
-            if best is None or net > best.net + (equivalence(net) if in_more else 0.0):
-                value = size if effect.linear else one.values["value"] * min(size, 1.5)
+            if best is None or net > best.net + (equivalence(net, judge.criteria) if in_more else 0.0):
+                value = size if effect.linear else one.values["value"] * min(size, longest)
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached,
@@ -156,9 +153,9 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     return best
 
 
-def equivalence(gain: float) -> float:
+def equivalence(gain: float, criteria: Criteria) -> float:
     """Distance in gain within which causes are one set."""
-    return max(_EQUIVALENT[0], _EQUIVALENT[1] * gain)
+    return max(criteria.screening.equivalent, criteria.screening.equivalent_part * gain)
 
 
 def _subset(chosen: Iterable[int], R: int) -> np.ndarray:
@@ -203,24 +200,24 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size."""
-    sets = grown_sets(R, _Sums(judge, prints).statistics)
+    sets = grown_sets(R, _Sums(judge, prints).statistics, judge.criteria.numerics.screening.starts)
     return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
 
 
 def grown_sets(
-    records: int, statistics: Callable[[Mapping[int, int], Sequence[int]], np.ndarray]
+    records: int, statistics: Callable[[Mapping[int, int], Sequence[int]], np.ndarray], starts: int
 ) -> Iterator[dict[int, int]]:
     """Record -> number of the onset, for single records and for larger sets that share one size.
 
     statistics  (what is chosen, records) -> (onsets, records) statistic of each onset in a record beside that
 
-    Larger sets grow from each of the `_STARTS` records that say most by the record and onset that add most, all onsets
+    Larger sets grow from each of the `starts` records that say most by the record and onset that add most, all onsets
     then moved once more: the fitted derivatives hide a loss that is in most records, so that single records say little.
     """
     alone = statistics({}, range(records))
     singles = [{r: int(np.argmax(alone[:, r]))} for r in range(records)]
     yield from singles
-    for first in np.argsort(-alone.max(axis=0), kind="stable")[:_STARTS]:
+    for first in np.argsort(-alone.max(axis=0), kind="stable")[:starts]:
         chosen = dict(singles[first])
         while len(chosen) < records:
             others = [r for r in range(records) if r not in chosen]
@@ -239,7 +236,7 @@ class _Sums:
     def __init__(self, judge: Screen, prints: Sequence[Fingerprint]) -> None:
         self._square, self._cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
         self._match = np.stack([p.match for p in prints]) - self._cross @ judge.newton
-        self._covariance = judge.covariance
+        self._covariance, self._surviving = judge.covariance, judge.criteria.screening.surviving
         self._spent = self._cross @ judge.covariance
         self._alone = self._square - np.sum(self._spent * self._cross, axis=2)
 
@@ -251,5 +248,5 @@ class _Sums:
         left = self._alone[:, records] + self._square[prints, rows].sum()
         left = left - 2.0 * self._spent[:, records] @ fixed - float(fixed @ self._covariance @ fixed)
         match = self._match[:, records] + self._match[prints, rows].sum()
-        enough = left > np.maximum(_SURVIVING**2, 1e-9) * np.maximum(square, 1e-300)
+        enough = left > np.maximum(self._surviving**2, 1e-9) * np.maximum(square, 1e-300)
         return np.where(enough, match**2 / np.where(enough, left, 1.0), 0.0)

@@ -1,8 +1,8 @@
 """The small structural errors that any linear aircraft model has: which terms, how large, and how alike they are.
 
 Of a coefficient every low-order term that symmetry allows and the model lacks may be present. What they make together
-is a function of the motion; of it, each of the orthogonal parts that the fitted terms leave has a prior 1-sigma of
-`SMALL` of the variation of the coefficient, times a scale that says how bent this coefficient is (Zellner's g-prior).
+is a function of the motion; of it, each of the orthogonal parts that the fitted terms leave has a prior 1-sigma of a
+small part of the variation of the coefficient, times a scale that says how bent it is (Zellner's g-prior).
 The prior is thus one of functions: no matter which terms are written down, and in what order, and a curve with a kink
 needs no large terms that cancel.
 """
@@ -22,11 +22,6 @@ from casid.model.dynamics import moved_coefficients
 from casid.model.path import MOMENTS, aerodynamic_parameters
 from casid.model.terms import parse_term
 
-SMALL = 0.0025
-_SCALES = (1.0, 2.0, 4.0)  # at most 1 % a part, some 4 % in all: a coefficient more bent than that misses something
-_LEFT = 1e-6  # of a term, beside the fitted ones: less is rounding
-_RESTS = 1e-7  # rad, of a variable: rounding, where a surface does not move
-_RIDGE = 1e-3  # of a term's own prior information, for those that are nearly the sum of others
 _LONGITUDINAL = ("alpha", "q", "delta_e")
 _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
@@ -36,7 +31,7 @@ class SmallTerms:
     """Small terms of a fit.
 
     names    (coefficient, term) of each;  series (N, R, n) its regressor
-    factors  (n,) value of each that alone makes `SMALL` of the variation of its coefficient
+    factors  (n,) value of each that alone makes that small part of the variation of its coefficient
     alike    (n, n) correlations, within a coefficient, of what fitted terms leave of them: the inverse of the prior
              covariance of the values, in units of `factors`, at a scale of one
     """
@@ -54,7 +49,7 @@ def no_terms(fit: Fit) -> SmallTerms:
 
 def small_terms(fit: Fit) -> SmallTerms:
     """All that symmetry allows and the model of the fit lacks."""
-    aircraft = fit.flight.aircraft
+    aircraft, criteria = fit.flight.aircraft, fit.criteria.structure
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
@@ -70,13 +65,14 @@ def small_terms(fit: Fit) -> SmallTerms:
         whole = np.stack(along, axis=2)
         left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
-        rests = np.array([_RESTS ** parse_term(term).degree for term in allowed])
-        varies = np.flatnonzero(spread > np.maximum(_LEFT * np.std(whole[fit.batch.live], axis=0), rests))
+        rests = np.array([criteria.resting ** parse_term(term).degree for term in allowed])
+        varies = np.flatnonzero(spread > np.maximum(criteria.dependent * np.std(whole[fit.batch.live], axis=0), rests))
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
         series.append(whole[..., varies])
-        factors.append(SMALL * size / spread[varies])
-        blocks.append((unit.T @ unit / len(unit) + _RIDGE * np.eye(len(varies))) / (1.0 + _RIDGE))
+        factors.append(criteria.small * size / spread[varies])
+        ridge = criteria.ridge
+        blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
         return no_terms(fit)
     return SmallTerms(
@@ -88,9 +84,9 @@ def small_terms(fit: Fit) -> SmallTerms:
 
 
 def most_likely_scales(
-    square: np.ndarray, match: np.ndarray, alike: np.ndarray, owners: Sequence[str]
+    square: np.ndarray, match: np.ndarray, alike: np.ndarray, owners: Sequence[str], scales: Sequence[float]
 ) -> dict[str, float]:
-    """owner -> scale with the largest marginal likelihood (empirical Bayes), by coordinate descent.
+    """owner -> that of the `scales` with the largest marginal likelihood (empirical Bayes), by coordinate descent.
 
     square, match  (n, n), (n,) normal equations of the small terms, all else eliminated
     alike          (n, n) their prior information at a scale of one;  owners  the coefficient of each
@@ -105,12 +101,12 @@ def most_likely_scales(
         pulled = solve_triangular(factor, match * scale, lower=True, check_finite=False)
         return 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(pulled @ pulled)
 
-    best = dict.fromkeys(owners, _SCALES[0])
+    best = dict.fromkeys(owners, scales[0])
     lowest, settled = deviance(best), False
     while not settled:
         settled = True
         for owner in best:
-            for scale in _SCALES:
+            for scale in scales:
                 if (found := deviance(best | {owner: scale})) < lowest:
                     lowest, best, settled = found, best | {owner: scale}, False
     return best

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise, disturbance_series, readings
 from casid.diagnosis.flight.prior import OFFSET, prior
@@ -16,10 +17,6 @@ from casid.filtering.kalman import Filter, kalman_filter, residual_about
 from casid.model.causes import group_channels
 from casid.model.path import STATES
 from casid.model.system import Model
-
-_MOST = 3.0  # 1-sigmas of an input's noise: what would need more is a fault that the model does not have yet
-_NOTHING_KNOWN = 1e-30  # information: less is rounding, as of the end of what outlasts the records
-_HELD = 0.1  # relative change of its strength from which noise counts as held
 
 # what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
 # nothing
@@ -111,6 +108,11 @@ class Fit:
         return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
 
     @property
+    def criteria(self) -> Criteria:
+        """By which everything that looks at this fit decides."""
+        return self.flight.criteria
+
+    @property
     def deviance_by_sample(self) -> np.ndarray:
         """(N, R) what each sample contributes to `data_deviance`."""
         return np.sum(self.white**2, axis=2) + self.filter.log_determinant
@@ -134,7 +136,8 @@ class Fit:
         pass through an effect that it should."""
         if any(one.effect.noise is not None and not one.passes for one in self.attached):
             return True
-        return any(abs(held / self.noise.inputs[name] - 1.0) > _HELD for name, held in self.held.inputs.items())
+        change = self.criteria.noise.input_change
+        return any(abs(held / self.noise.inputs[name] - 1.0) > change for name, held in self.held.inputs.items())
 
     @property
     def gradient(self) -> np.ndarray:
@@ -244,7 +247,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
     into = _into_the_motion(linear, work.noise.inputs)
     reference = work.reference or into
-    strength = {name: s * _as_strong(into[name], reference[name]) for name, s in work.noise.inputs.items()}
+    most = work.flight.criteria.noise.largest_input
+    strength = {name: s * _as_strong(into[name], reference[name], most) for name, s in work.noise.inputs.items()}
     held = replace(work.noise, inputs=strength)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
@@ -295,12 +299,12 @@ def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndar
     return {name: drive[rows, model.disturbances.index(name)] for name in inputs}
 
 
-def _as_strong(into: np.ndarray, reference: np.ndarray) -> float:
+def _as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
     """Factor with which noise of an input does no more to the motion than in the reference: a cause must not gain by
     making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
-    measured, and not stronger than that."""
+    measured, and not stronger than that; and there are no more than `most` 1-sigmas of it."""
     ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
-    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / _MOST, 1.0))
+    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / most, 1.0))
 
 
 def _lateness(attached: Sequence[Attached], work: Work) -> np.ndarray:
@@ -333,9 +337,10 @@ def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
 
 
 def scaled_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix, scaled to unit diagonal; directions without information get none."""
+    """Inverse of an information matrix, scaled to unit diagonal; directions without information get none: less than
+    1e-30 is rounding, as of the end of what outlasts the records."""
     diagonal = np.diag(information)
-    scale = np.where(diagonal > _NOTHING_KNOWN, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING_KNOWN)), 0.0)
+    scale = np.where(diagonal > 1e-30, 1.0 / np.sqrt(np.maximum(diagonal, 1e-30)), 0.0)
     return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
 
 
@@ -386,6 +391,6 @@ def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
 def smoothed(now: Fit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
     """Change to the most likely motion, given a residual."""
     moved, noise = now.filter.smooth(Y, F, first)
-    most, nx = _MOST * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
+    most, nx = now.criteria.noise.largest_input * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
     noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
     return Motion(X=moved[..., :nx], coloured=moved[..., nx:], inputs=noise - now.motion.inputs)

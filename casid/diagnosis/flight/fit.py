@@ -15,10 +15,6 @@ from casid.errors import InputError
 from casid.filtering.innovations import NoiseModel
 from casid.filtering.kalman import kalman_filter, residual_about
 
-_FAR, _WIDER = 100.0, 10.0  # deviance per reading of a fit that is far from the data, and times the noise for it
-_MUCH_LESS, _HARDLY_MORE = 0.25, 1.01  # of what a step promises, and of the sum of squares
-_RELAXATIONS, _STILL = 5, 0.5  # of the filter in turbulence, at most, and 1-sigmas that no value moves by any more
-
 
 def fit(
     flight: Flight,
@@ -46,7 +42,7 @@ def fit(
     is unlikely to come below the deviance `give_up` is left as it stands. Raises InputError where even the first point
     cannot be flown.
     """
-    work = Work(flight, attached, noise, free)
+    work, numerics = Work(flight, attached, noise, free), flight.criteria.numerics.fit
     if start is not None and start.flight.records is flight.records and not anew:
         work.reference = start.reference
         if start.filter_held and start.noise == noise:
@@ -61,8 +57,8 @@ def fit(
         with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
             now = _Point.of(work, _flown(work, attached, values, motion))
         if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
-            shrink *= 0.4
-            if shrink < 0.02 or step is None or best is None:
+            shrink *= numerics.shrink
+            if shrink < numerics.shortest_step or step is None or best is None:
                 break
             values, motion = best.fit.values + shrink * step[0], best.fit.motion.moved(step[1], shrink)
             continue
@@ -83,10 +79,11 @@ def fit(
 
 def from_elsewhere(fitted: Fit) -> Fit | None:
     """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
-    something large: it begins from a fit under `_WIDER` noise, for which there are fewer minima. None of other fits."""
-    if fitted.converged or fitted.deviance < _FAR * fitted.readings:
+    something large: it begins from a fit under wider noise, for which there are fewer minima. None of other fits."""
+    numerics = fitted.criteria.numerics.fit
+    if fitted.converged or fitted.deviance < numerics.far * fitted.readings:
         return None
-    wide = replace(fitted.noise, measurement={name: _WIDER * s for name, s in fitted.noise.measurement.items()})
+    wide = replace(fitted.noise, measurement={name: numerics.wider * s for name, s in fitted.noise.measurement.items()})
     first = fit(fitted.flight, fitted.attached, wide, iterations=20)
     return fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
 
@@ -99,11 +96,12 @@ def without(fitted: Fit, names: Collection[str]) -> Fit:
 
 def relaxed(fitted: Fit) -> Fit:
     """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
-    for _ in range(_RELAXATIONS if fitted.filter_held else 1):
+    numerics = fitted.criteria.numerics.fit
+    for _ in range(numerics.relaxations if fitted.filter_held else 1):
         before = fitted
         attached = [replace(one, passes=True) for one in before.attached]
         fitted = fit(before.flight, attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
-        if np.all(np.abs(fitted.values - before.values) < _STILL * np.sqrt(np.diag(before.covariance))):
+        if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
             break
     return fitted
 
@@ -146,7 +144,8 @@ class _Point:
         if now.squares - self.squares < tolerance * now.misfit or now.fit.deviance < self.fit.deviance:
             return True
         left = now.promise / self.promise if self.promise else np.inf
-        nearer = left < _MUCH_LESS or (left < 1.0 and now.squares < _HARDLY_MORE * self.squares)
+        numerics = now.fit.criteria.numerics.fit
+        nearer = left < numerics.promise or (left < 1.0 and now.squares < numerics.squares * self.squares)
         return full and nearer and not now.fit.noise.coloured
 
 

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import casadi as ca
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.flight.redundant import RATE_OF, is_derived
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
@@ -37,9 +38,6 @@ from casid.signals import SURFACES
 # with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
 _NOT_JUDGED = ("altitude",)
 _NOTHING: Mapping[str, str] = MappingProxyType({})
-_CLEARLY = 1.2  # ratio above which a noise density is more than a high band within its scatter
-_COMMON = 0.7  # part of the outputs that a filter common to all channels shows in
-_LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,6 +50,7 @@ class Flight:
                    to be raised by `with_noise_above`
     turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
     held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
+    criteria       by which everything that looks at this flight decides
     """
 
     aircraft: Aircraft
@@ -63,6 +62,7 @@ class Flight:
     doubted: tuple[str, ...] = ()
     turning: Mapping[str, float] = field(default_factory=dict)
     held: float = 0.0
+    criteria: Criteria = Criteria()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
@@ -124,9 +124,9 @@ class Flight:
             return self
         raised = {}
         for name in self.doubted:
-            both = (_that_have(records, name) for records in (left, self.records))
+            both = (_that_have(records, name, self.criteria.noise) for records in (left, self.records))
             density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in both)
-            if density > _CLEARLY * self.sigma[name]:
+            if density > self.criteria.noise.density_ratio * self.sigma[name]:
                 raised[name] = density
         return replace(self, sigma=self.sigma | raised)
 
@@ -137,8 +137,10 @@ class Flight:
         An input's own spectrum cannot tell, for it moves at will.
         """
         edge = motion_edge(self.records)
-        factors = [self.sigma[o] / _sigma([r[o] for r in of]) for o, of in self._filtered(self.outputs, edge).items()]
-        if len(factors) < _COMMON * len(self.outputs):
+        criteria = self.criteria.noise
+        filtered = self._filtered(self.outputs, edge)
+        factors = [self.sigma[o] / _sigma([r[o] for r in of], criteria) for o, of in filtered.items()]
+        if len(factors) < criteria.common_filter * len(self.outputs):
             return self
         names = [name.removeprefix("d_") for name in self.input_sigma]
         stated = self.aircraft.noise
@@ -148,7 +150,7 @@ class Flight:
 
     def _filtered(self, names: Sequence[str], edge: float) -> dict[str, list[Record]]:
         """Channels whose high band does not show their noise, with the records that have them."""
-        having = {name: _that_have(self.records, name) for name in names}
+        having = {name: _that_have(self.records, name, self.criteria.noise) for name in names}
         return {name: records for name, records in having.items() if not high_band_holds(records, name, edge)}
 
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
@@ -168,29 +170,30 @@ class Flight:
         """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than
         two of the outputs."""
         ready = [flight_inputs(aircraft, record, self.axes) for record in records]
-        ready = tuple(_with_all(record, self.outputs) for record in ready)
+        ready = tuple(_with_all(record, self.outputs, self.criteria.noise) for record in ready)
         return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
 
 
-def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
+def prepare(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria | None = None) -> Flight:
     """Decide axes, outputs and noise from what the records hold. Offsets of all six coefficients are always fitted.
 
     Raises InputError when the records cannot feed any model, or hold nothing to be explained.
     """
-    axes = axes_of(records)
+    criteria = criteria or Criteria()
+    noise, axes = criteria.noise, axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
     ready = [flight_inputs(aircraft, record, axes) for record in records]
     moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
-    outputs = tuple(o for o in moved if _moves(ready, o))
-    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in _that_have(ready, o)]) for o in outputs}
+    outputs = tuple(o for o in moved if _moves(ready, o, noise))
+    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in _that_have(ready, o, noise)], noise) for o in outputs}
     left_out = {o: "constant in all records" for o in moved if o not in outputs}
     for acceleration, rate in RATE_OF.items():
-        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma[rate]):
+        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma[rate], noise):
             del sigma[acceleration]
             left_out[acceleration] = f"computed from {rate}, whose noise it has, and nothing new"
     outputs = tuple(sigma)
-    ready = tuple(_with_all(record, outputs, left_out) for record in ready)
+    ready = tuple(_with_all(record, outputs, noise, left_out) for record in ready)
     inputs = {f"d_{name}": [r[name] for r in ready] for name in (*SURFACES, "thrust")}
     input_sigma = {
         name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
@@ -200,7 +203,7 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
     edge = motion_edge(ready)
     unsure = [o for o in outputs if not aircraft.noise.get(o)]
-    doubted = tuple(o for o in unsure if not high_band_holds(_that_have(ready, o), o, edge))
+    doubted = tuple(o for o in unsure if not high_band_holds(_that_have(ready, o, noise), o, edge))
     return Flight(
         aircraft=aircraft,
         axes=axes,
@@ -209,28 +212,31 @@ def prepare(aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         sigma=sigma,
         input_sigma=input_sigma,
         doubted=doubted,
+        criteria=criteria,
     )
 
 
-def _has(record: Record, name: str) -> bool:
-    """Whether more than a tenth of the samples are there."""
-    return name in record and np.isfinite(record[name]).sum() > len(record) // 10
+def _has(record: Record, name: str, criteria: NoiseCriteria) -> bool:
+    """Whether enough of the samples are there."""
+    return name in record and np.isfinite(record[name]).sum() > int(criteria.present * len(record))
 
 
-def _that_have(records: Sequence[Record], name: str) -> list[Record]:
-    return [record for record in records if _has(record, name)]
+def _that_have(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> list[Record]:
+    return [record for record in records if _has(record, name, criteria)]
 
 
-def _moves(records: Sequence[Record], name: str) -> bool:
+def _moves(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
     """Whether a channel is measured in some record, and is no constant."""
-    values = [record[name][np.isfinite(record[name])] for record in _that_have(records, name)]
+    values = [record[name][np.isfinite(record[name])] for record in _that_have(records, name, criteria)]
     return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
 
 
-def _with_all(record: Record, outputs: Sequence[str], left_out: Mapping[str, str] = _NOTHING) -> Record:
+def _with_all(
+    record: Record, outputs: Sequence[str], criteria: NoiseCriteria, left_out: Mapping[str, str] = _NOTHING
+) -> Record:
     """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
     channels that are `left_out`, with the reason. Raises InputError when it measures less than two."""
-    shown = [name for name in outputs if _has(record, name)]
+    shown = [name for name in outputs if _has(record, name, criteria)]
     if len(shown) < 2:
         raise InputError(
             f"record '{record.name}': of the outputs {', '.join(outputs) or 'of the model'} it has only "
@@ -242,10 +248,10 @@ def _with_all(record: Record, outputs: Sequence[str], left_out: Mapping[str, str
     return replace(record.with_channels(**absent), notes=(*record.notes, *notes)) if notes else record
 
 
-def _sigma(series: list[np.ndarray]) -> float:
-    """1-sigma of the noise; `_LEAST_NOISE` where the samples are too few to tell."""
+def _sigma(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
+    """1-sigma of the noise; the smallest there is where the samples are too few to tell."""
     noise, variation = pooled_sigma(series), float(np.nanstd(np.concatenate(series)))
-    return max(noise if np.isfinite(noise) else 0.0, _LEAST_NOISE * variation, 1e-12)
+    return max(noise if np.isfinite(noise) else 0.0, criteria.smallest * variation, 1e-12)
 
 
 class Regressors:

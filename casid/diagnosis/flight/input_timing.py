@@ -13,37 +13,34 @@ from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.signals import SURFACES
 
-_STEP = 0.25  # of a sample interval: in which shares are told
-_WORTH, _WORTH_S = 0.5, 0.005  # another naming: a change of the share, or of how late inputs come [s], if that is less
-_CLEAR, _APART = 0.15, 0.25  # 1-sigma of a surface's share, and how far it may be from what they agree on
-_LEAST_GAIN = 150.0
-
 
 def as_inputs_run(fitted: Fit, *, named: bool = False) -> Fit:
     """The fit with inputs that run between samples as the surfaces agree that they do, if that is another way and gains
     enough; and, beside causes that are `named` already, if it is worth another naming."""
-    share = held_share(fitted, named=named)
-    worth = min(_WORTH, 2.0 * _WORTH_S / float(np.median(fitted.batch.dt))) if named else _STEP
+    criteria, share = fitted.criteria.input_timing, held_share(fitted, named=named)
+    late = 2.0 * criteria.change_s / float(np.median(fitted.batch.dt))
+    worth = min(criteria.change, late) if named else criteria.step
     if abs(share - fitted.flight.held) < worth:
         return fitted
     flight = fitted.flight.with_inputs_held(share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, iterations=20)
-    return other if other.deviance < fitted.deviance - _LEAST_GAIN else fitted
+    return other if other.deviance < fitted.deviance - criteria.gain else fitted
 
 
 def held_share(fitted: Fit, *, named: bool = False) -> float:
-    """Share of a sample interval over which inputs are held (`Batch.held`) to `_STEP`, on which two surfaces agree that
+    """Share of a sample interval over which inputs are held (`Batch.held`), in steps, on which two surfaces agree that
     move enough to tell; as it is where they do not. One that tells alone may be late for other reasons: it does so of
     inputs that are wholly held, and beside causes that are `named` already."""
     shares, stds, gains = surface_shares(fitted)
-    clear = stds < _CLEAR
-    needed = min(2, int(clear.sum()) if named else len(shares))
+    criteria = fitted.criteria.input_timing
+    clear = stds < criteria.std
+    needed = min(criteria.surfaces, int(clear.sum()) if named else len(shares))
     if clear.sum() < max(needed, 1):
         return fitted.flight.held
-    share = float(np.clip(round(float(np.median(shares[clear])) / _STEP) * _STEP, -1.0, 1.0))
-    agree = clear & (np.abs(shares - share) < _APART)
+    share = float(np.clip(round(float(np.median(shares[clear])) / criteria.step) * criteria.step, -1.0, 1.0))
+    agree = clear & (np.abs(shares - share) < criteria.agreement)
     alone = needed == 1 and not named
-    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < _LEAST_GAIN:
+    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < criteria.gain:
         return fitted.flight.held
     return share
 

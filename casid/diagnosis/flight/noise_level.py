@@ -21,10 +21,6 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.statistics import free_simulation
 from casid.records.record import Record
 
-_FIRST = 0.02  # of a channel's variation: its noise in the first fit
-_FITS = 2
-_ITERATIONS, _TOLERANCE = 6, 10.0  # of a fit whose residual is only looked at
-
 
 def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:
     """The flight with the noise of its doubted outputs judged by the model that `attached` extends, and that of its
@@ -35,11 +31,14 @@ def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:
 def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
     if not flight.doubted:
         return flight
+    criteria, numerics = flight.criteria.noise, flight.criteria.numerics.fit
     variation = {o: float(np.nanstd(np.concatenate([r[o] for r in flight.records]))) for o in flight.doubted}
-    now = replace(flight, sigma=flight.sigma | {o: max(flight.sigma[o], _FIRST * v) for o, v in variation.items()})
+    first = {o: max(flight.sigma[o], criteria.first * v) for o, v in variation.items()}
+    now = replace(flight, sigma=flight.sigma | first)
     fitted = None
-    for _ in range(_FITS):
-        fitted = fit(now, attached, now.noise(), fitted, iterations=_ITERATIONS, tolerance=_TOLERANCE)
+    for _ in range(numerics.noise_fits):
+        tolerance = numerics.noise_tolerance
+        fitted = fit(now, attached, now.noise(), fitted, iterations=numerics.noise_iterations, tolerance=tolerance)
         residual = free_simulation(fitted).residual
         now = flight.with_noise_above(
             [_left(now, record, residual[: len(record), r]) for r, record in enumerate(now.records)]

@@ -6,17 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from casid.diagnosis.criteria import PriorCriteria
 from casid.diagnosis.flight.flight import Flight
 from casid.model.causes import sensor_bias
 from casid.model.system import Model
 from casid.model.terms import derivative_term
 
 OFFSET = "bias_"  # and the channel: parameter of a model
-_LOOSE = 3.0  # 1-sigma of a derivative without a stated one, relative to its size
-# and least size of one that is anywhere near zero, per unit of its regressor
-_SMALLEST = {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
-_TYPICAL, _RESTS = 0.1, 1e-3  # variation of a regressor for which that is meant, and one that is noise
-_LEAST_STATED = 0.1  # of `_SMALLEST`: a relative uncertainty says nothing of a derivative near zero
 
 
 def prior(flight: Flight, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
@@ -30,9 +26,10 @@ def prior(flight: Flight, model: Model, names: Sequence[str | None]) -> tuple[np
     return mean, weight
 
 
-def least_stated(coefficient: str) -> float:
+def least_stated(coefficient: str, criteria: PriorCriteria | None = None) -> float:
     """Least uncertainty of a derivative: what is stated relative to one near zero says nothing."""
-    return _LEAST_STATED * _SMALLEST[coefficient]
+    known = criteria or PriorCriteria()
+    return known.stated * known.typical.of(coefficient)
 
 
 def _std(flight: Flight, model: Model, name: str, size: float) -> float:
@@ -41,13 +38,14 @@ def _std(flight: Flight, model: Model, name: str, size: float) -> float:
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
+    known = flight.criteria.prior
     if name in flight.aircraft.knots:
-        return model.prior_std.get(name, _LOOSE * max(size, _SMALLEST[flight.aircraft.knots[name]]))
+        return model.prior_std.get(name, known.spread * max(size, known.typical.of(flight.aircraft.knots[name])))
     coefficient, term = derivative_term(name)
-    smallest = _SMALLEST[coefficient]
+    smallest = known.typical.of(coefficient)
     if name in model.prior_std:
-        return max(model.prior_std[name], least_stated(coefficient))
+        return max(model.prior_std[name], least_stated(coefficient, known))
     if size > 0.0 or not term.factors:
-        return _LOOSE * max(size, smallest)
-    moves = max(flight.regressors(model).variation(term), _RESTS)
-    return _LOOSE * smallest * max(1.0, _TYPICAL / moves)
+        return known.spread * max(size, smallest)
+    moves = max(flight.regressors(model).variation(term), known.resting)
+    return known.spread * smallest * max(1.0, known.regressor / moves)

@@ -10,36 +10,35 @@ from types import MappingProxyType
 
 import numpy as np
 
+from casid.diagnosis.criteria import NoiseCriteria
 from casid.records.record import Record
 
 RATE_OF: Mapping[str, str] = MappingProxyType({"pdot": "p", "qdot": "q", "rdot": "r"})
-_REACH = 15  # samples on either side that a differentiating filter may use
-_SAME_NOISE = 0.7  # of the rate's noise behind that filter, that is left where it is not of the rate
-_ENOUGH = 10  # samples per coefficient of the filter
 
 
-def is_derived(records: Sequence[Record], acceleration: str, sigma: float) -> bool:
+def is_derived(records: Sequence[Record], acceleration: str, sigma: float, criteria: NoiseCriteria) -> bool:
     """Whether a filter makes an angular acceleration of the rate of the same axis, the noise of which is `sigma`.
 
     The filter is fitted by least squares. Behind one that only predicts the acceleration, the rate's noise is left over
     beside that of the acceleration, sigma |h| at least; where it is what the acceleration was made with, nothing is.
     """
-    pairs = [_pair(record, RATE_OF[acceleration], acceleration) for record in records]
+    reach = criteria.differentiator
+    pairs = [_pair(record, RATE_OF[acceleration], acceleration, reach) for record in records]
     around, values = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    if len(values) < _ENOUGH * around.shape[1]:
+    if len(values) < criteria.differentiator_samples * around.shape[1]:
         return False
     columns = np.column_stack([around, np.ones(len(values))])
     h = np.linalg.lstsq(columns, values, rcond=None)[0]
     left = float(np.std(values - columns @ h))
-    return left < _SAME_NOISE * sigma * float(np.linalg.norm(h[:-1]))
+    return left < criteria.differentiated * sigma * float(np.linalg.norm(h[:-1]))
 
 
-def _pair(record: Record, rate: str, acceleration: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2 _REACH + 1) samples of a rate around each of the (n,) of its acceleration, where all are there."""
-    width = 2 * _REACH + 1
+def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 2 reach + 1) samples of a rate around each of the (n,) of its acceleration, where all are there."""
+    width = 2 * reach + 1
     if rate not in record or acceleration not in record or len(record) < width:
         return np.empty((0, width)), np.empty(0)
     around = np.lib.stride_tricks.sliding_window_view(record[rate], width)
-    values = record[acceleration][_REACH:-_REACH]
+    values = record[acceleration][reach:-reach]
     there = np.isfinite(around).all(axis=1) & np.isfinite(values)
     return around[there], values[there]

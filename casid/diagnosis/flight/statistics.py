@@ -10,8 +10,6 @@ from scipy import signal, stats
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import readings
 
-_LAGS = 20
-
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelFit:
@@ -64,7 +62,7 @@ def free_simulation(fit: Fit, start: np.ndarray | None = None) -> Simulated:
 
 def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
     """Statistics of every output that some record measures, over all records."""
-    table = {}
+    table, lags = {}, fit.criteria.numerics.fit.whiteness_lags
     for i, name in enumerate(fit.model.outputs):
         if not fit.linear.seen[..., i].any():
             continue
@@ -74,7 +72,7 @@ def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
         table[name] = ChannelFit(
             rms=rms,
             noise=fit.noise.measurement[name],
-            whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i]),
+            whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i], lags),
             theil=rms / (_rms(measured) + _rms(predicted)),
             R2=1.0 - rms**2 / float(np.nanvar(measured)),
         )
@@ -86,18 +84,18 @@ def _rms(values: np.ndarray) -> float:
         return float(np.sqrt(np.nanmean(values**2)))
 
 
-def whiteness(white: np.ndarray, seen: np.ndarray) -> float:
-    """Ljung-Box p-value over `_LAGS` lags, pooled over the columns (records) of a channel (N, R)."""
+def whiteness(white: np.ndarray, seen: np.ndarray, lags: int = 20) -> float:
+    """Ljung-Box p-value over a number of `lags`, pooled over the columns (records) of a channel (N, R)."""
     statistic, dof = 0.0, 0
     for r in range(white.shape[1]):
         e = white[seen[:, r], r]
         n = len(e)
-        if n <= 2 * _LAGS:
+        if n <= 2 * lags:
             continue
         e = e - e.mean()
-        correlation = np.array([e[k:] @ e[: n - k] for k in range(1, _LAGS + 1)]) / (e @ e)
-        statistic += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
-        dof += _LAGS
+        correlation = np.array([e[k:] @ e[: n - k] for k in range(1, lags + 1)]) / (e @ e)
+        statistic += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, lags + 1))))
+        dof += lags
     return float(stats.chi2.sf(statistic, dof)) if dof else 1.0
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from casid.diagnosis.criteria import HeldOutCriteria
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
 from casid.diagnosis.evidence.screening import Screen
@@ -16,19 +17,18 @@ from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import free_forces
-from casid.diagnosis.naming.events import BETWEEN, at_peak
+from casid.diagnosis.naming.events import at_peak
 from casid.diagnosis.result import Trial
 from casid.errors import InputError
 from casid.model.applied import with_estimates
 from casid.records.record import Record
 
-_MOVES = 2  # of the onsets of an event
-_OF_THE_GAIN = 0.05  # part of what a step gains in the fitted records: to lose less in the held-out ones is no loss
 
-
-def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+def split(
+    records: Sequence[Record], hold_out: Sequence[Record], criteria: HeldOutCriteria
+) -> tuple[list[Record], list[Record]]:
     """(records to fit, records held back). Without `hold_out` the last record is held back, or of a single one its last
-    third. Raises InputError when two records share a name."""
+    third, or what the `criteria` leave of it. Raises InputError when two records share a name."""
     if not records:
         raise InputError("no record to diagnose")
     names = [r.name for r in (*records, *hold_out)]
@@ -40,8 +40,9 @@ def split(records: Sequence[Record], hold_out: Sequence[Record]) -> tuple[list[R
     if len(records) > 1:
         return list(records[:-1]), [records[-1]]
     only = records[0]
-    cut = only.t[0] + 2.0 / 3.0 * only.duration
-    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, last third")]
+    cut = only.t[0] + criteria.fitted_part * only.duration
+    part = "last third" if criteria == HeldOutCriteria() else "last part"
+    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
 
 
 def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
@@ -74,7 +75,8 @@ def _recurred(base: Fit, one: Attached) -> Fit:
     found = [base, without]
     if onsets := _onsets(without, one):
         moved = _states(without, [*others, replace(one, onsets=onsets)])
-        found.append(at_peak(weigh(moved, discrepancy=False), _MOVES, free="states")[0].fit)
+        moves = base.criteria.numerics.events.held_out_moves
+        found.append(at_peak(weigh(moved, discrepancy=False), moves, free="states")[0].fit)
     return min(found, key=lambda f: f.deviance)
 
 
@@ -92,7 +94,8 @@ def _onsets(base: Fit, one: Attached) -> dict[str, float]:
     size = one.values["value"]
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": size},))
-    prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, BETWEEN, further.get("length", np.inf)))
+    step, length = judge.criteria.numerics.events.gust_step, further.get("length", np.inf)
+    prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, step, length))
     for r, record in enumerate(base.flight.records):
         drops = [judge.drop(print_, r) for print_ in prints]  # none in records too short for an event
         if max(drops, default=0.0) > 2.0 * np.log(max(len(prints), 1)):
@@ -116,9 +119,9 @@ def best_on_held(
     """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
     of them that lost there and are still no help beside the later ones. A loss that is nothing beside what the step
     gains `on_fitted` records, in 2 ln L, is none: the held-out ones may hardly move what the cause is about."""
-    samples = on_held[-1].readings
+    samples, loss = on_held[-1].readings, steps[0].criteria.held_out.loss
     gains = [
-        gain if gain is None or -2.0 * gain * samples > _OF_THE_GAIN * fitted else max(gain, 0.0)
+        gain if gain is None or -2.0 * gain * samples > loss * fitted else max(gain, 0.0)
         for gain, fitted in zip(gains, on_fitted, strict=True)
     ]
     kept = steps_to_keep(gains)

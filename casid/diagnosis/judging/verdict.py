@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.criteria import VerdictCriteria
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
 from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_oscillation, place_of
@@ -14,11 +15,11 @@ from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.naming.comparing import ALIKE, sine
+from casid.diagnosis.naming.comparing import sine
 from casid.diagnosis.naming.events import Intervals
 from casid.diagnosis.naming.explaining import mostly_gone
-from casid.diagnosis.naming.naming import LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT, Naming
-from casid.diagnosis.naming.size import SHARE, meaningful_share, missing_share, plausible
+from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
 from casid.diagnosis.naming.trials import gain_asked, matters
 from casid.diagnosis.result import Cause, Trial
 from casid.model.aircraft import Aircraft
@@ -27,14 +28,7 @@ from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence
 
-MISSING_GAIN = 150.0
-_DETECTABLE = 5.6  # sigmas: found with 90 % power at a false alarm of 1e-4 over a hundred candidates
 _LASTING = ("length", "duration")  # values that say how long an event takes
-# times what matters, from which structure that every aircraft has is a cause, and times that beside what gains more
-_NOTABLE, _BESIDE = 2.0, 1.5
-_HINT = 0.5  # part of the gain of a name from which a cause that is none is worth a look
-_MOST = 0.75  # of what is missing, that something too small to matter explains if it is what is missing
-_SIGNIFICANT = 6.0  # sigmas of a small term that is worth a line
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 
 
@@ -104,11 +98,12 @@ def _still_matters(fit: Fit, name: str) -> bool:
 
 def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
     """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
-    small terms. What is missing distorts small things: while something is, only a cause that gains `_MOST` of what any
+    small terms. What is missing distorts small things: while something is, only a cause that gains most of what any
     of the inputs `missing`, of whatever shape, does; then it may be what is missing."""
     found = [_cause(trial, naming, (), None) for trial in minor_trials(naming, seen)]
     if missing:
-        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > _MOST * missing[0].gain)
+        part = naming.criteria.verdict.minor_part
+        return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > part * missing[0].gain)
     return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
 
@@ -120,12 +115,14 @@ def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
         for trial in sorted(round_.trials, key=lambda t: -t.net):
             effect = trial.effect
             if (
-                trial.net > gain_asked(effect)
+                trial.net > gain_asked(effect, naming.criteria)
                 and not trial.refuted
                 and not trial.meaningful
                 and plausible(trial.candidate.attached)
                 and effect.key not in known
-                and not any(t.effect.target == effect.target and sine(t, trial) < ALIKE for t in found)
+                and not any(
+                    t.effect.target == effect.target and sine(t, trial) < naming.criteria.naming.alike for t in found
+                )
             ):
                 found.append(trial)
                 known.add(effect.key)
@@ -170,18 +167,20 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
     longest = max(record.duration for record in evidence.fit.flight.records)
     lasting = {f"{one.name}.{key}" for key, value in one.values.items() if key in _LASTING and value < longest}
     half = [0.5 * deviation(evidence, slot.name) for slot in evidence.fit.slots if slot.name in lasting]
-    room = 1.96 * sum(half)
+    room = evidence.criteria.structure.confidence * sum(half)
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
 def _expected(name: str, evidence: Evidence, held: float | None, least: float, left: float, strongest: float) -> Cause:
-    fit = evidence.fit
+    fit, criteria = evidence.fit, evidence.criteria
+    by = criteria.verdict
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    notable = _NOTABLE * (_BESIDE if strongest > statistic else 1.0)
-    meaningful = share > notable and statistic > least and matters(share, statistic) and is_sure(evidence, name)
-    meaningful = meaningful and not one.slight and (held is None or held >= 0.0) and mostly_gone(statistic, left)
+    notable = by.structure * (by.structure_beside if strongest > statistic else 1.0)
+    clear = statistic > least and matters(share, statistic, criteria) and is_sure(evidence, name)
+    meaningful = share > notable and clear and not one.slight and (held is None or held >= 0.0)
+    meaningful = meaningful and mostly_gone(statistic, left, criteria.doubt)
     return Cause(
         kind=effect.kind,
         target=effect.target,
@@ -250,16 +249,17 @@ def _turbulence(turbulence: Turbulence, aircraft: Aircraft, held: float | None) 
 def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
     """Terms that the data want clearly but that are too small to matter, from the marginalised posterior."""
     fit, k, size = evidence.fit, len(evidence.fit.slots), variation(evidence.fit)
+    sigmas, matter = evidence.criteria.verdict.small_term, evidence.criteria.size.share
     found = []
     for i, (coefficient, term) in enumerate(evidence.terms):
         mean, std = float(evidence.newton[k + i]), float(np.sqrt(evidence.covariance[k + i, k + i]))
-        if abs(mean) < _SIGNIFICANT * std or (coefficient, term) in known:
+        if abs(mean) < sigmas * std or (coefficient, term) in known:
             continue
         factor = evidence.factors[i]
         series = np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape)
         left = unlike_derivatives(fit, coefficient, mean * factor * series)
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
-        if share > SHARE:
+        if share > matter:
             continue  # not small: it stands for something that is missing, and the verdict says where
         effect = unsteady_aero(coefficient) if "dot" in term else aero_term(coefficient, term)
         sentence = effect_sentence(*effect.key, mean * factor)
@@ -279,21 +279,22 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
                 indistinguishable_from=(),
                 parameters={},
                 meaningful=False,
-                share=share / SHARE,
+                share=share / matter,
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
             )
         )
-    return sorted(found, key=lambda c: -c.statistic)[:5]
+    return sorted(found, key=lambda c: -c.statistic)[: evidence.criteria.numerics.naming.small_terms]
 
 
 def still_missing(
-    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float, share: float = SHARE
+    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float, share: float | None = None
 ) -> list[MissingInput]:
     """Where something enters that no cause of the catalogue explains, largest gain first: unknown inputs `left` and an
     oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter: more than a
-    `share` of the variation."""
-    rough = sum((LEFT_BY_AN_EVENT if one.onset_s else LEFT_BY_A_CAUSE) * one.statistic for one in causes)
-    enough = max(MISSING_GAIN, least, rough)
+    `share` of the variation, by default what matters of a cause."""
+    by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
+    rough = sum((by.left_by_an_event if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)
+    enough = max(evidence.criteria.verdict.missing, least, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
     found = [*left, *missing_oscillation(evidence)]
@@ -328,7 +329,8 @@ def verdict_of(
 def _hint(naming: Naming) -> str:
     """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
     trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
-    near = [t for t in trials if t.net > _HINT * gain_asked(t.effect) and not t.refuted and t.meaningful]
+    part, criteria = naming.criteria.verdict.hint, naming.criteria
+    near = [t for t in trials if t.net > part * gain_asked(t.effect, criteria) and not t.refuted and t.meaningful]
     if not near:
         return ""
     most = max(near, key=lambda t: t.net)
@@ -349,10 +351,10 @@ def _gain(gain: float) -> str:
     return f"gain {gain:.0f} in 2 ln L"
 
 
-def smallest_detectable(candidates: Sequence[Candidate]) -> dict[str, float]:
-    """Name -> smallest size that these records would show (5.6 sigma after projection), aerodynamic terms apart."""
+def smallest_detectable(candidates: Sequence[Candidate], criteria: VerdictCriteria) -> dict[str, float]:
+    """Name -> smallest size that these records would show, aerodynamic terms apart."""
     return {
-        c.name: float(_DETECTABLE * c.std)
+        c.name: float(criteria.detectable * c.std)
         for c in candidates
         if not c.attached.effect.quasi_steady
         and not c.attached.effect.members

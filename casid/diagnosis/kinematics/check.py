@@ -6,19 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis.criteria import KinematicCriteria
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
-
-KINEMATIC_GAIN = 50.0  # that a cause must promise before kinematics can judge it
-# parts of the kinematic statistic predicted by the size of an instrument or air cause: below it is refuted, above found
-_REFUTED, CONFIRMED = 0.3, 0.7
-_LARGER = 1.5  # part above which kinematics find another, larger size
-_CONTRADICTION = 30.0  # chi-square of the size by kinematics against that of the full model, before they contradict it
-_SEEN, _OPPOSED = 9.0, 8.0  # statistic from which a cause shows in kinematics at all, and the same chi-square there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,28 +21,31 @@ class KinematicCheck:
     makes; both zero of a cause that kinematics know nothing of.
 
     The size that kinematics find is (1 + achieved / predicted) / 2 of the cause's, with a 1-sigma of 1 /
-    sqrt(predicted).
+    sqrt(predicted). What that means is by the `criteria`.
     """
 
     predicted: float = 0.0
     achieved: float = 0.0
+    criteria: KinematicCriteria = KinematicCriteria()
 
     @property
     def judges(self) -> bool:
         """Whether kinematics could see it."""
-        return self.predicted > KINEMATIC_GAIN
+        return self.predicted > self.criteria.seen
 
     @property
     def refuted(self) -> bool:
         """Whether they clearly do not find it, or find less than half of the little that they should see."""
-        opposed = self.achieved < 0.0 and _SEEN < self.predicted <= KINEMATIC_GAIN and self._contradiction > _OPPOSED
-        return opposed or (self._elsewhere and self.achieved < _REFUTED * self.predicted)
+        by = self.criteria
+        faint = by.faintly_seen < self.predicted <= by.seen
+        opposed = self.achieved < 0.0 and faint and self._contradiction > by.opposed
+        return opposed or (self._elsewhere and self.achieved < by.refuted * self.predicted)
 
     @property
     def confirmed(self) -> bool:
         """Whether they find it, of about the same size."""
-        larger = self._elsewhere and self.achieved > _LARGER * self.predicted
-        return self.judges and self.achieved > CONFIRMED * self.predicted and not larger
+        larger = self._elsewhere and self.achieved > self.criteria.larger * self.predicted
+        return self.judges and self.achieved > self.criteria.confirmed * self.predicted and not larger
 
     @property
     def smaller(self) -> bool:
@@ -68,7 +65,7 @@ class KinematicCheck:
     @property
     def _elsewhere(self) -> bool:
         """Whether the size by kinematics is clearly another one."""
-        return self.judges and self._contradiction > _CONTRADICTION
+        return self.judges and self._contradiction > self.criteria.contradiction
 
     @property
     def _contradiction(self) -> float:
@@ -90,28 +87,34 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
         further = {key: v for key, v in one.values.items() if key != "value"}
         parts = fingerprints(kinematic, [replace(effect, grid=(further,))])
     left, match, _ = judge.projected(parts, np.array([[float(one.concerns(name)) for name in names]]))
-    return KinematicCheck(predicted=size**2 * left, achieved=2.0 * size * match - size**2 * left)
+    return KinematicCheck(
+        predicted=size**2 * left,
+        achieved=2.0 * size * match - size**2 * left,
+        criteria=kinematic.criteria.kinematics,
+    )
 
 
 def _fitted_check(without: Fit, one: Attached) -> KinematicCheck:
     """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
     on: a long delay does to a reading what no tangent at zero tells."""
     found = kinematics.again(without, [*without.attached, one])
-    size, gain = one.values["value"], without.deviance - found.deviance
+    size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria.kinematics
     if gain <= 0.0:
         predicted = (size / found.std(one.name)) ** 2
-        return KinematicCheck(predicted=predicted, achieved=-predicted)
+        return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
     part = found[one.name] / size
     predicted = gain / part**2
-    return KinematicCheck(predicted=predicted, achieved=predicted * (2.0 * part - 1.0))
+    return KinematicCheck(predicted=predicted, achieved=predicted * (2.0 * part - 1.0), criteria=criteria)
 
 
 def hopeless(kinematic: Evidence | None, one: Attached) -> bool:
-    """Whether kinematics refute a cause at half its predicted size and at any larger one. With x times that size they
-    expect x^2 `predicted` and get x (achieved + predicted) - x^2 predicted: refuted for all x above one half when it is
-    at one half."""
+    """Whether kinematics refute a cause at a small part of its predicted size, a half, and at any larger one. With x
+    times that size they expect x^2 `predicted` and get x (achieved + predicted) - x^2 predicted: refuted for all x
+    above one half when it is at one half."""
     if one.effect.timed or not one.effect.linear:
         return False
     whole = kinematic_check(kinematic, one)
-    predicted, achieved = 0.25 * whole.predicted, 0.25 * whole.achieved
-    return predicted > KINEMATIC_GAIN and 2.0 * achieved + predicted < _REFUTED * predicted
+    by = whole.criteria
+    predicted = by.smallest_part**2 * whole.predicted
+    achieved = by.smallest_part * (whole.achieved + whole.predicted) - predicted
+    return predicted > by.seen and achieved < by.refuted * predicted

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from casid.diagnosis.criteria import KinematicCriteria, TurbulenceCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import moving_air
 from casid.diagnosis.flight.evaluation import Fit
@@ -21,23 +22,13 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.path import MOMENTS, coefficient_names
 from casid.native.processors import side_by_side
 
-_FORCE_TIME, _FORCE_SIZE = 0.2, 4.0  # correlation time [s] and size [m/s2] of a free specific force
-_MOMENT_TIME, _LEAST_MOMENT = 0.2, 0.01  # and of a free angular acceleration [rad/s2]
-_PEAK = 2.0  # times its root mean square: manoeuvres take a part of the time
 _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 WIND = ("wind_x", "wind_y", "wind_z")
-_SCALE_LENGTH = 300.0  # m, of turbulence at altitude
-_TURBULENCE_GAIN, _LEAST_TURBULENCE, _OTHER_AXES, _SLOW = 150.0, 0.15, 0.1, 0.8
-# moment that the air's own rotation makes: the derivative by which it does, and what that is of an aircraft without one
-_DAMPING = MappingProxyType({"dCl": ("Cl_p", 0.4), "dCm": ("Cm_q", 10.0), "dCn": ("Cn_r", 0.15)})
-_ROLLING, _SCALES = ("dCl",), (0.3, 1.0, 3.0)  # and scales of it that are tried
-_TURNING: Mapping[str, float] = MappingProxyType({"q": -1.0, "r": 1.0})
+# moment that the air's own rotation makes: the derivative by which it does
+_DAMPING: Mapping[str, str] = MappingProxyType({"dCl": "Cl_p", "dCm": "Cm_q", "dCn": "Cn_r"})
+_ROLLING, _TURNED = ("dCl",), ("q", "r")
 _NO_MOMENTS: Mapping[str, float] = MappingProxyType({})
-OF_TURBULENCE = 0.02  # part of what turbulence gains, that its rough model leaves to others
-_LENGTHS = 2.5  # ratio of the scale lengths that are tried
-_SPECTRUM = 0.1  # relative error of the velocity, because a first-order process is not quite a Dryden spectrum
 _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
-_SIGMAS, _FIRST = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), 2  # m/s, and the one that is tried first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,33 +41,50 @@ class Turbulence:
                      drifting vane moves one
     as_histories     what unknown time histories of moving air gain together; they are too slow for coloured noise, to
                      which a process is quick enough, and follow nearly all of turbulence
+    criteria         by which it is named
     """
 
     sigma: float
     std: float
     gain: float
     records: tuple[str, ...]
-    length: float = _SCALE_LENGTH
+    length: float
     beyond_one_axis: float = 0.0
     as_histories: float = 0.0
+    criteria: TurbulenceCriteria = TurbulenceCriteria()
 
     @property
     def named(self) -> bool:
-        return self.sigma > _LEAST_TURBULENCE and self.along_all_axes and self.slow
+        return self.sigma > self.criteria.smallest and self.along_all_axes and self.slow
 
     @property
     def along_all_axes(self) -> bool:
-        one_is_not_enough = self.beyond_one_axis > max(_TURBULENCE_GAIN, _OTHER_AXES * self.gain)
-        return self.gain > _TURBULENCE_GAIN and one_is_not_enough
+        least = self.criteria.gain
+        one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.other_axes * self.gain)
+        return self.gain > least and one_is_not_enough
 
     @property
     def slow(self) -> bool:
-        return self.as_histories > _SLOW * self.gain
+        return self.as_histories > self.criteria.slow * self.gain
 
 
 def still_air(flight: Flight) -> Turbulence:
     """None of it."""
-    return Turbulence(sigma=0.0, std=0.0, gain=0.0, records=flight.names)
+    return _in_air(flight, 0.0, 0.0, 0.0)
+
+
+def _in_air(flight: Flight, sigma: float, std: float, gain: float, beyond_one_axis: float = 0.0) -> Turbulence:
+    """Of a scale length that nothing is known of."""
+    criteria = flight.criteria.turbulence
+    return Turbulence(
+        sigma=sigma,
+        std=std,
+        gain=gain,
+        records=flight.names,
+        length=criteria.scale_length,
+        beyond_one_axis=beyond_one_axis,
+        criteria=criteria,
+    )
 
 
 def available(flight: Flight) -> bool:
@@ -88,18 +96,18 @@ def available(flight: Flight) -> bool:
 def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     """Gauss-Markov disturbances of all coefficients, as large as the motion: if an angular acceleration were freer than
     it is, its estimate would be the noise of the rate, and the size of a lever arm by it too small."""
-    aircraft = flight.aircraft
+    aircraft, criteria = flight.aircraft, flight.criteria.kinematics
     qS = 0.5 * float(np.median(flight.records[0]["rho"])) * _speed(flight) ** 2 * aircraft.area
     inertia = {"Cl": aircraft.inertia.Ixx, "Cm": aircraft.inertia.Iyy, "Cn": aircraft.inertia.Izz}
     lengths = {"Cm": aircraft.moment_length_pitch}
     free = {}
     for name in coefficient_names(aircraft.force_axes):
         if name in MOMENTS:
-            size = _angular_acceleration(flight, _RATES[name]) * inertia[name]
+            size = _angular_acceleration(flight, _RATES[name], criteria) * inertia[name]
             size /= qS * lengths.get(name, aircraft.moment_length_lateral)
-            free[f"d{name}"] = (size, _MOMENT_TIME)
+            free[f"d{name}"] = (size, criteria.moment_time)
         else:
-            free[f"d{name}"] = (_FORCE_SIZE * aircraft.mass / qS, _FORCE_TIME)
+            free[f"d{name}"] = (criteria.force * aircraft.mass / qS, criteria.force_time)
     return free
 
 
@@ -109,48 +117,50 @@ def _speed(flight: Flight) -> float:
     return float(np.nanmedian(V)) if np.isfinite(V).any() else flight.aircraft.trim["V"]
 
 
-def _angular_acceleration(flight: Flight, rate: str) -> float:
+def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria) -> float:
     """1-sigma [rad/s2] of a free angular acceleration, from the increments of a measured rate over the correlation time
     (those of an integrated first-order Gauss-Markov process), less what the noise of the rate makes of them."""
     if rate not in flight.outputs:
         return 1.0
-    squares, lasts = [], []
+    squares, lasts, time = [], [], criteria.moment_time
     for record in flight.records:
         there = np.isfinite(record[rate])
         t, values = record.t[there], record[rate][there]
-        lag = max(1, round(_MOMENT_TIME / float(np.median(np.diff(t))))) if len(t) > 1 else 1
+        lag = max(1, round(time / float(np.median(np.diff(t))))) if len(t) > 1 else 1
         if len(t) <= lag:
             continue
         squares.append((values[lag:] - values[:-lag]) ** 2)
         lasts.append(float(np.median(t[lag:] - t[:-lag])))
-    x = float(np.mean(lasts)) / _MOMENT_TIME
+    x = float(np.mean(lasts)) / time
     increments = float(np.mean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
-    variance = increments / (2.0 * _MOMENT_TIME**2 * (x - 1.0 + np.exp(-x)))
-    return max(_PEAK * float(np.sqrt(max(variance, 0.0))), _LEAST_MOMENT)
+    variance = increments / (2.0 * time**2 * (x - 1.0 + np.exp(-x)))
+    return max(criteria.peak * float(np.sqrt(max(variance, 0.0))), criteria.smallest_moment)
 
 
 def gusts(
     flight: Flight,
     sigma: float,
     moments: Mapping[str, float] = _NO_MOMENTS,
-    length: float = _SCALE_LENGTH,
+    length: float | None = None,
     axes: Sequence[str] = WIND,
 ) -> dict[str, tuple[float, float]]:
-    """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m] along `axes`, as first-order Gauss-Markov
-    processes.
+    """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m], by default that of the criteria, along
+    `axes`, as first-order Gauss-Markov processes.
 
     `moments` has for some of dCl, dCm and dCn the scale of what the air's own rotation about that axis makes of the
     moment, 1 for the rolling over the span of an aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p
     = 1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of
     it: with the one that is fitted, a fit gains by more damping, for which there is then more that it explains.
     """
-    aircraft, speed = flight.aircraft, _speed(flight)
+    aircraft, speed, criteria = flight.aircraft, _speed(flight), flight.criteria.turbulence
+    length = criteria.scale_length if length is None else length
+    typical = {"Cl_p": criteria.roll_damping, "Cm_q": criteria.pitch_damping, "Cn_r": criteria.yaw_damping}
     processes = {name: (sigma, length / speed) for name in axes}
     mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
     for moment, scale in moments.items():
-        derivative, typical = _DAMPING[moment]
+        derivative = _DAMPING[moment]
         arm = aircraft.rate_length_pitch if moment == "dCm" else aircraft.rate_length_lateral
-        damping = abs(aircraft.derivatives.get(derivative, 0.0)) or typical
+        damping = abs(aircraft.derivatives.get(derivative, 0.0)) or typical[derivative]
         processes[moment] = (scale * 1.9 * sigma / mean * damping * arm / speed, mean / (2.6 * speed))
     return processes
 
@@ -160,6 +170,13 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
     velocity, about which simulators do not agree, and the size of its own rolling are by maximum likelihood on a grid;
     so is what turns the aircraft besides, where that explains more than a rough model of moving air leaves."""
 
+    numerics = flight.criteria.numerics.turbulence
+    scales, signs = numerics.rolling, dict(zip(_TURNED, numerics.turning, strict=True))
+
+    def turned_about(*axes: str) -> Mapping[str, float]:
+        """The air's rotation with the other sign about some axes."""
+        return {axis: -sign if axis in axes else sign for axis, sign in signs.items()}
+
     def at(moments: Sequence[str], scale: float, start: Fit, turning: Mapping[str, float]) -> Fit:
         noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(moments, scale), turbulent.length))
         air = start.flight if start.flight.turning == turning else flight.turned_by_air(turning)
@@ -167,25 +184,20 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
 
     def larger(moments: Sequence[str], least: Fit) -> Fit:
         best = least
-        for trial in side_by_side(lambda scale: at(moments, scale, least, least.flight.turning), _SCALES[1:]):
+        for trial in side_by_side(lambda scale: at(moments, scale, least, least.flight.turning), scales[1:]):
             if trial.deviance > best.deviance:
                 break
             best = trial
         return best
 
-    best = at(_ROLLING, _SCALES[0], start, _TURNING)
-    others = side_by_side(lambda axis: at(_ROLLING, _SCALES[0], best, _turned(axis)), tuple(_TURNING))
-    turned = [axis for axis, other in zip(_TURNING, others, strict=True) if other.deviance < best.deviance]
+    best = at(_ROLLING, scales[0], start, signs)
+    others = side_by_side(lambda axis: at(_ROLLING, scales[0], best, turned_about(axis)), _TURNED)
+    turned = [axis for axis, other in zip(_TURNED, others, strict=True) if other.deviance < best.deviance]
     if len(turned) > 1:
-        best = at(_ROLLING, _SCALES[0], best, _turned(*turned))
+        best = at(_ROLLING, scales[0], best, turned_about(*turned))
     best = larger(_ROLLING, min(best, *others, key=lambda one: one.deviance))
-    besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), _SCALES[0], best, best.flight.turning))
-    return relaxed(besides if best.deviance - besides.deviance > OF_TURBULENCE * turbulent.gain else best)
-
-
-def _turned(*axes: str) -> Mapping[str, float]:
-    """The air's rotation with the other sign about some axes."""
-    return {axis: -sign if axis in axes else sign for axis, sign in _TURNING.items()}
+    besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), scales[0], best, best.flight.turning))
+    return relaxed(besides if best.deviance - besides.deviance > turbulent.criteria.left * turbulent.gain else best)
 
 
 def reconstruct(
@@ -220,6 +232,8 @@ def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
 def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
     by parabolas through the deviance."""
+    criteria, numerics = flight.criteria.turbulence, flight.criteria.numerics.turbulence
+    begin, unknown = numerics.first_velocity, criteria.scale_length
 
     def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
         return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
@@ -227,33 +241,28 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
     def best_along(sigmas: Sequence[float]) -> tuple[Fit, float]:
         """The best of the first fit and of one velocity after the other, until one is clearly worse."""
         last = best = first
-        best_sigma = _SIGMAS[_FIRST]
+        best_sigma = begin
         for sigma in sigmas:
-            last = at(sigma, _SCALE_LENGTH, last)
+            last = at(sigma, unknown, last)
             if last.deviance < best.deviance:
                 best, best_sigma = last, sigma
-            if last.deviance > best.deviance + 20.0:
+            if last.deviance > best.deviance + numerics.worse:
                 break
         return best, best_sigma
 
-    first = at(_SIGMAS[_FIRST], _SCALE_LENGTH, calm)
-    ends = side_by_side(best_along, (_SIGMAS[_FIRST + 1 :], _SIGMAS[:_FIRST][::-1]))
+    first = at(begin, unknown, calm)
+    faster = [sigma for sigma in numerics.velocities if sigma > begin]
+    slower = [sigma for sigma in reversed(numerics.velocities) if sigma < begin]
+    ends = side_by_side(best_along, (faster, slower))
     found, best = min(ends, key=lambda end: end[0].deviance)
     gain = max(calm.deviance - found.deviance, 0.0)
-    if gain < _TURBULENCE_GAIN:
-        return Turbulence(sigma=best if gain > 0.0 else 0.0, std=best, gain=gain, records=flight.names)
+    if gain < criteria.gain:
+        return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
     axes = [axis for axis in WIND if axis in found.model.disturbances]
-    along = sorted(
-        side_by_side(lambda axis: at(best, _SCALE_LENGTH, found, (axis,)), axes), key=lambda one: one.deviance
-    )
+    along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)
     still, moving, *beside = side_by_side(beside_offsets, [calm, found, *along[:1]])
-    judged = Turbulence(
-        sigma=best,
-        std=best,
-        gain=still.deviance - moving.deviance,
-        records=flight.names,
-        beyond_one_axis=beside[0].deviance - moving.deviance,
-    )
+    beyond = beside[0].deviance - moving.deviance
+    judged = _in_air(flight, best, best, still.deviance - moving.deviance, beyond)
     if not judged.along_all_axes:
         return judged
     beside += side_by_side(beside_offsets, along[1:])
@@ -266,24 +275,22 @@ def turbulence(flight: Flight, calm: Fit) -> Turbulence:
         return judged
     # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
     # What the records feel is the strength of the process at short times, sigma^2 / length
-    factors = np.array([1.0 / _LENGTHS, 1.0, _LENGTHS])
-    by_length = side_by_side(
-        lambda f: at(best * f**0.5, f * _SCALE_LENGTH, found, iterations=1).deviance, factors.tolist()
-    )
-    factor, spread = _lowest(factors, by_length)
-    length, middle = factor * _SCALE_LENGTH, best * factor**0.5
-    sigmas = middle * np.array([2**-0.5, 1.0, 2**0.5])
+    factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
+    by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, iterations=1).deviance, factors.tolist())
+    factor, spread = _lowest(factors, by_length, numerics.beyond)
+    length, middle = factor * unknown, best * factor**0.5
+    sigmas = middle * np.array([numerics.velocity_ratio**-0.5, 1.0, numerics.velocity_ratio**0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, iterations=1).deviance, sigmas.tolist())
-    sigma, narrow = _lowest(sigmas, by_velocity)
-    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + _SPECTRUM**2))
+    sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + criteria.spectrum**2))
     return replace(judged, sigma=sigma, std=std, length=length)
 
 
-def _lowest(points: np.ndarray, deviance: Sequence[float]) -> tuple[float, float]:
-    """Where a parabola through three points over the logarithm is lowest, no further than half a step outside, and
+def _lowest(points: np.ndarray, deviance: Sequence[float], beyond: float) -> tuple[float, float]:
+    """Where a parabola through three points over the logarithm is lowest, no further than `beyond` steps away, and
     1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
     x, step = np.log(points), float(np.log(points[1] / points[0]))
     bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
     if bend <= 0.0:
         return float(points[int(np.argmin(deviance))]), step
-    return float(np.exp(x[1] + np.clip(-slope / (2.0 * bend), -1.5 * step, 1.5 * step))), float(bend**-0.5)
+    return float(np.exp(x[1] + np.clip(-slope / (2.0 * bend), -beyond * step, beyond * step))), float(bend**-0.5)

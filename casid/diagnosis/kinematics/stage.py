@@ -6,22 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.missing_input import ONE_READING, drifts
+from casid.diagnosis.evidence.missing_input import drifts
 from casid.diagnosis.evidence.screening import Candidate, screen
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.check import CONFIRMED
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.events import at_peak
 from casid.diagnosis.naming.size import plausible
 from casid.diagnosis.naming.structure import SKEWED, demanded_skews
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
-
-_REPAIRS = 3
-_RIVAL = 0.3  # of what turbulence gains, for a fault or as what is left
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,7 +82,7 @@ def without_turbulence(
     if len(found) == len(before):
         return None
     left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
-    if left.named or left.gain > _RIVAL * turbulent.gain:
+    if left.named or left.gain > turbulent.criteria.rival * turbulent.gain:
         return None
     evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
     return evidence, screen(evidence, _observable(flight, before))
@@ -106,25 +102,26 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Se
     tells more than all moving air is one. All beside small offsets of all instruments.
     """
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    criteria = flight.criteria
 
     def moved(faulty: Fit) -> float:
         air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
         return kinematics.beside_offsets(air).deviance
 
     faulty, evidence = calm, weigh(kinematics.beside_offsets(calm), discrepancy=False)
-    if drifts(evidence)[0].gain > ONE_READING * turbulent.gain:
+    if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
         return kinematics.still_air(flight)
     in_moving_air = [moved(calm)]
-    for _ in range(_REPAIRS):
+    for _ in range(criteria.numerics.turbulence.repairs):
         taken = {a.effect.key for a in faulty.attached}
         ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
-        if not ranked or ranked[0].net < _RIVAL * (evidence.deviance - in_moving_air[-1]):
+        if not ranked or ranked[0].net < criteria.turbulence.rival * (evidence.deviance - in_moving_air[-1]):
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
             other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
         rested = weigh(kinematics.beside_offsets(other), discrepancy=False)
-        if evidence.deviance - rested.deviance < CONFIRMED * ranked[0].net:
+        if evidence.deviance - rested.deviance < criteria.kinematics.confirmed * ranked[0].net:
             break  # it does not keep what it promised: turbulence looks like an instrument fault too
         faulty, evidence = other, rested
         in_moving_air.append(moved(faulty))

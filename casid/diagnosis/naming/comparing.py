@@ -6,11 +6,10 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.naming.size import plausible
 from casid.diagnosis.result import Trial
-
-ALIKE, _UNRELATED = 0.6, 0.95  # sine of the angle between fingerprints that resemble each other, and that do not
 
 
 def can_be_named(trial: Trial, least: float) -> bool:
@@ -24,12 +23,12 @@ def _is_small(trial: Trial) -> bool:
     return trial.effect.of_an_instrument and trial.share < 1.0 and plausible(trial.candidate.attached)
 
 
-def small_first(trials: Sequence[Trial], fits: Collection[Trial]) -> list[Trial]:
+def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Criteria) -> list[Trial]:
     """`trials` in their order, but first a fault of an instrument that is too small to matter, where it explains
     clearly more than what can be named: left out, it would make a cause of something else."""
     first = trials[0]
     small = max((t for t in fits if not t.meaningful), key=lambda t: t.total, default=first)
-    if small.total <= first.total + equivalence(first.gain):
+    if small.total <= first.total + equivalence(first.gain, criteria):
         return list(trials)
     return [small, *(t for t in trials if t is not small)]
 
@@ -50,24 +49,25 @@ def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial
     return ranked
 
 
-def equivalents_of(best: Trial, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> tuple[Trial, ...]:
     """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
     whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x. Where
     the fingerprints have nothing in common both may be true, however near the gains. A fault of an instrument may be
     too small to matter and explain as much as one elsewhere that is not."""
     key = best.effect.key  # a variant of the best is no other cause
-    found = []
+    found, by = [], criteria.naming
     for trial in trials:
         if trial.effect.key == key or trial.refuted or not (trial.meaningful or _is_small(trial)):
             continue
         angle, behind = sine(best, trial), best.total - trial.total
         if best.check.confirmed and trial.check.judges:
             behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
-        near = behind < equivalence(best.gain)
+        near = behind < equivalence(best.gain, criteria)
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
             # other small terms explain most of what a term does, and little is left of its gain to compare with
-            near = near or best.exact - trial.exact < equivalence(best.exact)
-        if (near and angle < _UNRELATED) or (angle < ALIKE and behind < 4.0 * np.sqrt(best.total) * angle):
+            near = near or best.exact - trial.exact < equivalence(best.exact, criteria)
+        spread = 2.0 * np.sqrt(best.total) * angle
+        if (near and angle < by.unrelated) or (angle < by.alike and behind < by.alike_sigmas * spread):
             found.append(trial)
     return tuple(found)
 

@@ -8,8 +8,9 @@ from functools import partial, reduce
 
 import numpy as np
 
+from casid.diagnosis.criteria import EventCriteria
 from casid.diagnosis.evidence.evidence import Evidence, cross_of, weigh
-from casid.diagnosis.evidence.fingerprints import EDGE, ONSET_STEP, fingerprints, history, onset_grid, prints_of
+from casid.diagnosis.evidence.fingerprints import fingerprints, history, onset_grid, prints_of
 from casid.diagnosis.evidence.missing_input import missing_at
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
 from casid.diagnosis.flight.evaluation import Fit, Free
@@ -18,20 +19,6 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.path import coefficient_names
-
-_FINE, _NEAR, _COARSE = 0.1, 1.0, 0.5  # s
-_STAYS, _HELPS = 0.02, 1.0  # s, and drop of the deviance: less is no move
-BETWEEN = 0.2  # s, near enough to a short gust of known size to see it
-# chi-square 99.9 %, one degree of freedom, for intervals that promise 95 %: while a surface rests, the profile is flat
-# but for the noise of its record
-_DROP = 10.83
-_TOGETHER = 32  # onsets whose responses are in memory at a time
-_SLOW = 4  # polynomials of time that make a slow change
-# gain that a jump must have more than a slow change at least, and part of that which may be missing beside it
-_MORE, _LEFT = 100.0, 0.1
-# part of a jump's gain that a slow change must not reach: at most 86 % of a step in the middle is a cubic of time
-_SUDDEN, _ALWAYS = 0.93, 0.5  # and part of the square of what jumps that must be its mean, for it to act at any time
-_MEMBER = 0.05  # a coefficient belongs to the set when it has this share of the largest significance
 
 Intervals = dict[str, tuple[float, float]]
 
@@ -43,7 +30,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     is fitted (its size too) adapting; the other records' onsets stay. It is taken over the whole record, finely around
     the present onset; where nothing moves the surface concerned it is flat, and the interval wide.
     """
-    base, judge = evidence.fit, Screen(evidence)
+    base, judge, fine = evidence.fit, Screen(evidence), evidence.criteria.numerics.events.fine
     onsets, intervals = dict(one.onsets), {}
     times = {record: _looked_at(evidence, record, onset) for record, onset in one.onsets.items()}
     now, most = history(base, one), max(map(len, times.values()))
@@ -55,10 +42,10 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     for record, t in times.items():
         drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])
         onsets[record] = float(t[np.argmax(drops)])
-        inside = np.flatnonzero(drops > drops.max() - _DROP)
+        inside = np.flatnonzero(drops > drops.max() - evidence.criteria.events.interval)
         # the interval ends where the profile was first found too low, as near as the steps between its points tell
         low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
-        ends = (round(float(t[low]) - 0.5 * _FINE, 3), round(float(t[high]) + 0.5 * _FINE, 3))
+        ends = (round(float(t[low]) - 0.5 * fine, 3), round(float(t[high]) + 0.5 * fine, 3))
         intervals[record] = ends
     return replace(one, onsets=onsets), intervals
 
@@ -66,23 +53,28 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
 def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
     """Times [s] at which an event of a record is looked for, finely around its present onset."""
     record = next(r for r in evidence.fit.flight.records if r.name == name)
-    near = onset + np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)
-    times = np.union1d(np.round(near, 6), np.round(record.t[0] + onset_grid(evidence, _COARSE), 6))
-    inside = times[(times >= record.t[0] + EDGE) & (times <= record.t[-1] - EDGE)]
+    numerics, edge = evidence.criteria.numerics.events, evidence.criteria.screening.edge
+    near = onset + np.arange(-numerics.near, numerics.near + numerics.fine / 2, numerics.fine)
+    times = np.union1d(np.round(near, 6), np.round(record.t[0] + onset_grid(evidence, numerics.coarse), 6))
+    inside = times[(times >= record.t[0] + edge) & (times <= record.t[-1] - edge)]
     return inside if len(inside) else np.array([onset])  # of a record too short for any other
 
 
-def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int = -1) -> tuple[Evidence, Intervals]:
+def at_peak(
+    evidence: Evidence, moves: int | None = None, free: Free = "all", which: int = -1
+) -> tuple[Evidence, Intervals]:
     """Evidence of the fit with the onsets of one of its effects, the last by default, moved until they stay or moving
     does not help, `moves` times at most, and their intervals: together by what the fit is linearised to, and each to
     the peak of its own profile, which sees the whole record."""
     interval: Intervals = {}
+    numerics = evidence.criteria.numerics.events
+    moves = numerics.moves if moves is None else moves
     for _ in range(moves):
         evidence = _slid(evidence, moves, free, which)
         fitted = evidence.fit
         before = fitted.attached[which]
         moved, interval = moved_onsets(evidence, before)
-        if all(abs(moved.onsets[r] - t) < _FINE / 2 for r, t in before.onsets.items()):
+        if all(abs(moved.onsets[r] - t) < numerics.fine / 2 for r, t in before.onsets.items()):
             break
         attached = [moved if one is before else one for one in fitted.attached]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
@@ -99,15 +91,16 @@ def at_peak(evidence: Evidence, moves: int = 6, free: Free = "all", which: int =
 def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
     """Evidence of the fit with all onsets of an effect moved at once by Gauss-Newton steps, `moves` at most, while they
     help: onsets and the length of an event lie in a narrow valley, along which none of them can go alone."""
+    numerics = evidence.criteria.numerics.events
     for _ in range(moves):
         fitted = evidence.fit
         before = fitted.attached[which]
         onsets = _together(evidence, before)
-        if all(abs(onsets[r] - t) < _STAYS for r, t in before.onsets.items()):
+        if all(abs(onsets[r] - t) < numerics.stays for r, t in before.onsets.items()):
             break
         attached = [replace(one, onsets=onsets) if one is before else one for one in fitted.attached]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
-        if other.deviance > fitted.deviance - _HELPS:
+        if other.deviance > fitted.deviance - numerics.helps:
             break
         evidence = weigh(other, discrepancy=free == "all")
     return evidence
@@ -115,20 +108,22 @@ def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
 
 def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
     """Record -> onset after one Gauss-Newton step of all of them, everything that is fitted adapting; a step is weighed
-    against `_NEAR`, so that an onset of which the data say nothing stays."""
+    against what is near, so that an onset of which the data say nothing stays."""
     base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
     rows = [names.index(name) for name in one.onsets]
+    near, fine = evidence.criteria.numerics.events.near, evidence.criteria.numerics.events.fine
+    edge = evidence.criteria.screening.edge
     sooner, later = (
         history(base, replace(one, onsets={record: onset + h for record, onset in one.onsets.items()}))
-        for h in (-0.5 * _FINE, 0.5 * _FINE)
+        for h in (-0.5 * fine, 0.5 * fine)
     )
     (slope,) = prints_of(evidence, one.effect, [later - sooner])
     C = slope.cross[rows]
-    gram = (np.diag(slope.square[rows]) - C @ judge.covariance @ C.T) / _FINE**2 + np.eye(len(rows)) / _NEAR**2
-    step = np.clip(np.linalg.solve(gram, (slope.match[rows] - C @ judge.newton) / _FINE), -_NEAR, _NEAR)
+    gram = (np.diag(slope.square[rows]) - C @ judge.covariance @ C.T) / fine**2 + np.eye(len(rows)) / near**2
+    step = np.clip(np.linalg.solve(gram, (slope.match[rows] - C @ judge.newton) / fine), -near, near)
     records = [base.flight.records[r] for r in rows]
     return {
-        record.name: float(np.clip(onset + d, record.t[0] + EDGE, record.t[-1] - EDGE))
+        record.name: float(np.clip(onset + d, record.t[0] + edge, record.t[-1] - edge))
         for record, onset, d in zip(records, one.onsets.values(), step, strict=True)
     }
 
@@ -136,16 +131,16 @@ def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
 def configuration_changes(evidence: Evidence) -> list[Candidate]:
     """Sets of coefficients that switch together: the records, onsets and duration with the largest joint statistic less
     its price, of one size in all of these records."""
-    base, price = evidence.fit, Screen(evidence).price
+    base, price, criteria = evidence.fit, Screen(evidence).price, evidence.criteria
     names, coefficients = base.batch.names, coefficient_names(base.flight.aircraft.force_axes)
-    onsets = onset_grid(evidence, ONSET_STEP)
+    onsets = onset_grid(evidence)
     durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
     best: Candidate | None = None
     for duration in durations if len(onsets) else ():
         steps = _steps(evidence, coefficients, onsets, duration)
-        for chosen in grown_sets(len(steps), partial(_statistics, steps)):
+        for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.screening.starts):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
-            members = _members(np.abs(sizes[0]) / stds[0])
+            members = _members(np.abs(sizes[0]) / stds[0], criteria.events)
             tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
             net = float(statistic[0]) - (len(members) + 1) * price - 2.0 * np.log(tries)
             if best is not None and net < best.net:
@@ -169,9 +164,9 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     return [] if best is None else [best]
 
 
-def _members(strength: np.ndarray) -> list[int]:
+def _members(strength: np.ndarray, criteria: EventCriteria) -> list[int]:
     """The coefficients that take part, by their size in 1-sigmas."""
-    strong = np.flatnonzero(strength > max(4.0, _MEMBER * strength.max()))
+    strong = np.flatnonzero(strength > max(criteria.member_sigmas, criteria.member * strength.max()))
     return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
@@ -183,30 +178,31 @@ def is_sudden(evidence: Evidence, one: Attached, beside: Evidence) -> bool:
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
-
+    criteria, powers = evidence.criteria.events, evidence.criteria.numerics.events.slow_polynomials
     whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
-    acting = [s for s in range(whole.shape[2]) if _acts_always(whole[:, rows, s][live])]
+    acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > criteria.always]
     if not acting:
         return True
     jump = _gain_of(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
-    slow = np.zeros((*whole.shape[:2], len(rows), len(acting), _SLOW))
+    slow = np.zeros((*whole.shape[:2], len(rows), len(acting), powers))
     for i, r in enumerate(rows):
         own = base.batch.live[:, r]
-        powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, int(own.sum())), _SLOW - 1)
-        slow[own, r, i] = whole[own, r][:, acting, None] * powers[:, None]
-    stations = [station for _ in rows for station in acting for _ in range(_SLOW)]
+        shapes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, int(own.sum())), powers - 1)
+        slow[own, r, i] = whole[own, r][:, acting, None] * shapes[:, None]
+    stations = [station for _ in rows for station in acting for _ in range(powers)]
     slower = _gain_of(evidence, base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1)))
-    if _SUDDEN * jump > slower:
+    if criteria.sudden * jump > slower:
         return True
     more = jump - slower
-    if more < _MORE:
+    if more < criteria.sudden_gain:
         return False
     left = missing_at(beside, [base.model.disturbances[station] for station in acting])
-    return left[0].gain < _LEFT * more
+    return left[0].gain < criteria.sudden_left * more
 
 
-def _acts_always(series: np.ndarray) -> bool:
-    return float(np.mean(series)) ** 2 > _ALWAYS * float(np.mean(series**2))
+def _mean_part(series: np.ndarray) -> float:
+    """Part of the mean square of a time history that its mean makes: near to 1 of what acts at any time."""
+    return float(np.mean(series)) ** 2 / max(float(np.mean(series**2)), 1e-300)
 
 
 def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
@@ -258,8 +254,9 @@ def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, 
     since = base.batch.t - base.batch.t[0]
     stations = [base.model.disturbances.index(f"d{name}") for name in coefficients]
     found: list[list[_Steps]] = [[] for _ in base.batch.names]
-    for first in range(0, len(onsets), _TOGETHER):
-        some = onsets[first : first + _TOGETHER]
+    together = evidence.criteria.numerics.screening.steps_together
+    for first in range(0, len(onsets), together):
+        some = onsets[first : first + together]
         shapes = [operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in some]
         series = np.repeat(np.stack(shapes, axis=2), c, axis=2)
         white = base.filter.whiten_histories(stations * len(some), series)
@@ -293,26 +290,28 @@ def _statistics(steps: Sequence[_Steps], others: Mapping[int, int], records: Seq
 def further_records(evidence: Evidence, one: Attached) -> Attached:
     """The fitted event also in those other records where it, at its size and best onset, lowers the deviance; not where
     that is at either end: what helps most when it hardly acts is no event."""
-    base, judge = evidence.fit, Screen(evidence)
+    base, judge, criteria = evidence.fit, Screen(evidence), evidence.criteria
     if len(one.onsets) == len(base.flight.records):
         return one
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
-    prints = fingerprints(evidence, [effect], onset_grid(evidence, BETWEEN, further.get("length", np.inf)))
+    step, edge = criteria.numerics.events.gust_step, criteria.screening.edge
+    prints = fingerprints(evidence, [effect], onset_grid(evidence, step, further.get("length", np.inf)))
     onsets = dict(one.onsets)
     for r, record in enumerate(base.flight.records):
         if record.name in onsets:
             continue
-        inside = [print_ for print_ in prints if EDGE <= (print_.onset or 0.0) <= record.duration - EDGE]
+        inside = [print_ for print_ in prints if edge <= (print_.onset or 0.0) <= record.duration - edge]
         drops = [judge.drop(print_, r) for print_ in inside]
         best = int(np.argmax(drops)) if drops else 0
-        if 0 < best < len(drops) - 1 and drops[best] > 2.0 * judge.price:
+        if 0 < best < len(drops) - 1 and drops[best] > criteria.events.further_price * judge.price:
             onsets[record.name] = float(record.t[0] + (inside[best].onset or 0.0))
     return replace(one, onsets=onsets)
 
 
 def weak_members(fit: Fit, attached: Attached) -> Sequence[str]:
-    """Coefficients of a fitted configuration change that are not significant (below 4 sigma)."""
+    """Coefficients of a fitted configuration change that are not significant."""
+    sigmas = fit.criteria.events.member_sigmas
     names = attached.effect.members
     slots = {c: attached.name + ("" if c == names[0] else f".{c}") for c in names}
-    return [c for c, slot in slots.items() if abs(fit[slot]) < 4.0 * fit.std(slot)]
+    return [c for c, slot in slots.items() if abs(fit[slot]) < sigmas * fit.std(slot)]

@@ -10,24 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from casid.diagnosis.criteria import Criteria, DoubtCriteria
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
-from casid.diagnosis.evidence.missing_input import ONE_READING, READING, MissingInput, missing_at
-from casid.diagnosis.naming.size import SHARE, meaningful_share, missing_share
+from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_at
+from casid.diagnosis.naming.size import meaningful_share, missing_share
 from casid.diagnosis.result import Trial
 from casid.model.effect import Effect
 
-# part of a missing input's gain that may stay: of what truly acts hardly any does, of imitations a fifth and more; and
-# what is little anyway
-_EXPLAINED, _NOTICEABLE = 0.25, 150.0
-_HELPED = 0.35  # part of a cause's gain that an input must lose to be looked at
-_BENDS = 0.1  # `_EXPLAINED` of a term, which may bend to imitate anything, and of coefficients that switch together
-# part that a right cause leaves where it enters of all that is missing there while the structure is taken as exact:
-# 0.0001 to 0.0025 on the sets that were looked at, and imitations 0.15 and more
-_HARDLY = 0.01
-_STEADY, _HALF = 0.1, 0.5  # and at the reading that has a bias, which a drift imitates, or another fault
 _AIR = "wind_"
-_WORSE, _BESIDE = 1.3, 0.02  # times what was missing at a station, and part of the gain that may be missing besides
-_NEXT_TO_NOTHING = 0.02  # of what is still missing: a model that misses so much more bends small things
 
 
 def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence) -> str:
@@ -53,9 +43,9 @@ def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: T
     return "" if seen.gone(judged) else "leaves unexplained what is missing"
 
 
-def mostly_gone(before: float, left: float, part: float = _EXPLAINED) -> bool:
+def mostly_gone(before: float, left: float, criteria: DoubtCriteria, part: float | None = None) -> bool:
     """Whether of what an unknown input gained `before`, what is `left` is little: noise, or less than `part` of it."""
-    return left < max(part * before, _NOTICEABLE)
+    return left < max((criteria.left if part is None else part) * before, criteria.noticeable)
 
 
 def _left_exactly(evidence: Evidence, stations: Sequence[str]) -> list[float]:
@@ -72,6 +62,14 @@ class _Seen:
     last: Trial
     evidence: Evidence
 
+    @property
+    def criteria(self) -> Criteria:
+        return self.evidence.criteria
+
+    @property
+    def by(self) -> DoubtCriteria:
+        return self.criteria.doubt
+
     @cached_property
     def left(self) -> dict[str, float]:
         """Gains beside it."""
@@ -87,18 +85,18 @@ class _Seen:
         stations = {self.effect.enters, *(f"d{member}" for member in self.effect.members)}
         return [s for s in self.was if s in stations]
 
-    def gone(self, stations: Sequence[str] | set[str], part: float = _EXPLAINED) -> bool:
-        return all(mostly_gone(self.was[s], self.left[s], part) for s in stations)
+    def gone(self, stations: Sequence[str] | set[str], part: float | None = None) -> bool:
+        return all(mostly_gone(self.was[s], self.left[s], self.by, part) for s in stations)
 
     @property
     def makes_more_missing(self) -> bool:
-        more = max(_NOTICEABLE, _BESIDE * self.last.gain)
-        worse = (m for m in self.after if m.gain > _WORSE * self.was[m.station] + more)
-        return any(missing_share(self.evidence.fit, m) > SHARE for m in worse)
+        more = max(self.by.noticeable, self.by.worse_part * self.last.gain)
+        worse = (m for m in self.after if m.gain > self.by.worse * self.was[m.station] + more)
+        return any(missing_share(self.evidence.fit, m) > self.criteria.size.share for m in worse)
 
     @property
     def is_next_to_nothing(self) -> bool:
-        return self.last.total < _NEXT_TO_NOTHING * max(self.left.values())
+        return self.last.total < self.by.negligible * max(self.left.values())
 
     @property
     def is_not_sure(self) -> bool:
@@ -109,12 +107,13 @@ class _Seen:
         fit = self.evidence.fit
         biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
         biased = [READING + a.effect.target for a in biases]
-        return not self.gone([s for s in biased if s in self.was], _STEADY)
+        return not self.gone([s for s in biased if s in self.was], self.by.left_by_a_bias)
 
     @property
     def is_air_where_one_reading_drifts(self) -> bool:
         drift = max(gain for station, gain in self.was.items() if station.startswith(READING))
-        return (self.effect.enters or "").startswith(_AIR) and drift > ONE_READING * self.last.gain
+        more = drift > self.criteria.turbulence.one_reading * self.last.gain
+        return more and (self.effect.enters or "").startswith(_AIR)
 
     @property
     def is_improbable_and_leaves_something(self) -> bool:
@@ -123,7 +122,8 @@ class _Seen:
     @property
     def bends_and_leaves_too_much(self) -> bool:
         bends = self.effect.quasi_steady or bool(self.effect.members)
-        gone = (mostly_gone(max(self.was[s], self.last.total), self.left[s], _BENDS) for s in self.own)
+        part, total = self.by.left_by_terms, self.last.total
+        gone = (mostly_gone(max(self.was[s], total), self.left[s], self.by, part) for s in self.own)
         return bends and not self.effect.improbable and not all(gone) and not self.explains_nearly_all
 
     @cached_property
@@ -131,7 +131,7 @@ class _Seen:
         """Whether little is left where it enters while the structure is taken as exact. Small terms that may be as
         large as they must be leave both the cause and what is missing little to gain."""
         left = _left_exactly(self.evidence, self.own)
-        return bool(left) and all(gain < _HARDLY * (self.last.exact + gain) for gain in left)
+        return bool(left) and all(gain < self.by.left_exactly * (self.last.exact + gain) for gain in left)
 
     @property
     def gains_more_than_any_input(self) -> bool:
@@ -140,7 +140,7 @@ class _Seen:
     @property
     def kinematics_agree(self) -> bool:
         reading = READING + self.effect.target
-        drifts = reading in self.was and not mostly_gone(self.was[reading], self.left[reading], _HALF)
+        drifts = reading in self.was and not self.gone([reading], self.by.left_by_a_fault)
         return self.last.confirmed and not drifts
 
     @property
@@ -149,7 +149,7 @@ class _Seen:
         too little for an anonymous input to do what the cause does."""
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        if self.was[helped] - self.left[helped] > max(_HELPED * self.last.gain, _NOTICEABLE):
+        if self.was[helped] - self.left[helped] > max(self.by.helped * self.last.gain, self.by.noticeable):
             found.add(helped)
         return found
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
@@ -19,26 +20,11 @@ from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, in_or
 from casid.diagnosis.naming.events import Intervals, configuration_changes
 from casid.diagnosis.naming.explaining import doubt
 from casid.diagnosis.naming.structure import demanded_offsets
-from casid.diagnosis.naming.trials import GAIN, gain_asked, is_same, settled, try_cause, worth_trying
+from casid.diagnosis.naming.trials import gain_asked, is_same, settled, try_cause, worth_trying
 from casid.diagnosis.result import Round, Trial
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 from casid.signals import SURFACES
-
-_ROUNDS = 6
-_NOTHING_LEFT = 30.0  # gain of any anonymous input
-_NEEDED = 25.0  # times the gain that is asked, predicted by the square of a size in 1-sigmas
-_TENTATIVE = 2  # rounds that may pass until the named causes together explain what is missing
-# part of a cause's gain that its rough model may leave to an input of any shape, and an event's rough shape to one or
-# to another event; to other causes, by a cause and by an event
-LEFT_BY_A_CAUSE, LEFT_BY_AN_EVENT = 0.002, 0.02
-_LEFT_TO_OTHERS, _LEFT_BY_AN_EVENT_TO_OTHERS = 0.001, 0.005
-_BEFORE, _AFTER = 1.0, 5.0  # s, in which an event's rough shape shows besides
-_AT_ONCE = 2  # trials
-# least part of a cause's gain, and sine of the angle between fingerprints, of a rival; and how many are tried again
-_RIVAL, _RESEMBLING, _RIVALS = 0.7, 0.8, 2
-_LEFT_BEHIND = 0.2  # of the gain of what was named before it
-_WIDE = 0.2  # a trial this part of the leader's gain behind it is not fitted to the end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,6 +38,10 @@ class Naming:
     missing: tuple[MissingInput, ...]
     rounds: tuple[Round, ...]
     intervals: dict[str, Intervals]
+
+    @property
+    def criteria(self) -> Criteria:
+        return self.evidence.criteria
 
     @property
     def named(self) -> list[Round]:
@@ -72,7 +62,8 @@ def name_causes(
     nothing is missing by any measure, instruments are still looked at, whose faults have a shape that no anonymous
     input has, and what small terms of a bent coefficient explain as well, but no events."""
     firm = state = _standing(baseline, kinematic, observed, (), {})
-    for number in range(1, _ROUNDS + 1):
+    criteria, numerics = baseline.criteria.naming, baseline.criteria.numerics.naming
+    for number in range(1, numerics.rounds + 1):
         report(f"naming, round {number}")
         state = _one_round(state, catalogue, least)
         if not state.rounds[-1].named:
@@ -83,9 +74,9 @@ def name_causes(
         state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
         if not why:
             firm = state
-        elif len(state.rounds) - len(firm.rounds) >= _TENTATIVE:
+        elif len(state.rounds) - len(firm.rounds) >= numerics.tentative:
             break
-        if state.missing[0].gain < _NOTHING_LEFT:
+        if state.missing[0].gain < criteria.nothing_left:
             bent = state.evidence.bent
             catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
@@ -117,7 +108,7 @@ def _standing(
 
 
 def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
-    attached = state.evidence.fit.attached
+    attached, criteria = state.evidence.fit.attached, state.criteria
     taken = {a.effect.key for a in attached}
     effects = [e for e in catalogue if e.key not in taken]
     prints = fingerprints(state.evidence, effects)
@@ -130,12 +121,13 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
     chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
-    chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached) for one in chosen)]
+    apart = criteria.events.apart
+    chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
     trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), least)
     nameable = [t for t in fits if t.meaningful]
-    trials = small_first(in_order(trials, nameable), fits) if nameable else in_order(trials, ())
+    trials = small_first(in_order(trials, nameable), fits, criteria) if nameable else in_order(trials, ())
     best = trials[0] if nameable else None
-    equivalents = equivalents_of(best, trials) if best is not None and best.meaningful else ()
+    equivalents = equivalents_of(best, trials, criteria) if best is not None and best.meaningful else ()
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
         trials=tuple(trials),
@@ -159,7 +151,7 @@ def _tried(
     state: Naming, candidates: Sequence[Candidate], least: float
 ) -> tuple[list[Trial], dict[Trial, Fit], dict[str, Intervals]]:
     """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
-    by cause name. `_AT_ONCE` are fitted side by side on however many processors, so that the answer does not depend on
+    by cause name. A few are fitted side by side on however many processors, so that the answer does not depend on
     them: those that come later are given up when they are unlikely to come near the best before."""
     trials: list[Trial] = []
     fits: dict[Trial, Fit] = {}
@@ -169,11 +161,12 @@ def _tried(
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         return trial, beside.fit, interval
 
-    for first in range(0, len(candidates), _AT_ONCE):
-        for trial, fitted, interval in side_by_side(run, candidates[first : first + _AT_ONCE]):
+    at_once = state.criteria.numerics.naming.side_by_side
+    for first in range(0, len(candidates), at_once):
+        for trial, fitted, interval in side_by_side(run, candidates[first : first + at_once]):
             trials.append(trial)
             if not trial.refuted:
-                give_up = min(give_up, fitted.deviance + _WIDE * abs(trial.gain))
+                give_up = min(give_up, fitted.deviance + state.criteria.naming.give_up * abs(trial.gain))
             if interval:
                 intervals[trial.candidate.name] = interval
             if can_be_named(trial, price(trial, state, least)):
@@ -187,8 +180,9 @@ def _left_behind(state: Naming) -> list[Candidate]:
     if not state.rounds:
         return []
     best, *others = state.rounds[-1].trials
+    by = state.criteria.naming
     apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key != best.effect.key]
-    return [t.candidate for t in apart if t.total > _LEFT_BEHIND * best.total and sine(best, t) > _RESEMBLING][:1]
+    return [t.candidate for t in apart if t.total > by.left_behind * best.total and sine(best, t) > by.rival_angle][:1]
 
 
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
@@ -216,7 +210,7 @@ def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence)
         if key not in rivals or name not in {a.name for a in fitted.attached} or _is_needed(evidence, name):
             continue
         others = weigh(without(fitted, {name}))
-        if others.deviance < evidence.deviance + GAIN:
+        if others.deviance < evidence.deviance + evidence.criteria.naming.gain:
             evidence = others
     return evidence
 
@@ -239,27 +233,27 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     """Whether a cause is so far from zero, in its 1-sigma, that no fit without it can come near."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return False
-    index = [slot.name for slot in evidence.fit.slots].index(name)
-    return evidence.fit[name] ** 2 > _NEEDED * GAIN * evidence.covariance[index, index]
+    index, by = [slot.name for slot in evidence.fit.slots].index(name), evidence.criteria.naming
+    return evidence.fit[name] ** 2 > by.needed * by.gain * evidence.covariance[index, index]
 
 
 def price(trial: Trial, state: Naming, least: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
     for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
     that is no event gains while the event does not act counts as it does beside any other cause."""
-    effect = trial.effect
-    prices = [gain_asked(effect), 0.0 if trial.confirmed else least]
+    effect, by = trial.effect, state.criteria.naming
+    prices = [gain_asked(effect, state.criteria), 0.0 if trial.confirmed else least]
     for round_ in state.named:
         earlier = round_.trials[0]
         one = earlier.candidate.attached
         if trial.confirmed and not one.effect.kinematic:
             continue
-        part = _LEFT_TO_OTHERS
+        part = by.left_to_others
         if (one.effect.timed and effect.timed) or _of_one_shape(round_, effect):
-            part = LEFT_BY_AN_EVENT
+            part = by.left_by_an_event
         elif one.effect.timed:
             elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
-            part = min(_LEFT_BY_AN_EVENT_TO_OTHERS, _LEFT_TO_OTHERS / max(elsewhere, 1e-9))
+            part = min(by.left_by_an_event_to_others, by.left_to_others / max(elsewhere, 1e-9))
         prices.append(part * earlier.gain)
     return max(prices)
 
@@ -277,13 +271,13 @@ def _of_one_shape(round_: Round, other: Effect) -> bool:
 
 def _acts(event: Attached, fit: Fit) -> np.ndarray:
     """(N, R) whether an event acts, or has just done so."""
-    t, names, stations = fit.batch.t, fit.batch.names, fit.model.disturbances
+    t, names, stations, by = fit.batch.t, fit.batch.names, fit.model.disturbances, fit.criteria.naming
     acting = disturbance_series([event], names, t, fit.known, stations)
     series = np.any(acting != 0.0, axis=2)
     acts = np.zeros(t.shape, dtype=bool)
     for r in np.flatnonzero(series.any(axis=0)):
         first, last = t[series[:, r], r][[0, -1]]
-        acts[:, r] = (t[:, r] > first - _BEFORE) & (t[:, r] < last + _AFTER)
+        acts[:, r] = (t[:, r] > first - by.before_event) & (t[:, r] < last + by.after_event)
     return acts
 
 
@@ -297,10 +291,11 @@ def _all_reconsidered(state: Naming, least: float) -> Naming:
 def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     """The naming with one of its causes compared once more with its rivals, beside those named since: what was missing
     then may have decided between them."""
-    round_, fitted = state.rounds[at], state.evidence.fit
+    round_, fitted, criteria = state.rounds[at], state.evidence.fit, state.criteria
+    by, most = criteria.naming, criteria.numerics.naming.rivals
     best, taken = round_.trials[0], {a.effect.key for a in fitted.attached}
     rivals = [t for t in round_.trials[1:] if t.effect.key not in taken and t.meaningful and not t.refuted]
-    rivals = [t for t in rivals if t.total > _RIVAL * best.total and sine(best, t) < _RESEMBLING][:_RIVALS]
+    rivals = [t for t in rivals if t.total > by.rival * best.total and sine(best, t) < by.rival_angle][:most]
     if not rivals or best.effect.key not in taken or not best.meaningful:
         return state
     alone = without(fitted, {best.candidate.name})
@@ -316,7 +311,7 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     if not nameable:
         return state
     rounds = list(state.rounds)
-    rounds[at] = replace(round_, equivalents=equivalents_of(trials[0], trials))
+    rounds[at] = replace(round_, equivalents=equivalents_of(trials[0], trials, criteria))
     if trials[0].effect.key == best.effect.key:
         return replace(state, rounds=tuple(rounds))
     first, evidence, moved = settled(trials[0], fits[trials[0]])

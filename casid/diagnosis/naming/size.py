@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 
+from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.evidence.coefficients import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import READING, MissingInput
 from casid.diagnosis.flight.evaluation import Fit
@@ -14,45 +13,43 @@ from casid.model.causes import sensor_bias
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
-SHARE = 0.05  # of the variation of a coefficient: smaller is real but minor; linear structure commonly leaves 2 to 4 %
-_SWITCH = 0.1  # of it, for coefficients that change in mid-record: a bend in a curve looks like a small one
-_KNOWN = 0.5  # sampling intervals
-_CONSEQUENCE = 0.02  # of the variation of a coefficient or channel
-# m/s, of which `SHARE` matters: of the speed, as of a bias of V, and across it, where it is an angle
-_WIND = MappingProxyType({"wind_x": 20.0, "wind_y": 3.0, "wind_z": 3.0})
-_LARGEST_SHARE = 3.0  # a term larger than this many variations of its coefficient is an artefact
 
-
-def plausible(one: Attached, share: float = 0.0) -> bool:
-    """Whether a fitted size is physically possible; flaps and gear may exceed what the derivatives vary by."""
+def plausible(one: Attached) -> bool:
+    """Whether a fitted size is physically possible."""
     limits = {**one.effect.limits, "value": one.effect.limit}
-    possible = all(abs(one.values[name]) <= limit for name, limit in limits.items())
-    return possible and (share <= _LARGEST_SHARE / SHARE or one.effect.regressor is None)
+    return all(abs(one.values[name]) <= limit for name, limit in limits.items())
+
+
+def is_artefact(one: Attached, share: float, criteria: SizeCriteria) -> bool:
+    """Whether a term exceeds by far what its coefficient varies by, which flaps and gear may; `share` as of
+    `meaningful_share`."""
+    return one.effect.regressor is not None and share > criteria.largest_share / criteria.share
 
 
 def meaningful_share(fitted: Fit, one: Attached) -> float:
     """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
-    coefficient `SHARE` of that coefficient's variation, as far as derivatives cannot imitate it, `_SWITCH` when it sets
-    in in mid-record.
+    coefficient a share of that coefficient's variation, as far as derivatives cannot imitate it, a larger one when it
+    sets in in mid-record.
 
-    What stands between a record and a surface, or a channel and its reading, must besides make `_CONSEQUENCE` of
+    What stands between a record and a surface, or a channel and its reading, must besides make some
     difference to a coefficient or a channel, or as much as the noise of that channel: a surface that hardly moves may
     be slow without any consequence; and a surface that is late by less than half a sample may be in time, because how
     it runs between samples is not known. What is expected matters at any size: left out, it looks like a fault."""
-    effect, value = one.effect, one.values["value"]
+    effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
     if effect.amplitude is not None:
         return _consequence(fitted, one)
     smallest = effect.smallest_that_matters(fitted.flight.aircraft)
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
-        return min(own, _consequence(fitted, one), _lateness(fitted, one) / _KNOWN)
-    share = _coefficient_share(fitted, one) / (_SWITCH if effect.members else SHARE)
+        return min(own, _consequence(fitted, one), _lateness(fitted, one) / criteria.late)
+    share = _coefficient_share(fitted, one) / (criteria.switching if effect.members else criteria.share)
     return max(share, 1.0) if effect.expected else share
 
 
 def _consequence(fitted: Fit, one: Attached) -> float:
     """Largest r.m.s. difference that an operator on a surface makes to a coefficient, or one on a reading to a channel,
-    over `_CONSEQUENCE` of its variation, or of a channel over its noise; infinite for other effects."""
+    over the part of its variation that is of consequence, or of a channel over its noise; infinite for others."""
+    least = fitted.criteria.size.consequence
     names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
     if one.effect.output is not None:
         outputs, read = fitted.model.outputs, fitted.linear.output
@@ -60,7 +57,7 @@ def _consequence(fitted: Fit, one: Attached) -> float:
         plain, seen = (readings(a, names, t, read, outputs, fitted.known) for a in (without, [*without, one]))
         change, size = np.std((seen - plain)[live], axis=0), np.std(plain[live], axis=0)
         noise = np.array([fitted.noise.measurement[name] for name in outputs])
-        return float(np.max(change / np.maximum(np.minimum(_CONSEQUENCE * size, noise), 1e-12)))
+        return float(np.max(change / np.maximum(np.minimum(least * size, noise), 1e-12)))
     if one.effect.target not in SURFACES or one.effect.series is None:
         return np.inf
     moved, shares = _moved(fitted, one), [0.0]
@@ -68,7 +65,7 @@ def _consequence(fitted: Fit, one: Attached) -> float:
         name = f"{coefficient}_{one.effect.target}"
         slope = fitted.derivatives.get(name, 0.0) + fitted.regressors.get(f"given {name}", 0.0)
         left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # of a model with the bare surface
-        shares.append(float(np.std(left[live])) / max(_CONSEQUENCE * size, 1e-12))
+        shares.append(float(np.std(left[live])) / max(least * size, 1e-12))
     return max(shares)
 
 
@@ -103,15 +100,15 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
 
 
 def missing_share(fitted: Fit, missing: MissingInput) -> float:
-    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over `_WIND`. A drift of
-    a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
-    station = missing.station
-    if station in _WIND:
-        return missing.rms / _WIND[station]
+    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over a velocity. A drift
+    of a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
+    station, criteria = missing.station, fitted.criteria.size
+    if station.startswith("wind_"):
+        return missing.rms / (criteria.wind_along if station == "wind_x" else criteria.wind_across)
     if not station.startswith(READING):
         series = coefficient_series(fitted)[station[1:]]
         return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
     channel = station.removeprefix(READING)
     series = fitted.read[..., fitted.model.outputs.index(channel)]
     as_bias = missing.largest / (sensor_bias(channel).smallest_that_matters(fitted.flight.aircraft) or np.inf)
-    return min(missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12), SHARE * as_bias)
+    return min(missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12), criteria.share * as_bias)

@@ -29,7 +29,6 @@ _EXPECTED = {
 }
 _UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
 SKEWED = (*_UNIT, *_ATTITUDES)  # what may come milliseconds late without being at fault
-_DEMANDED = 50.0  # drop of the deviance that one of them must predict
 
 
 def demanded_structure(base: Fit) -> list[Attached]:
@@ -47,7 +46,7 @@ def demanded_structure(base: Fit) -> list[Attached]:
     everywhere = np.ones((1, len(base.batch.names)))
     for one in fingerprints(judge.evidence, effects):
         statistic, size, _, _ = judge.score([one], everywhere)
-        if statistic > _DEMANDED:
+        if statistic > base.criteria.structure.demanded:
             found.append(Attached(effect=one.effect, values={"value": size}))
     return found
 
@@ -66,7 +65,8 @@ def demanded_skews(reconstructed: Fit) -> tuple[list[Attached], float]:
     nothing tells them from vanes that stand elsewhere: then there are none."""
     fit, outputs = reconstructed, reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
-    step, found = 0.1 * float(np.median(fit.batch.dt)), [(list[Attached](), 0.0)]
+    step = fit.criteria.numerics.naming.skew_step * float(np.median(fit.batch.dt))
+    found = [(list[Attached](), 0.0)]
     for group in (_UNIT, attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]
         read = [readings([a], fit.batch.names, fit.batch.t, fit.linear.output, outputs, fit.known) for a in late]
@@ -90,7 +90,7 @@ def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[
         others = [i for i in range(len(offered)) if i not in chosen]
         gains = [float(_sizes(information, match, [*chosen, i]) @ match[[*chosen, i]]) for i in others]
         misfit = max(1.0, (squares - max(gains)) / base.readings)
-        if max(gains) - gained < _DEMANDED * misfit:
+        if max(gains) - gained < base.criteria.structure.demanded * misfit:
             break
         chosen.append(others[int(np.argmax(gains))])
         sizes, gained = _sizes(information, match, chosen), max(gains)

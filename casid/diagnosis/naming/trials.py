@@ -7,34 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import EDGE
 from casid.diagnosis.evidence.screening import Candidate, equivalence
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import hopeless, kinematic_check
 from casid.diagnosis.naming.events import Intervals, at_peak, further_records, is_sudden, weak_members
-from casid.diagnosis.naming.size import meaningful_share, plausible
+from casid.diagnosis.naming.size import is_artefact, meaningful_share, plausible
 from casid.diagnosis.result import Trial
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
-
-# net drop of the deviance that a named cause must reach on top of its price; and a fault of an instrument, which no
-# error of the aerodynamics imitates: on 150 clean sets the largest was 17
-GAIN, GAIN_OF_AN_INSTRUMENT = 40.0, 25.0
-_PREDICTED = 0.3  # of a size that matters: what is predicted to be smaller is not tried
-# A cause of a size that barely matters is believed on strong evidence only: its gain times the square of its size, in
-# units of the smallest that matters, must reach this: 20 sigma at a size that just matters, `GAIN` at three times that.
-_CLEAR = 400.0
-_REACHED = 0.3  # part of the gain that must be predicted before a cause is tried
-_PROMISING = 0.2  # part of it that must be predicted before a cause is tried
-_TERMS, _TERMS_ALIKE = 2, 4  # of one coefficient that are tried, and when they promise the same
-_TRIALS, _FEW = 4, 2  # candidates of the first ranking that are tried, and of each other
-_APART = 2.0  # s, from which two onsets are two events
-_MOVES = 2  # of an onset in a trial; the winner is settled
 
 
 def worth_trying(
@@ -48,55 +34,61 @@ def worth_trying(
     """The best few of the three rankings, and only what could reach the gain that is asked, `least` unless kinematics
     may confirm it, and a size that matters at all. A configuration change is scored in one record only, so it cannot be
     ranked with the others."""
-    chosen = [*_best_few(base, candidates, _TRIALS), *_best_few(base, switches, 1)]
+    criteria = base.criteria
+    trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
+    apart = criteria.events.apart
+    chosen = [*_best_few(base, candidates, trials), *_best_few(base, switches, 1)]
     for ranking in (cautious, observed):
         before = tuple(chosen)
         chosen += [
-            c for c in _best_few(base, ranking, _FEW) if not any(is_same(c.attached, b.attached) for b in before)
+            c for c in _best_few(base, ranking, few) if not any(is_same(c.attached, b.attached, apart) for b in before)
         ]
-    return [c for c in chosen if c.net > _REACHED * least or c.attached.effect.kinematic]
+    return [c for c in chosen if c.net > criteria.naming.tried_gain * least or c.attached.effect.kinematic]
 
 
-def is_same(one: Attached, other: Attached) -> bool:
-    """Whether two candidates are one: an event at another time, or the other way, is another."""
+def is_same(one: Attached, other: Attached, apart: float) -> bool:
+    """Whether two candidates are one: an event at another time, `apart` [s] or more, or the other way, is another."""
     if one.name != other.name or not one.effect.timed:
         return one.name == other.name
-    near = all(abs(other.onsets.get(record, np.inf) - onset) < _APART for record, onset in one.onsets.items())
+    near = all(abs(other.onsets.get(record, np.inf) - onset) < apart for record, onset in one.onsets.items())
     return near and one.values["value"] * other.values["value"] > 0.0
 
 
 def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    """`count` of them, no more than `_TERMS` terms of one coefficient; and beside these such as promise the same, for
+    """`count` of them, no more than two terms of one coefficient; and beside these such as promise the same, for
     they may be one set."""
+    criteria, numerics = base.criteria.naming, base.criteria.numerics.naming
+    reached = criteria.tried_gain * criteria.gain
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
     for candidate in candidates:
         effect = candidate.attached.effect
-        if candidate.net < _REACHED * GAIN or len(chosen) == count:
+        if candidate.net < reached or len(chosen) == count:
             break
         share = meaningful_share(base, candidate.attached)
-        clear = effect.of_an_instrument or share**2 * candidate.statistic > _PROMISING * _CLEAR
-        if share < _PREDICTED or not clear:
+        clear = effect.of_an_instrument or share**2 * candidate.statistic > criteria.tried_clear * criteria.clear
+        if share < criteria.tried_size or not clear:
             continue
         terms = [
             c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
         ]
-        if effect.quasi_steady and len(terms) >= _TERMS:
-            if len(terms) < _TERMS_ALIKE and terms[0].net - candidate.net < equivalence(terms[0].net):
+        if effect.quasi_steady and len(terms) >= numerics.terms:
+            near = terms[0].net - candidate.net < equivalence(terms[0].net, base.criteria)
+            if len(terms) < numerics.equivalent_terms and near:
                 alike.append(candidate)
             continue
         chosen.append(candidate)
     names = {one.name for one in (*chosen, *alike)}
-    others = [c for c in candidates if c.name not in names and c.net > _REACHED * GAIN]
-    alike += [c for c in others if any(_promise_the_same(c, one) for one in chosen)]
+    others = [c for c in candidates if c.name not in names and c.net > reached]
+    alike += [c for c in others if any(_promise_the_same(c, one, base.criteria) for one in chosen)]
     return [*chosen, *alike]
 
 
-def _promise_the_same(one: Candidate, other: Candidate) -> bool:
+def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
     """Whether two causes that are no terms act at the same place, as a lag and a delay do, and neither leads."""
     effect, beside = one.attached.effect, other.attached.effect
     of_one_place = effect.target == beside.target and not (effect.quasi_steady or beside.quasi_steady)
-    return of_one_place and abs(one.net - other.net) < equivalence(other.net)
+    return of_one_place and abs(one.net - other.net) < equivalence(other.net, criteria)
 
 
 def try_cause(
@@ -122,7 +114,7 @@ def try_cause(
         if len(wider.onsets) > len(attached.onsets):
             beside = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
         if beside.fit.deviance < give_up:
-            beside, interval = at_peak(beside, _MOVES)
+            beside, interval = at_peak(beside, evidence.criteria.numerics.events.trial_moves)
     if attached.effect.members:
         beside = _without_weak(base, beside)
     fitted = beside.fit
@@ -143,8 +135,9 @@ def try_cause(
         excess=excess,
         exact=base.deviance - fitted.deviance,
         where=_where(base, fitted),
-        meaningful=matters(share, clear, check.confirmed or one.effect.of_an_instrument)
-        and plausible(one, share)
+        meaningful=matters(share, clear, base.criteria, check.confirmed or one.effect.of_an_instrument)
+        and plausible(one)
+        and not is_artefact(one, share, base.criteria.size)
         and not _from_the_start(fitted, one)
         and (not one.effect.recurring or is_sudden(evidence, one, beside)),
         share=share,
@@ -176,21 +169,22 @@ def _given_up(base: Fit, candidate: Candidate) -> Trial:
     )
 
 
-def gain_asked(effect: Effect) -> float:
+def gain_asked(effect: Effect, criteria: Criteria) -> float:
     """Net drop of the deviance that a cause must reach to be named."""
-    return GAIN_OF_AN_INSTRUMENT if effect.of_an_instrument else GAIN
+    return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
-def matters(share: float, gain: float, unlike_aerodynamics: bool = False) -> bool:
+def matters(share: float, gain: float, criteria: Criteria, unlike_aerodynamics: bool = False) -> bool:
     """Whether a size, in units of the smallest that matters, matters and is clear enough to be believed, or nothing in
     the aerodynamics could look like it."""
-    return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > _CLEAR)
+    return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > criteria.naming.clear)
 
 
 def _from_the_start(fitted: Fit, one: Attached) -> bool:
     """Whether an event sets in as early in every record as events are looked for: then it is none."""
-    first = {record.name: record.t[0] + EDGE for record in fitted.flight.records}
-    return bool(one.onsets) and all(onset < first[record] + 0.1 for record, onset in one.onsets.items())
+    edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
+    first = {record.name: record.t[0] + edge for record in fitted.flight.records}
+    return bool(one.onsets) and all(onset < first[record] + within for record, onset in one.onsets.items())
 
 
 def _std(fitted: Fit, one: Attached) -> float:

@@ -15,6 +15,7 @@ from casid.model import operators
 from casid.model.causes import actuator_lag, aero_term, configuration_change
 from problems.do328 import do328
 
+_SCALES = (1.0, 2.0, 4.0)
 _OWNERS = ("CL", "CL", "CL", "Cm", "Cm", "Cm")
 
 
@@ -35,14 +36,14 @@ def _problem(rng: np.random.Generator, scales: tuple[float, float]) -> tuple[np.
 def test_scales_have_the_largest_likelihood_of_the_dense_gaussian(seed: int) -> None:
     """Truth: the density of the residual itself, N(0, 1 + J K^-1 J'), for every pair of scales."""
     columns, residual, alike = _problem(np.random.default_rng(seed), (1.0, 4.0))
-    found = most_likely_scales(columns.T @ columns, columns.T @ residual, alike, _OWNERS)
+    found = most_likely_scales(columns.T @ columns, columns.T @ residual, alike, _OWNERS, _SCALES)
 
     def deviance(pair: tuple[float, float]) -> float:
         scale = np.repeat(pair, 3)
         covariance = np.eye(60) + columns @ (np.linalg.inv(alike) * np.outer(scale, scale)) @ columns.T
         return float(residual @ np.linalg.solve(covariance, residual) + np.linalg.slogdet(covariance)[1])
 
-    assert (found["CL"], found["Cm"]) == min(itertools.product((1.0, 2.0, 4.0), repeat=2), key=deviance)
+    assert (found["CL"], found["Cm"]) == min(itertools.product(_SCALES, repeat=2), key=deviance)
 
 
 def test_scales_do_not_depend_on_how_the_terms_are_written() -> None:
@@ -52,8 +53,8 @@ def test_scales_do_not_depend_on_how_the_terms_are_written() -> None:
     other = np.zeros((6, 6))
     other[:3, :3], other[3:, 3:] = rng.standard_normal((3, 3)), rng.standard_normal((3, 3))
     written = columns @ other
-    first = most_likely_scales(columns.T @ columns, columns.T @ residual, alike, _OWNERS)
-    second = most_likely_scales(written.T @ written, written.T @ residual, other.T @ alike @ other, _OWNERS)
+    first = most_likely_scales(columns.T @ columns, columns.T @ residual, alike, _OWNERS, _SCALES)
+    second = most_likely_scales(written.T @ written, written.T @ residual, other.T @ alike @ other, _OWNERS, _SCALES)
     assert first == second
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import Fit
@@ -94,7 +95,7 @@ def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -
     round_ = Round(candidates=(), trials=tried, equivalents=(), named=True)
     play = trial_of(Attached(effect=dead_zone("delta_e"), values={"value": 0.01}), 240.0)
     asked = [
-        naming.price(trial, SimpleNamespace(named=[round_]), 40.0)  # pyright: ignore
+        naming.price(trial, SimpleNamespace(named=[round_], criteria=Criteria()), 40.0)  # pyright: ignore
         for trial in (term("CD", "beta^2*q", 240.0), term("CD", "beta*p*q", 230.0), term("CD", "p^2", 240.0), play)
     ]
     assert asked == pytest.approx([1400.0, 1400.0, 70.0, 70.0])
@@ -135,7 +136,7 @@ def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: fl
     )
     scale = trial_of(steep, 1000.0)
     assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)
-    assert small_first([scale, delay, term], [delay, scale])[0].candidate.name == first
+    assert small_first([scale, delay, term], [delay, scale], Criteria())[0].candidate.name == first
 
 
 def test_kinematics_beside_a_cause_do_not_know_it() -> None:
@@ -160,6 +161,6 @@ def test_what_looks_alike_at_one_place_is_minor_once() -> None:
         return replace(trial_of(one, gain, fingerprint=[1.0, 0.0]), meaningful=False)
 
     trials = [small(LAGGED, 422.0), small(LATE, 424.0), small(BIAS, 300.0)]
-    state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)])
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)], criteria=Criteria())
     found = [trial.candidate.name for trial in minor_trials(state, ())]  # pyright: ignore
     assert found == ["input_delay(delta_e)", "sensor_bias(q)"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
@@ -87,7 +88,7 @@ def test_what_helps_most_at_the_end_of_a_record_is_no_event_there(
     """A gain that grows until the record ends, or from its beginning on, is not that of something that sets in."""
     one = Attached(effect=effectiveness_change("delta_e"), values={"value": -0.3}, onsets={"m1": 8.0})
     records = [SimpleNamespace(name=name, duration=26.0, t=np.array([100.0, 126.0])) for name in ("m1", "m2")]
-    evidence = SimpleNamespace(fit=SimpleNamespace(flight=SimpleNamespace(records=records)))
+    evidence = SimpleNamespace(fit=SimpleNamespace(flight=SimpleNamespace(records=records)), criteria=Criteria())
     judge = SimpleNamespace(price=10.0, drop=lambda print_, r: 1000.0 - abs(print_.onset - peak))
     prints = [SimpleNamespace(onset=float(onset)) for onset in np.arange(1.0, 28.0, 0.2)]
     monkeypatch.setattr(events, "Screen", lambda _: judge)

@@ -12,6 +12,7 @@ from diagnosis_flights import flights, rough_file, trial_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import deviation, is_sure, weigh
 from casid.diagnosis.evidence.fingerprints import Fingerprint
 from casid.diagnosis.evidence.screening import Candidate, rank
@@ -175,7 +176,7 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
     def trial(effect, gain: float) -> Trial:
         return trial_of(Attached(effect=effect, values={"value": 0.01}), gain)
 
-    state = SimpleNamespace(named=[SimpleNamespace(trials=[trial(backlash("delta_e"), 48000.0)])])
+    state = SimpleNamespace(named=[SimpleNamespace(trials=[trial(backlash("delta_e"), 48000.0)])], criteria=Criteria())
     prices = [
         naming.price(trial(effectiveness_change(surface), 750.0), state, 40.0)  # pyright: ignore
         for surface in ("delta_e", "delta_a")
@@ -188,7 +189,7 @@ def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float,
     """A cause that gains 600 in the fitted records and loses less than a twentieth of it, 30, in the others stays."""
     cause = SimpleNamespace(name="cause", slight=False)
     noise = SimpleNamespace(coloured={})
-    bare = SimpleNamespace(attached=[], data_deviance=0.0, readings=1000, noise=noise)
+    bare = SimpleNamespace(attached=[], data_deviance=0.0, readings=1000, noise=noise, criteria=Criteria())
     more = SimpleNamespace(attached=[cause], data_deviance=loss, readings=1000, noise=noise)
     gains = held_gains([bare, more])  # pyright: ignore
     final, _ = best_on_held([], [bare, more], [bare, more], gains, [600.0])  # pyright: ignore
@@ -217,7 +218,7 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
 
     best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
     other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
-    assert (equivalents_of(best, [best, other]) == (other,)) == alike
+    assert (equivalents_of(best, [best, other], Criteria()) == (other,)) == alike
 
 
 @pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (50.0, False)])
@@ -229,7 +230,7 @@ def test_terms_are_compared_by_all_that_they_explain(behind: float, alike: bool)
         return trial_of(one, gain, excess=6700.0, fingerprint=[1.0, 0.0], exact=exact)
 
     best, other = trial("delta_a", 320.0, 9000.0), trial("delta_e^2*delta_a", 170.0, 9000.0 - behind)
-    assert (equivalents_of(best, [best, other]) == (other,)) == alike
+    assert (equivalents_of(best, [best, other], Criteria()) == (other,)) == alike
 
 
 def test_terms_that_promise_the_same_are_all_tried() -> None:
@@ -291,7 +292,7 @@ def test_a_term_must_leave_less_than_other_causes(
     trial = trial_of(Attached(effect=effect, values={"value": -189.0}), gain)
     before = [SimpleNamespace(station="dCn", gain=1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     after = [SimpleNamespace(station="dCn", gain=left * 1e5), SimpleNamespace(station="reading_r", gain=0.0)]
-    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
     assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
 
 
@@ -303,7 +304,7 @@ def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(
     one = Attached(effect=effectiveness_change("delta_a"), values={"value": 0.7}, onsets={"m1": 7.2})
     trial = trial_of(one, gain)
     missing = [SimpleNamespace(station="dCl", gain=18210.0), SimpleNamespace(station="reading_p", gain=0.0)]
-    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
     assert (doubt(missing, missing, trial, evidence) == "") == explains  # pyright: ignore
 
 
@@ -321,7 +322,7 @@ def test_a_term_that_explains_nearly_all_is_believed_though_small_terms_would_do
         [SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": Cl, "reading_p": 0.0}.items()]
         for Cl in (499.0, 481.0)
     )
-    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
     assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
 
 
@@ -336,7 +337,7 @@ def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(
         gains = {"dCl": Cl, "dCn": Cn, "reading_r": 0.0}
         return [SimpleNamespace(station=station, gain=gain) for station, gain in gains.items()]
 
-    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()))
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
     assert (doubt(missing(140.0, was), missing(1.0, left), trial, evidence) == "") == explains  # pyright: ignore
 
 
@@ -354,9 +355,11 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
         SimpleNamespace(live=live),
         SimpleNamespace(aircraft=do328()),
     )
-    fitted = SimpleNamespace(slots=(), attached=(), read=read, model=model, batch=batch, flight=flight)
+    fitted = SimpleNamespace(
+        slots=(), attached=(), read=read, model=model, batch=batch, flight=flight, criteria=Criteria()
+    )
     after = [SimpleNamespace(station="dCl", gain=1.0), drifting]
-    why = doubt(before, after, trial, SimpleNamespace(fit=fitted))  # pyright: ignore
+    why = doubt(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
     assert why == ("" if believed else "makes more missing elsewhere")
 
 
@@ -378,6 +381,6 @@ def test_what_came_near_and_has_nothing_in_common_is_tried_again(gain: float, an
         trial_of(named, 1000.0, fingerprint=[1.0, 0.0]),
         replace(trial_of(other, gain, fingerprint=[np.sqrt(1.0 - angle**2), angle]), meaningful=True),
     )
-    state = SimpleNamespace(rounds=[SimpleNamespace(trials=trials)])
+    state = SimpleNamespace(rounds=[SimpleNamespace(trials=trials)], criteria=Criteria())
     assert naming._left_behind(state) == ([trials[1].candidate] if kept else [])  # pyright: ignore
     assert naming._left_behind(SimpleNamespace(rounds=[])) == []  # pyright: ignore
