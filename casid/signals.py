@@ -66,6 +66,9 @@ _G = 9.80665
 _UNITS: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "µs": ("s", 1e-6),
+    "ns": ("s", 1e-9),
     "min": ("s", 60.0),
     "rad": ("rad", 1.0),
     "deg": ("rad", _DEG),
@@ -101,6 +104,23 @@ _UNITS: dict[str, tuple[str, float]] = {
     "1": ("1", 1.0),
     "-": ("1", 1.0),
 }
+
+# how a unit is written behind a name, `alpha_deg`
+_SUFFIXES = {
+    **{unit: unit for unit in ("deg", "rad", "kt", "kts", "ft", "m", "g", "N", "kN", "lbf", "s", "ms", "us", "ns")},
+    **{"dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rps": "rad/s", "deg_s2": "deg/s2", "rad_s2": "rad/s2"},
+    **{"mps": "m/s", "m_s": "m/s", "fps": "ft/s", "mps2": "m/s2", "m_s2": "m/s2", "kmh": "km/h", "hPa": "hPa"},
+}
+
+
+def with_suffix(name: str) -> tuple[str, str]:
+    """Channel and unit of a name like `alpha_deg`; the name itself and "" where it is no such thing."""
+    channel, _, _ = name.partition("_")
+    for known in (name.rpartition("_")[0], "_".join(name.split("_")[:-2]), channel):
+        suffix = name[len(known) + 1 :]
+        if known in CHANNELS and suffix in _SUFFIXES:
+            return known, _SUFFIXES[suffix]
+    return name, ""
 
 
 def si_factor(unit: str, channel: str, where: str = "") -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,19 @@ from casid.records.table import Table
 
 
 def read_mat(path: Path, variable: str | None, time: str) -> Table:
-    """Table of a .mat file (up to version 7): its one matrix, without names, or one vector per channel.
+    """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct.
 
     scipy reads it; with some forged flags in the header scipy itself crashes, so that no error can be raised.
     """
     from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
 
-    content = _loaded(path, lambda: loadmat(str(path)))
-    return _table(path, {k: v for k, v in content.items() if not k.startswith("__")}, variable, time)
+    try:
+        content = loaded(path, lambda: loadmat(str(path)))
+    except NotImplementedError:  # version 7.3 is HDF5
+        from casid.records.foreign import read_hdf5
+
+        return read_hdf5(path, variable, time)
+    return table_of(path, {k: v for k, v in content.items() if not k.startswith("__")}, variable, time)
 
 
 def read_npz(path: Path, variable: str | None, time: str) -> Table:
@@ -32,7 +37,7 @@ def read_npz(path: Path, variable: str | None, time: str) -> Table:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return dict(archive)
 
-    return _table(path, _loaded(path, load), variable, time)
+    return table_of(path, loaded(path, load), variable, time)
 
 
 def read_parquet(path: Path, variable: str | None, time: str) -> Table:
@@ -45,26 +50,28 @@ def read_parquet(path: Path, variable: str | None, time: str) -> Table:
         ) from None
 
     def load() -> dict[str, Any]:
-        content = parquet.read_table(path)
+        content = parquet.readtable_of(path)
         return {name: content.column(name).to_numpy() for name in content.column_names}
 
-    return _table(path, _loaded(path, load), variable, time)
+    return table_of(path, loaded(path, load), variable, time)
 
 
-def _loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """What `load` returns; whatever it raises becomes an InputError."""
     if not path.is_file():
         raise InputError(f"{path}: cannot be read: no such file")
     try:
         return load()
     except NotImplementedError:
-        raise InputError(f"{path}: a .mat file of version 7.3; save it with '-v7', or as CSV") from None
+        raise
     except Exception as error:  # a damaged file makes these libraries raise some twenty unrelated types
         fault = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable {path.suffix} file: {fault[:120]}") from None
 
 
-def _table(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> Table:
+def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> Table:
+    """The table of named arrays: its one matrix, or one vector per channel; fields of structs count as arrays."""
+    arrays = dict(_fields(arrays))
     numeric = {k: v for k, v in arrays.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.size > 1}
     if variable is not None:
         if variable not in numeric:
@@ -84,6 +91,15 @@ def _table(path: Path, arrays: Mapping[str, Any], variable: str | None, time: st
     if matrix.shape[0] < matrix.shape[1]:
         raise InputError(f"{path}: '{name}' has shape {matrix.shape}; expected samples in rows: transpose it")
     return Table(source=str(path), names=None, values=matrix.astype(float))
+
+
+def _fields(arrays: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Arrays by name, structs of MATLAB taken apart."""
+    for name, value in arrays.items():
+        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+            yield from _fields({field: value.reshape(-1)[0][field] for field in value.dtype.names})
+        else:
+            yield name, value
 
 
 def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> Table:

@@ -12,9 +12,9 @@ import numpy as np
 from casid.errors import InputError, unknown
 from casid.records.column_map import ColumnMap, ColumnTerm
 from casid.records.table import Table, shown
-from casid.signals import CHANNELS, label_of, si_factor
+from casid.signals import CHANNELS, label_of, si_factor, with_suffix
 
-_HEADER = re.compile(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?")
+_HEADER = re.compile(r"([^\[\]()]*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
 _CLOSE = 0.8
 
 
@@ -28,9 +28,12 @@ class Columns:
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Name and unit of a column header: `alpha [deg]` -> ("alpha", "deg"); the unit is "" when there is none."""
+    """Name and unit of a column header, "" when there is none: `alpha [deg]`, `alpha (deg)` and `alpha_deg` alike."""
     match = _HEADER.fullmatch(header.strip())
-    return (match[1], (match[2] or "").strip()) if match else (header.strip(), "")
+    if not match:
+        return header.strip(), ""
+    unit = (match[2] or match[3] or "").strip()
+    return (match[1], unit) if unit else with_suffix(match[1])
 
 
 def channels_of(table: Table, column_map: ColumnMap) -> Columns:
@@ -102,10 +105,17 @@ def _find(table: Table, headers: list[tuple[str, str]], term: ColumnTerm, channe
 
 def _check_target(channel: str, columns: set[str], where: str) -> None:
     """A channel of the map that casid does not know must not be a slip; a column mapped to its own name is meant."""
-    if channel not in CHANNELS and channel not in columns:
-        near = _near(channel, set(CHANNELS))
-        if near:
-            raise InputError(f"{where}: unknown channel '{channel}'; did you mean '{near}'?")
+    if channel in CHANNELS or channel in columns:
+        return
+    near = _near(channel, set(CHANNELS))
+    if near:
+        raise InputError(f"{where}: unknown channel '{channel}'; did you mean '{near}'?")
+    lost = sorted(columns & set(CHANNELS))
+    if lost:
+        raise InputError(
+            f"{where}: '{lost[0]}' would become '{channel}', which is no channel, and be lost; the left side names the "
+            f"channel, as in {lost[0]}={channel}"
+        )
 
 
 def _converted(table: Table, headers: list[tuple[str, str]], index: int, channel: str, unit: str = "") -> np.ndarray:
@@ -144,6 +154,9 @@ def _add_extra(
     name = headers[index][0]
     place = table.column(index)
     if not name:
+        if np.array_equal(table.values[:, index], np.arange(len(table.values)) + table.values[0, index]):
+            notes.append(f"column {index + 1} has no name and counts the rows; left out")
+            return
         if index in table.text or not np.isnan(table.values[:, index]).all():
             raise InputError(f"{table.source}: header: column {index + 1} has no name; name or remove it")
         return
@@ -169,9 +182,9 @@ def _same_letters(name: str, channel: str) -> bool:
 
 def _near(name: str, absent: set[str]) -> str | None:
     """The absent channel that `name` spells in another way, or nearly."""
-    bare = re.sub(r"\s*[(\[].*$", "", name)  # `alpha (deg)`: the unit in the wrong brackets
+    name = re.sub(r"\s*[(\[].*$", "", name)  # a unit in broken brackets
     for channel in sorted(absent):
-        if channel == bare or _same_letters(bare, channel):
+        if channel == name or _same_letters(name, channel):
             return channel
-    close = get_close_matches(bare.lower(), [c.lower() for c in sorted(absent)], n=1, cutoff=_CLOSE)
+    close = get_close_matches(name.lower(), [c.lower() for c in sorted(absent)], n=1, cutoff=_CLOSE)
     return next((c for c in sorted(absent) if close and c.lower() == close[0]), None)

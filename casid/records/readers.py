@@ -1,4 +1,4 @@
-"""Flight records from files, and back: CSV, text columns, .mat, .npz, .parquet."""
+"""Flight records from files, and back: text, .mat, .npz, and the formats of other programs behind extras."""
 
 from __future__ import annotations
 
@@ -14,18 +14,29 @@ import numpy as np
 from casid.arguments import given, is_path
 from casid.errors import InputError, unknown
 from casid.records.arrays import read_mat, read_npz, read_parquet
-from casid.records.checks import channel_notes, check_channel, check_surfaces, check_time, time_notes
+from casid.records.checks import INPUTS, channel_notes, check_channel, check_surfaces, check_time, time_notes
+from casid.records.clock import from_first, on_one_clock
 from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of, split_header
+from casid.records.foreign import read_excel, read_hdf5, read_mdf, read_ulog
 from casid.records.record import Record
 from casid.records.table import Table, read_columns, read_csv
 from casid.signals import CHANNELS
 
 _TEXT: Mapping[str, Callable[[Path], Table]] = MappingProxyType(
-    {".csv": read_csv, ".asc": read_columns, ".txt": read_columns, ".dat": read_columns}
+    {".csv": read_csv, ".tsv": read_csv, ".asc": read_columns, ".txt": read_columns, ".dat": read_columns}
 )
 _BINARY: Mapping[str, Callable[[Path, str | None, str], Table]] = MappingProxyType(
-    {".mat": read_mat, ".npz": read_npz, ".parquet": read_parquet}
+    {
+        ".mat": read_mat,
+        ".npz": read_npz,
+        ".parquet": read_parquet,
+        ".h5": read_hdf5,
+        ".hdf5": read_hdf5,
+        ".xlsx": read_excel,
+        ".mf4": read_mdf,
+        ".ulg": read_ulog,
+    }
 )
 
 _IN_MEMORY = "; data in memory are cs.Record.from_frame(df) or cs.Record.from_arrays(name, t, channels)"
@@ -47,7 +58,7 @@ def read_record(path: str | Path, column_map: ColumnMap | Mapping[str, str] | st
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
     path, column_map = Path(path), ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
-        return record_of_table(_read_table(path, column_map), path.stem, column_map)
+        return record_of_table(_read_table(path, column_map), _stem(path), column_map)
 
 
 def read_records(
@@ -69,11 +80,11 @@ def read_records(
             raise InputError(f"{file}: given twice; each record may take part once")
     column_map = ColumnMap.of(column_map)
     records = [read_record(file, column_map) for file in files]
-    stems = [file.stem for file in files]
+    stems = [_stem(file) for file in files]
     return [
         record
-        if stems.count(file.stem) == 1
-        else replace(record, name="/".join((*file.resolve().parts[-2:-1], file.stem)))
+        if stems.count(_stem(file)) == 1
+        else replace(record, name="/".join((*file.resolve().parts[-2:-1], _stem(file))))
         for record, file in zip(records, files, strict=True)
     ]
 
@@ -112,12 +123,17 @@ def _matches(item: str | Path) -> list[Path]:
     return found
 
 
+def _stem(path: Path) -> str:
+    """The name of a file without its ending, and without that of its packing."""
+    return Path(path.stem).stem if path.suffix.lower() == ".gz" else path.stem
+
+
 def _read_table(path: Path, column_map: ColumnMap) -> Table:
-    ending = path.suffix.lower()
+    ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if ending in _TEXT:
         return _TEXT[ending](path)
     if ending not in _BINARY:
-        raise unknown("file type", path.suffix, (*_TEXT, *_BINARY), str(path))
+        raise unknown("file type", ending, (*_TEXT, *_BINARY), str(path))
     terms = column_map.columns.get("t", ())
     time = terms[0].column if terms else "t"
     return _BINARY[ending](path, column_map.variable, str(time))
@@ -132,7 +148,9 @@ def record_of_table(table: Table, record_name: str, column_map: ColumnMap) -> Re
         raise InputError(
             f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
         )
-    t = channels.pop("t")
+    t, counted = from_first(channels.pop("t"))
+    channels, slower = on_one_clock(t, channels, INPUTS)
+    notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source)
     for name in list(channels):
         if name in CHANNELS:

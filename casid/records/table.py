@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import re
+import zlib
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,8 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from casid.errors import InputError
+from casid.records.clock import seconds_of
+from casid.records.plain_numbers import plain_numbers
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan|[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
+_DECIMAL_COMMA, _DECIMAL_POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
+_SEPARATOR = re.compile(r"sep=.\s*", re.IGNORECASE)
 _HOLD = re.compile(r"#\s*hold\s*:\s*(\w+)\s*")
 
 
@@ -53,10 +59,20 @@ def shown(cell: str) -> str:
 
 
 def read_csv(path: Path) -> Table:
-    """Table of a CSV file: comma, semicolon or tab, by what stands most often in its first row; UTF-8."""
-    content, skipped, hold = _content(path)
-    first = content.partition("\n")[0]
-    delimiter = max(",;\t", key=first.count)
+    """Table of a CSV file: comma, semicolon or tab, by what stands most often in its first row; UTF-8.
+
+    A line ``sep=;`` on top is skipped. Decimal commas are read where semicolons or tabs part the columns and no number
+    has a decimal point.
+    """
+    raw = _raw(path)
+    quick = _plain_table(path, raw)
+    if quick is not None:
+        return quick
+    content, skipped, hold = _content(path, raw)
+    first, _, rest = content.partition("\n")
+    delimiter = _delimiter(first)
+    if delimiter != "," and _DECIMAL_COMMA.search(rest) and not _DECIMAL_POINT.search(rest):
+        content = f"{first}\n{rest.replace(',', '.')}"
     reader = csv.reader(io.StringIO(content, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
@@ -71,20 +87,51 @@ def read_csv(path: Path) -> Table:
 
 def read_columns(path: Path) -> Table:
     """Table of a text file with columns between blanks, with or without a row of names."""
-    content, skipped, hold = _content(path)
+    content, skipped, hold = _content(path, _raw(path))
     rows = ((number, line.split()) for number, line in enumerate(content.splitlines(), start=1 + skipped))
     return _table(path, rows, hold, exact="_" not in content and content.isascii())
 
 
-def _content(path: Path) -> tuple[str, int, str]:
-    """Text of a file without the comment lines on top, their number, and what they say about `hold`."""
+def _delimiter(first: str) -> str:
+    return max(",;\t", key=first.count)
+
+
+def _plain_table(path: Path, raw: bytes) -> Table | None:
+    """The table of a file that has names on top and plain numbers below; None for every other."""
+    end = raw.find(b"\n")
+    head = raw[: max(end, 0)].removeprefix(b"\xef\xbb\xbf")
+    if end < 0 or not head.isascii() or head.startswith((b"#", b"%")) or b'"' in head:
+        return None
+    first = head.decode().rstrip("\r")
+    delimiter = _delimiter(first)
+    names = tuple(cell.strip() for cell in first.split(delimiter))
+    if _SEPARATOR.fullmatch(first) or len(names) < 2 or all(_NUMBER.fullmatch(name) for name in names):
+        return None
+    values = plain_numbers(raw, end + 1, len(names), delimiter)
+    if values is None:
+        return None
+    return Table(source=str(path), names=names, values=values, lines=np.arange(2, len(values) + 2))
+
+
+def _raw(path: Path) -> bytes:
     try:
-        content = path.read_bytes().decode("utf-8-sig")
+        raw = path.read_bytes()
+        return gzip.decompress(raw) if path.suffix.lower() == ".gz" else raw
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise InputError(f"{path}: not a whole .gz file; pack it again") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _content(path: Path, raw: bytes) -> tuple[str, int, str]:
+    """Text of a file without the comment lines on top, their number, and what they say about `hold`."""
+    try:
+        content = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8") from None
     skipped, start, hold = 0, 0, ""
+    if _SEPARATOR.fullmatch(content.partition("\n")[0]):
+        skipped, start = 1, content.find("\n") + 1
     while content.startswith("#", start) or content.startswith("%", start):
         end = content.find("\n", start)
         end = len(content) if end < 0 else end + 1
@@ -142,7 +189,8 @@ def _numbers(
             if _NUMBER.fullmatch(stripped):
                 numbers.append(float(stripped))
                 continue
-            numbers.append(np.nan)
-            if stripped:
+            seconds = seconds_of(stripped)
+            numbers.append(np.nan if seconds is None else seconds)
+            if stripped and seconds is None:
                 text.setdefault(column, (len(lines) - 1, stripped))
     return numbers, lines, text

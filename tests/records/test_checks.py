@@ -82,7 +82,6 @@ HEADERS = [
     ("q", "", "column 4 has no name"),
     ("q", "q [m/s]", "column 'q [m/s]': unit 'm/s' does not fit channel 'q', whose SI unit is rad/s"),
     ("q", "q [dge/s]", "unknown unit 'dge/s' of channel 'q'; did you mean 'deg/s'?"),
-    ("alpha", "alpha (deg)", "unknown channel 'alpha (deg)'; did you mean 'alpha'?"),
     ("alpha", "alpha [deg", "did you mean 'alpha'?"),
 ]
 

@@ -1,0 +1,182 @@
+"""Tables in files of other programs, each behind an extra: HDF5 and MATLAB 7.3, Excel, MDF4, PX4 ULog."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.errors import InputError, unknown
+from casid.records.arrays import loaded, table_of
+from casid.records.clock import seconds_of
+from casid.records.table import Table
+
+# Channel -> (topic, field, factor) of a PX4 fixed wing; the attitude is a quaternion of its own topic.
+PX4 = {
+    "p": ("vehicle_angular_velocity", "xyz[0]", 1.0),
+    "q": ("vehicle_angular_velocity", "xyz[1]", 1.0),
+    "r": ("vehicle_angular_velocity", "xyz[2]", 1.0),
+    "pdot": ("vehicle_angular_velocity", "xyz_derivative[0]", 1.0),
+    "qdot": ("vehicle_angular_velocity", "xyz_derivative[1]", 1.0),
+    "rdot": ("vehicle_angular_velocity", "xyz_derivative[2]", 1.0),
+    "ax": ("vehicle_acceleration", "xyz[0]", 1.0),
+    "ay": ("vehicle_acceleration", "xyz[1]", 1.0),
+    "az": ("vehicle_acceleration", "xyz[2]", 1.0),
+    "V": ("airspeed_validated", "true_airspeed_m_s", 1.0),
+    "altitude": ("vehicle_air_data", "baro_alt_meter", 1.0),
+    "rho": ("vehicle_air_data", "rho", 1.0),
+    "delta_a_command": ("vehicle_torque_setpoint", "xyz[0]", 1.0),
+    "delta_e_command": ("vehicle_torque_setpoint", "xyz[1]", 1.0),
+    "delta_r_command": ("vehicle_torque_setpoint", "xyz[2]", 1.0),
+    "throttle": ("vehicle_thrust_setpoint", "xyz[0]", 1.0),
+}
+_ATTITUDE = ("vehicle_attitude", tuple(f"q[{i}]" for i in range(4)))
+_GAP = 5.0  # median steps of a topic: a longer pause stays a gap
+
+
+def read_hdf5(path: Path, variable: str | None, time: str) -> Table:
+    """Table of an HDF5 file or a MATLAB 7.3 one: one vector per channel, or one matrix; needs the extra `hdf5`."""
+    h5py = _library("h5py", path, "hdf5")
+
+    def load() -> dict[str, Any]:
+        found: dict[str, Any] = {}
+
+        def visit(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+                found[name.rsplit("/", 1)[-1]] = np.asarray(item)
+
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+            matlab = any("MATLAB_class" in item.attrs for item in file.values())
+        # MATLAB writes columns first
+        return {k: v.T if matlab and v.ndim == 2 else v for k, v in found.items()}
+
+    return table_of(path, loaded(path, load), variable, time)
+
+
+def read_excel(path: Path, variable: str | None, time: str) -> Table:
+    """Table of a sheet of an .xlsx file, by default the first; needs the extra `excel`."""
+    openpyxl = _library("openpyxl", path, "excel")
+
+    def load() -> dict[str, Any]:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        try:
+            return {sheet.title: list(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+        finally:
+            book.close()
+
+    sheets = loaded(path, load)
+    if variable is not None and variable not in sheets:
+        raise unknown("sheet", variable, sheets, str(path))
+    name, rows = (variable, sheets[variable]) if variable is not None else next(iter(sheets.items()))
+    rows = [row for row in rows if any(cell is not None for cell in row)]
+    if len(rows) < 2:
+        raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
+    head, *body = rows
+    values = np.full((len(body), len(head)), np.nan)
+    text: dict[int, tuple[int, str]] = {}
+    for i, row in enumerate(body):
+        for j, cell in enumerate(row[: len(head)]):
+            number = _number(cell)
+            if number is None:
+                text.setdefault(j, (i, str(cell)))
+            else:
+                values[i, j] = number
+    names = tuple("" if cell is None else str(cell).strip() for cell in head)
+    return Table(source=str(path), names=names, values=values, text=text)
+
+
+def read_mdf(path: Path, variable: str | None, time: str) -> Table:
+    """Table of an MDF4 measurement on the clock of its fastest channel; needs the extra `mdf`."""
+    asammdf = _library("asammdf", path, "mdf")
+
+    def load() -> dict[str, Any]:
+        with asammdf.MDF(path) as file:
+            signals = [s for s in file.iter_channels(skip_master=True) if s.samples.dtype.kind in "fiub"]
+            named = {f"{s.name} [{s.unit}]" if s.unit else s.name: (s.timestamps, s.samples) for s in signals}
+        return {"signals": named}
+
+    return _joined(path, loaded(path, load)["signals"])
+
+
+def read_ulog(path: Path, variable: str | None, time: str) -> Table:
+    """Table of a PX4 ULog of a fixed wing, on the clock of its rates; needs the extra `ulog`.
+
+    The attitude is made of its quaternion. Surfaces of PX4 are normalised commands, not angles. They are kept as
+    ``delta_e_command`` and so on, and become surfaces by a column map with the throw as weight:
+    ``--map delta_e=delta_e_command:deg*25``.
+    """
+    pyulog = _library("pyulog", path, "ulog")
+
+    def load() -> dict[str, Any]:
+        topics: dict[str, Any] = {}
+        with path.open("rb") as file:
+            log = pyulog.ULog(file)
+        for topic in log.data_list:
+            if topic.multi_id == 0:
+                topics.setdefault(topic.name, topic.data)
+        return topics
+
+    topics = loaded(path, load)
+    series: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for channel, (topic, entry, factor) in PX4.items():
+        if topic in topics and entry in topics[topic]:
+            series[channel] = (topics[topic]["timestamp"] * 1e-6, factor * np.asarray(topics[topic][entry], float))
+    topic, parts = _ATTITUDE
+    if topic in topics and all(part in topics[topic] for part in parts):
+        stamps = topics[topic]["timestamp"] * 1e-6
+        angles = euler_angles(np.stack([np.asarray(topics[topic][part], float) for part in parts], axis=1))
+        series |= {name: (stamps, angles[:, i]) for i, name in enumerate(("phi", "theta", "psi"))}
+    if not series:
+        held = ", ".join(sorted(topics)[:8])
+        raise InputError(f"{path}: none of the topics of a fixed wing is in the log; it holds {held or 'nothing'}")
+    return _joined(path, series)
+
+
+def euler_angles(quaternion: np.ndarray) -> np.ndarray:
+    """(N, 3) 3-2-1 Euler angles phi, theta, psi [rad] of (N, 4) unit quaternions w, x, y, z from body to earth axes."""
+    w, x, y, z = quaternion.T
+    phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    psi = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    return np.stack([phi, theta, psi], axis=1)
+
+
+def _joined(path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Table:
+    """Channels of several rates on the clock of the fastest, by straight lines; pauses stay gaps."""
+    whole = {name: (stamps, values) for name, (stamps, values) in series.items() if len(stamps) > 1}
+    if not whole:
+        raise InputError(f"{path}: no channel has two samples; expected time series")
+    clock = max((stamps for stamps, _ in whole.values()), key=len)
+    columns = [clock - clock[0]]
+    for stamps, values in whole.values():
+        column = np.interp(clock, stamps, np.asarray(values, float), left=np.nan, right=np.nan)
+        before = np.clip(np.searchsorted(stamps, clock, side="right") - 1, 0, len(stamps) - 2)
+        steps = np.diff(stamps)
+        pause = (steps > _GAP * np.median(steps))[before] & ~np.isin(clock, stamps)
+        columns.append(np.where(pause, np.nan, column))
+    return Table(source=str(path), names=("t", *whole), values=np.stack(columns, axis=1))
+
+
+def _number(cell: Any) -> float | None:
+    """The number of a cell of a sheet; NaN where it is empty, None where it is text."""
+    if cell is None:
+        return np.nan
+    if hasattr(cell, "timestamp"):
+        return seconds_of(cell.isoformat())
+    if isinstance(cell, (int, float)) and not isinstance(cell, bool):
+        return float(cell)
+    stripped = str(cell).strip()
+    return np.nan if not stripped else seconds_of(stripped)
+
+
+def _library(module: str, path: Path, extra: str) -> Any:
+    try:
+        return import_module(module)
+    except ImportError:
+        raise InputError(
+            f"{path}: reading it needs {module}; install it with: pip install 'casid[{extra}]', or save it as CSV"
+        ) from None

@@ -1,0 +1,288 @@
+"""Files as people have them. Truth: the numbers that were written, definitions of units, rotations written out."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import struct
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from casid.errors import InputError
+from casid.records.clock import seconds_of, stride_of
+from casid.records.column_map import ColumnMap
+from casid.records.foreign import euler_angles
+from casid.records.plain_numbers import plain_numbers
+from casid.records.readers import read_record
+
+N = 200
+T = np.arange(N) * 0.02
+V = 100.0 + np.sin(T)
+DELTA_E = 0.03 * np.cos(3.0 * T)
+ROWS = [f"{t:.9g},{v:.9g},{d:.9g}" for t, v, d in zip(T, V, DELTA_E, strict=True)]
+PLAIN = "\n".join(["t,V,delta_e", *ROWS]) + "\n"
+
+
+def check(record, tolerance: float = 1e-7) -> None:
+    np.testing.assert_allclose(record.t, T, atol=tolerance)
+    np.testing.assert_allclose(record["V"], V, atol=tolerance)
+    np.testing.assert_allclose(record["delta_e"], DELTA_E, atol=tolerance)
+
+
+def indexed() -> str:
+    return "\n".join([",t,V,delta_e", *(f"{i},{row}" for i, row in enumerate(ROWS))])
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("semicolons.csv", PLAIN.replace(",", ";")),
+        ("decimal_comma.csv", PLAIN.replace(",", ";").replace(".", ",")),
+        ("excel_says.csv", "sep=;\n" + PLAIN.replace(",", ";").replace(".", ",")),
+        ("tabs.tsv", PLAIN.replace(",", "\t")),
+        ("tabs_comma.tsv", PLAIN.replace(",", "\t").replace(".", ",")),
+        ("pandas.csv", indexed()),
+        ("windows.csv", PLAIN.replace("\n", "\r\n")),
+        ("marked.csv", "\ufeff" + PLAIN),
+    ],
+)
+def test_text_as_programs_write_it(tmp_path, name, text):
+    file = tmp_path / name
+    file.write_bytes(text.encode())
+    check(read_record(file))
+
+
+def test_a_packed_file(tmp_path):
+    file = tmp_path / "m1.csv.gz"
+    file.write_bytes(gzip.compress(PLAIN.encode()))
+    record = read_record(file)
+    check(record)
+    assert record.name == "m1"
+    file.write_bytes(gzip.compress(PLAIN.encode())[:400])
+    with pytest.raises(InputError, match="not a whole .gz file"):
+        read_record(file)
+
+
+@pytest.mark.parametrize("head", ["t,V [kt],delta_e [deg]", "t,V (kt),delta_e (deg)", "t,V_kt,delta_e_deg"])
+def test_three_spellings_of_a_unit(tmp_path, head):
+    """A knot is 1852 m an hour, half a turn is 180 deg."""
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join([head, *ROWS]))
+    record = read_record(file)
+    np.testing.assert_allclose(record["V"], V * 1852.0 / 3600.0, rtol=1e-8)
+    np.testing.assert_allclose(record["delta_e"], DELTA_E * np.pi / 180.0, atol=1e-9)
+
+
+def test_a_hint_leads_into_no_trap(tmp_path):
+    """A mapped column keeps the unit of its header; a channel is not lost under a name that is none."""
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join(["t,V (kt),delta_e,alpha", *(f"{row},0.1" for row in ROWS)]))
+    for column in ("V (kt)", "V"):
+        record = read_record(file, ColumnMap.from_options([f"V={column}"]))
+        np.testing.assert_allclose(record["V"], V * 1852.0 / 3600.0, rtol=1e-8)
+    with pytest.raises(InputError, match="be lost.*alpha=alfa"):
+        read_record(file, ColumnMap.from_options(["alfa=alpha"]))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("us", 1e6), ("µs", 1e6), ("ms", 1e3), ("ns", 1e9)])
+def test_units_of_time(tmp_path, unit, factor):
+    file = tmp_path / "m.csv"
+    rows = [f"{t * factor:.12g},{v},{d}" for t, v, d in zip(T, V, DELTA_E, strict=True)]
+    file.write_text("\n".join([f"t [{unit}],V,delta_e", *rows]), encoding="utf-8")
+    check(read_record(file))
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
+def test_dates_are_counted_from_the_first(tmp_path, zone):
+    began = datetime(2026, 5, 17, 9, 30, 0, 250000)
+    stamps = [(began + timedelta(seconds=float(t))).isoformat(timespec="milliseconds") + zone for t in T]
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join(["t,V,delta_e", *(f"{s},{v},{d}" for s, v, d in zip(stamps, V, DELTA_E, strict=True))]))
+    record = read_record(file)
+    check(record, 2e-6)
+    assert any("counted from its first sample" in note for note in record.notes)
+
+
+def test_seconds_since_1970(tmp_path):
+    file = tmp_path / "m.csv"
+    rows = [f"{1.7e9 + t:.6f},{v},{d}" for t, v, d in zip(T, V, DELTA_E, strict=True)]
+    file.write_text("\n".join(["t,V,delta_e", *rows]))
+    check(read_record(file), 2e-6)
+
+
+@given(st.datetimes(datetime(1975, 1, 1), datetime(2100, 1, 1)))
+def test_a_stamp_is_what_the_library_says(stamp):
+    assert seconds_of(stamp.isoformat()) == stamp.replace(tzinfo=UTC).timestamp()
+
+
+@given(st.text(max_size=30))
+def test_other_text_is_no_stamp_or_a_number(text):
+    assert seconds_of(text) is None or isinstance(seconds_of(text), float)
+
+
+def test_an_input_at_half_the_rate_is_joined_by_straight_lines(tmp_path):
+    """A straight line is kept exactly; an irregular gap stays an error, a slower output stays as it is."""
+    line = 0.01 + 0.002 * T
+    rows = zip(T, V, line, strict=True)
+    cells = [f"{t},{v if i % 4 == 0 else ''},{d if i % 2 == 0 else ''}" for i, (t, v, d) in enumerate(rows)]
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join(["t,V,delta_e", *cells]))
+    record = read_record(file)
+    np.testing.assert_allclose(record["delta_e"][: N - 1], line[: N - 1], atol=1e-12)
+    assert np.isnan(record["V"]).sum() == N - N // 4
+    assert any("one sample in 2 rows" in note for note in record.notes)
+    cells[101] = f"{T[101]},,0.01"
+    file.write_text("\n".join(["t,V,delta_e", *cells]))
+    with pytest.raises(InputError, match="input is missing"):
+        read_record(file)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "stride"), [("xxxxxx", 1), ("x.x.x.", 2), (".x..x..x.", 3), ("x.xx.x", 0), ("x....", 0)]
+)
+def test_strides(pattern, stride):
+    assert stride_of(np.array([1.0 if c == "x" else np.nan for c in pattern])) == stride
+
+
+@given(st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3), min_size=1))
+def test_the_quick_way_reads_the_same_numbers(rows):
+    text = "\n".join(",".join(map(repr, row)) for row in rows)
+    np.testing.assert_array_equal(plain_numbers(text.encode(), 0, 3, ","), rows)
+
+
+@pytest.mark.parametrize(
+    "text", ["1,2\n3,x", "1,2\n3", "1,2\n3,", "1,2\n\n3,4", "1,2\n3,4,5\n6", "1 2,3", "1-2,3", "", "1,2\n3,--4"]
+)
+def test_the_quick_way_leaves_to_the_slow_one_what_is_not_plain(text):
+    assert plain_numbers(text.encode(), 0, 2, ",") is None
+
+
+# -- files of other programs -------------------------------------------------------------------------------------------
+
+
+def test_hdf5(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "m.h5", "w") as file:
+        group = file.create_group("flight")
+        for name, values in {"t": T, "V": V, "delta_e": DELTA_E}.items():
+            group[name] = values
+    check(read_record(tmp_path / "m.h5"))
+
+
+def test_matlab_73(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "m.mat", "w", userblock_size=512) as file:
+        for name, values in {"t": T, "V": V, "delta_e": DELTA_E}.items():
+            file[name] = values[None, :]
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    raw = bytearray((tmp_path / "m.mat").read_bytes())
+    raw[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    (tmp_path / "m.mat").write_bytes(raw)
+    check(read_record(tmp_path / "m.mat"))
+
+
+def test_a_struct_of_matlab(tmp_path):
+    from scipy.io import savemat
+
+    savemat(tmp_path / "m.mat", {"flight": {"t": T, "V": V, "delta_e": DELTA_E}, "comment": "calm"})
+    check(read_record(tmp_path / "m.mat"))
+
+
+def test_excel(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["t", "V [kt]", "delta_e"])
+    for row in zip(T.tolist(), (V * 3600.0 / 1852.0).tolist(), DELTA_E.tolist(), strict=True):
+        book.active.append(row)
+    book.save(tmp_path / "m.xlsx")
+    check(read_record(tmp_path / "m.xlsx"))
+
+
+def test_mdf(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF() as file:
+        signals = {"V": (V, "m/s"), "delta_e": (DELTA_E, "rad")}
+        file.append([asammdf.Signal(v, T, name=name, unit=unit) for name, (v, unit) in signals.items()])
+        file.save(tmp_path / "m.mf4")
+    check(read_record(tmp_path / "m.mf4"))
+
+
+def ulog(topics: dict[str, tuple[str, list[tuple[int, tuple[float, ...]]]]]) -> bytes:
+    """A PX4 log: the header, then formats, subscriptions and data as its specification says."""
+    out = io.BytesIO()
+    out.write(b"ULog\x01\x12\x35" + b"\x01" + struct.pack("<Q", 0))
+
+    def message(kind: bytes, content: bytes) -> None:
+        out.write(struct.pack("<HB", len(content), kind[0]) + content)
+
+    for name, (fields, _) in topics.items():
+        message(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
+    for i, name in enumerate(topics):
+        message(b"A", struct.pack("<BH", 0, i) + name.encode())
+    for i, (_, samples) in enumerate(topics.values()):
+        for stamp, values in samples:
+            message(b"D", struct.pack("<HQ", i, stamp) + struct.pack(f"<{len(values)}f", *values))
+    return out.getvalue()
+
+
+def test_px4_ulog(tmp_path):
+    """Rates at 50 Hz, airspeed at 10 Hz: a straight line stays one; a quarter turn about the nose is 90 deg of bank."""
+    pytest.importorskip("pyulog")
+    fast = [(1_000_000 + 20_000 * i, (0.01 * i, 0.0, 0.0)) for i in range(N)]
+    slow = [(1_000_000 + 100_000 * i, (20.0 + 0.1 * i,)) for i in range(N // 5 + 1)]
+    turn = [(stamp, (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)) for stamp, _ in fast]
+    raw = ulog(
+        {
+            "vehicle_angular_velocity": ("float[3] xyz", fast),
+            "airspeed_validated": ("float true_airspeed_m_s", slow),
+            "vehicle_attitude": ("float[4] q", turn),
+            "vehicle_torque_setpoint": ("float[3] xyz", [(stamp, (0.0, 0.5, 0.0)) for stamp, _ in fast]),
+        }
+    )
+    (tmp_path / "m.ulg").write_bytes(raw)
+    record = read_record(tmp_path / "m.ulg", ColumnMap.from_options(["delta_e=delta_e_command:deg*25"]))
+    np.testing.assert_allclose(record.t, T, atol=1e-6)
+    np.testing.assert_allclose(record["V"], 20.0 + T, atol=1e-5)
+    np.testing.assert_allclose(record["p"], 0.01 * np.arange(N), atol=1e-6)
+    np.testing.assert_allclose(record["phi"], np.pi / 2.0, atol=1e-6)
+    np.testing.assert_allclose(record["delta_e"], np.deg2rad(12.5), atol=1e-7)
+
+
+@given(st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+def test_quaternions_turn_as_three_rotations(angles):
+    """The quaternion of 3-2-1 angles, written out as the product of its three half turns."""
+    phi, theta, psi = angles
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    for angle, axis in ((psi, (0, 0, 1)), (theta, (0, 1, 0)), (phi, (1, 0, 0))):
+        c, (i, j, k) = np.cos(angle / 2), np.sin(angle / 2) * np.array(axis)
+        w, x, y, z = (
+            w * c - x * i - y * j - z * k,
+            w * i + x * c + y * k - z * j,
+            w * j - x * k + y * c + z * i,
+            w * k + x * j - y * i + z * c,
+        )
+    np.testing.assert_allclose(euler_angles(np.array([[w, x, y, z]]))[0], angles, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("ending", "module"), [("h5", "h5py"), ("xlsx", "openpyxl"), ("mf4", "asammdf"), ("ulg", "pyulog")]
+)
+def test_without_its_library_a_format_says_what_to_install(tmp_path, monkeypatch, ending, module):
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    (tmp_path / f"m.{ending}").write_bytes(b"")
+    with pytest.raises(InputError, match="pip install 'casid"):
+        read_record(tmp_path / f"m.{ending}")
+
+
+@pytest.mark.parametrize("ending", ["h5", "xlsx", "mf4", "ulg", "csv.gz"])
+@given(content=st.binary(max_size=200))
+def test_rubbish_is_one_line(tmp_path_factory, ending, content):
+    file = tmp_path_factory.mktemp("rubbish") / f"m.{ending}"
+    file.write_bytes(content)
+    with pytest.raises(InputError) as said:
+        read_record(file)
+    assert "\n" not in str(said.value)
