@@ -39,6 +39,7 @@ _ROOMS = {
     "casid.model.system": (
         "Model",
         "define_model",
+        "define_regression",
     ),
     "casid.model.tables": (
         "Table",

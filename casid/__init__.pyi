@@ -30,7 +30,7 @@ from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
 from casid.model.simulate import Simulation, simulate
-from casid.model.system import Model, define_model
+from casid.model.system import Model, define_model, define_regression
 from casid.model.tables import Table, table
 from casid.model.trim import Trim, trim
 from casid.records import ColumnMap, Record, read_record, read_records, write_record
@@ -81,6 +81,7 @@ __all__ = [
     "aircraft_model",
     "bootstrap",
     "define_model",
+    "define_regression",
     "design_input",
     "diagnose",
     "filter_error",

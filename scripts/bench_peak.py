@@ -32,7 +32,7 @@ def main() -> None:
         raise InputError("bench_peak: no compiled kernel; install gcc or clang")
     objective = build_objective(problem, MultipleShooting())
     point, packed = objective.start(), kernel.pack(objective.layout)
-    parameters, weights = objective.parameters(point.theta), objective.whitening
+    parameters, weights = objective.parameters(point.theta), objective.whitening(objective.noise.levels)
     samples = objective.layout.segments * objective.layout.length
     value = objective.value(point)
     works = {

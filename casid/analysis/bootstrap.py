@@ -11,10 +11,11 @@ import numpy as np
 from casid.arguments import an
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.cost import EquationError
-from casid.estimation.estimate import Solver, solve
+from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic
+from casid.estimation.solvers.solver import Solver
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded

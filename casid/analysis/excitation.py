@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.errors import InputError
-from casid.estimation.cost import EquationError, OutputError
+from casid.estimation.cost import OutputError
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
@@ -138,7 +138,7 @@ def candidates(fit: Fit, controls: Sequence[str]) -> list[Candidate]:
     times the range of the records' states is left out. Empty for what cannot be flown here: equation error, a control
     law in the loop.
     """
-    if isinstance(fit.problem.cost, EquationError) or fit.problem.feedback is not None:
+    if not fit.problem.simulated or fit.problem.feedback is not None:
         return []
     return [
         Candidate(

@@ -73,7 +73,7 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
     Raises InputError for a name that is no input or a negative sigma, EstimationError for any cost but OutputError.
     """
     problem = fit.problem
-    if not isinstance(problem.cost, OutputError):
+    if not isinstance(problem.cost, OutputError) or not problem.simulated:
         raise EstimationError(
             f"input_noise_errors: the fit minimised {type(problem.cost).__name__}; only OutputError is propagated"
         )
@@ -133,7 +133,7 @@ def _measured_score(at: AtFit, caused: np.ndarray) -> np.ndarray:
         colours = {c: Colour(a=np.ones(1), variance=1.0) for c in sums}  # of whitened residuals
     else:
         # of whole samples; what is missing from others changes their whitening, but little of what is caused
-        whiten = objective.levels.whitening(np.ones((1, len(objective.problem.model.outputs))))[0]
+        whiten = at.value.noise.levels.whitening(np.ones((1, len(objective.problem.model.outputs))))[0]
         caused = np.einsum("io,loj,ij->li", whiten, caused, whiten)
         least = np.einsum("io,o,io->i", whiten, _least_variance(at), whiten)
         noise = noise_autocovariance(sums, prior, at.free)
@@ -276,7 +276,7 @@ def _adjoint(at: AtFit, group: _Group) -> tuple[np.ndarray, np.ndarray]:
     first = layout.segments_of(group.record).start
     within = slice(group.segments.start - first, group.segments.stop - first)
     count, length, n, f = group.by_parameter.shape
-    whiten = at.objective.whitening[layout.pattern[group.segments]]
+    whiten = at.whitening[layout.pattern[group.segments]]
     sensitivity, adjoint = np.empty((count, length, n, f)), np.empty((count, length, n, f))
     s = -reduced.ds_p[within]
     for i in range(length):

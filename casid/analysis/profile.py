@@ -19,9 +19,10 @@ from casid.errors import EstimationError, InputError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.constraints import parameter as limits_of
 from casid.estimation.cost import OutputError, RangeWeights
-from casid.estimation.estimate import Solver, solve
+from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.newton import Automatic
+from casid.estimation.solvers.solver import Solver
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded

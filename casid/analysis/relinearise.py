@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.estimation.cost import EquationError
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.objective import Objective
@@ -33,6 +32,11 @@ class AtFit:
         """(parameters, parameters) what the data say: initial states eliminated, priors of parameters left out."""
         return self.linear.hessian - np.diag(1.0 / self.objective.problem.prior_std**2)
 
+    @property
+    def whitening(self) -> np.ndarray:
+        """(patterns, o, o) lower triangle that whitens the residuals of each pattern of present samples."""
+        return self.objective.whitening(self.value.noise.levels)
+
     @cached_property
     def free(self) -> np.ndarray:
         """(parameters, directions) in which no active limit of the fit holds the parameters."""
@@ -54,16 +58,14 @@ def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
     problem = fit.problem
     objective = build_objective(problem, method)
     theta = np.array(list(fit.values.values()))
-    if isinstance(problem.cost, EquationError):
+    if objective.dynamics is None:
         point = Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))
     else:
         states = [fit.states[record.name].trajectory[:: objective.layout.length] for record in problem.records]
         nodes = np.concatenate(states)
         noise = np.zeros((len(objective.layout.tied), nodes.shape[1]))
         point = Point(theta=theta, nodes=nodes, noise=noise)
-    value = objective.value(point)
-    objective.levels.relax(value.squares)
-    value = objective.weighed(point, value.trajectory, value.equations)
+    value, _ = objective.relaxed(point, objective.value(point))
     linear = objective.linearise(point, value)
-    value = objective.weighed(point, value.trajectory, value.equations)
+    value = objective.reweighed(point, value, linear.noise)
     return AtFit(fit=fit, objective=objective, point=point, value=value, linear=linear)

@@ -42,7 +42,7 @@ def check_records(model: Model, records: tuple[Record, ...], simulated: bool) ->
         if len(record) < 2:
             raise InputError(f"record '{record.name}': {len(record)} time stamps; expected at least two")
         for name in model.inputs if simulated else ():
-            if name not in record:
+            if name not in record and name != "t":
                 raise _missing_input(model, record, name)
             bad = np.flatnonzero(~np.isfinite(record[name]))
             if len(bad):

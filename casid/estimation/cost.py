@@ -3,20 +3,61 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
-from casid.errors import EstimationError
+from casid.arguments import given
+from casid.errors import EstimationError, InputError
+
+
+class Cost(Protocol):
+    """What a cost says: how much half the sum of squares of each kind of whitened residual weighs.
+
+    Any object with these two numbers, not negative and not both zero, is a cost. A part that weighs nothing is not
+    computed: without the output part nothing is simulated. A model without states has outputs only, which are its
+    equations: there the sum of both weights counts.
+    """
+
+    @property
+    def output_weight(self) -> float:
+        """Weight of measured minus simulated outputs."""
+        ...
+
+    @property
+    def equation_weight(self) -> float:
+        """Weight of measured minus modelled right-hand sides."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputError:
     """Measured minus simulated outputs (paper eq. 10)."""
 
+    @property
+    def output_weight(self) -> float:
+        """The whole cost."""
+        return 1.0
+
+    @property
+    def equation_weight(self) -> float:
+        """No part of the cost."""
+        return 0.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class EquationError:
     """Measured minus modelled right-hand sides, evaluated on measured signals (paper eq. 6-9): no simulation."""
+
+    @property
+    def output_weight(self) -> float:
+        """No part of the cost."""
+        return 0.0
+
+    @property
+    def equation_weight(self) -> float:
+        """The whole cost."""
+        return 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +76,10 @@ class CombinedError:
                 "use OutputError or EquationError for a pure cost"
             )
 
-
-Cost = OutputError | EquationError | CombinedError
+    @property
+    def output_weight(self) -> float:
+        """What the equation part leaves."""
+        return 1.0 - self.equation_weight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +97,16 @@ class RangeWeights:
         return np.minimum(1.0 / np.maximum(high - low, 1e-300), self.maximum)
 
 
-def cost_weights(cost: Cost) -> tuple[float, float]:
-    """(weight of the output part, weight of the equation part) in the sum of squares."""
-    if isinstance(cost, CombinedError):
-        return 1.0 - cost.equation_weight, cost.equation_weight
-    return (1.0, 0.0) if isinstance(cost, OutputError) else (0.0, 1.0)
+def check_cost(cost: Any) -> None:
+    """Raise InputError for what is no cost, and say what to write."""
+    expected = "expected cs.OutputError(), cs.EquationError(), cs.CombinedError() or an object of your own with both"
+    if isinstance(cost, type):
+        raise InputError(f"Problem: cost is the class {cost.__name__}; write cost={cost.__name__}()")
+    weights: list[Any] = [getattr(cost, name, None) for name in ("output_weight", "equation_weight")]
+    if None in weights:
+        raise InputError(f"Problem: cost is {given(cost)}, without output_weight and equation_weight; {expected}")
+    if not all(isinstance(w, int | float) and 0.0 <= w < np.inf for w in weights) or sum(weights) == 0.0:
+        raise InputError(
+            f"Problem: the cost weighs outputs with {weights[0]!r} and equations with {weights[1]!r}; expected "
+            "numbers that are not negative and not both zero"
+        )

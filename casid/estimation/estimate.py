@@ -7,25 +7,19 @@ from contextlib import suppress
 
 import numpy as np
 
-from casid.arguments import an
+from casid.arguments import an, given
 from casid.errors import EstimationError, InputError
-from casid.estimation.cost import EquationError, RangeWeights
 from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit, StateHistory, channel_fit
 from casid.estimation.problem import Problem
-from casid.estimation.solvers.gauss_newton import GaussNewton, Outcome, minimise
-from casid.estimation.solvers.ipopt import Ipopt, minimise_with_ipopt
-from casid.estimation.solvers.newton import Automatic, minimise_automatically
+from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.transcriptions.collocation import LiftedCollocation
-from casid.estimation.transcriptions.layout import build_layout
-from casid.estimation.transcriptions.shooting import Shooting
-from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
+from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
-Solver = Automatic | GaussNewton | Ipopt
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
 
@@ -35,65 +29,40 @@ _DEFAULT_SOLVER = Automatic()
 def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
     """Estimate the free parameters of `problem`.
 
-    The three choices are independent: cost (in the problem), transcription, solver. GaussNewton and Ipopt work alone;
-    Automatic takes what the problem needs, and `Fit.solver` says which one finished. EquationError simulates nothing,
-    so every transcription gives the same result with it. Raises EstimationError for a combination that cannot work:
-    path constraints with GaussNewton, process noise without a given measurement noise or with EquationError. A course
-    of iteration that goes wrong is not an error: `Fit.status` says it.
+    The three choices are independent: cost (in the problem), transcription, solver; each may be a class of your own
+    with the methods of `Cost`, `Transcription`, `Solver`. GaussNewton and Ipopt work alone; Automatic takes what the
+    problem needs, and `Fit.solver` says which one finished. EquationError simulates nothing, so every transcription
+    gives the same result with it.
+
+    Raises InputError for what is no transcription or solver, EstimationError for a combination that cannot work: path
+    constraints with GaussNewton, process noise without a given measurement noise or with EquationError. A course of
+    iteration that goes wrong is not an error: `Fit.status` says it.
     """
     begin = time.perf_counter()
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
-    if problem.path_constraints and isinstance(solver, Automatic):
-        solver = Ipopt(seconds=solver.seconds)
-    _check(problem, method, solver)
+    _check(solver, "minimise", "solver", "cs.GaussNewton()")
     objective = build_objective(problem, method)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        if isinstance(solver, Automatic):
-            outcome = minimise_automatically(objective, solver)
-        elif isinstance(solver, GaussNewton):
-            outcome = minimise(objective, solver)
-        else:
-            outcome = minimise_with_ipopt(objective, solver)
+        outcome = solver.minimise(objective)
         return _fit(objective, outcome, method, begin)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:
-    """The residuals of a problem in a transcription."""
-    if isinstance(problem.cost, EquationError):
-        return Objective(problem, None, None)
-    model, free = problem.model, problem.free_index
-    if isinstance(method, Collocation):
-        layout = build_layout(problem, 1)
-        return Objective(problem, layout, LiftedCollocation(model, free, layout, method.degree))
-    layout = build_layout(problem, method.interval if isinstance(method, MultipleShooting) else None)
-    noise = dict(method.process_noise or {}) if isinstance(method, MultipleShooting) else {}
-    return Objective(problem, layout, Shooting(model, free, layout, noise, problem.feedback))
-
-
-def _check(problem: Problem, method: Transcription, solver: Solver) -> None:
-    for what, value in (("method", method), ("solver", solver)):
-        if isinstance(value, type):
-            raise InputError(f"solve: the {what} is the class {value.__name__}; write {value.__name__}()")
-    if not isinstance(method, SingleShooting | MultipleShooting | Collocation):
-        raise EstimationError(f"solve: {method!r} is no transcription; expected SingleShooting() or the like")
-    if not isinstance(solver, Solver):
-        raise EstimationError(f"solve: {solver!r} is no solver; expected Automatic(), GaussNewton() or Ipopt()")
-    if problem.feedback is not None and (isinstance(method, Collocation) or isinstance(solver, Ipopt)):
-        raise EstimationError(
-            "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or MultipleShooting() "
-            "with GaussNewton()"
-        )
-    if problem.path_constraints and isinstance(solver, GaussNewton):
-        raise EstimationError("solve: a path constraint acts on the states, which GaussNewton eliminates; use Ipopt()")
+    """The residuals of a problem in a transcription. Raises as `solve` does."""
+    _check(method, "dynamics", "transcription", "cs.MultipleShooting()")
+    if problem.simulated:
+        return Objective(problem, method.dynamics(problem))
     if isinstance(method, MultipleShooting) and method.process_noise:
-        if isinstance(problem.cost, EquationError):
-            raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
-        if problem.noise is None or isinstance(problem.noise, RangeWeights | str):
-            raise EstimationError(
-                "solve: with process noise the measurement noise cannot be read off the residuals; "
-                "give Problem(noise={channel: 1-sigma, ...}) or its covariance"
-            )
+        raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
+    return Objective(problem, None)
+
+
+def _check(value: object, verb: str, what: str, example: str) -> None:
+    if isinstance(value, type):
+        raise InputError(f"solve: the {what} is {given(value)}; write {value.__name__}()")
+    if not callable(getattr(value, verb, None)):
+        raise InputError(f"solve: the {what} is {given(value)}, without a method '{verb}'; write {example} or the like")
 
 
 def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: float) -> Fit:
@@ -101,7 +70,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: f
     errors = _errors(objective, outcome)
     status = status_in_words(problem, outcome.status, outcome.point, errors, method)
     measured, predicted = _signals(objective, outcome)
-    names, levels = objective.channel_names, objective.levels
+    names, levels = objective.channel_names, value.noise.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
     channels = {n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if levels.present[i]}
     residuals = {record: measured[record] - predicted[record] for record in measured}

@@ -7,7 +7,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.estimation.cost import EquationError
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.point import Point
 from casid.estimation.uncertainty import Uncertainty
@@ -94,7 +93,7 @@ def _idle(problem: Problem) -> list[str]:
 
 
 def _unguessed(problem: Problem) -> list[str]:
-    if isinstance(problem.cost, EquationError):
+    if not problem.simulated:
         return []
     names = unguessed_states(problem.model, problem.records)
     return [name for name in names if name not in problem.initial_state.value]
@@ -102,7 +101,7 @@ def _unguessed(problem: Problem) -> list[str]:
 
 def _no_number_at_start(problem: Problem) -> str:
     """The derivative or output that is no number at the measured states and start values; "" when all are."""
-    if isinstance(problem.cost, EquationError):
+    if not problem.simulated:
         return ""
     model = problem.model
     values = problem.model_parameters(problem.start_vector)

@@ -22,7 +22,7 @@ from casid.estimation.checks import (
     check_start,
 )
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
-from casid.estimation.cost import Cost, EquationError, OutputError, RangeWeights
+from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.records.given import given_records
@@ -82,7 +82,8 @@ class Problem:
         object.__setattr__(self, "free", check_names("free", self.free))
         object.__setattr__(self, "per_record", check_names("per_record", self.per_record))
         object.__setattr__(self, "constraints", check_constraints(self.constraints))
-        check_records(self.model, records, simulated=not isinstance(self.cost, EquationError))
+        check_cost(self.cost)
+        check_records(self.model, records, simulated=self.simulated)
         self.model.nominal_vector(numbers_by_name(self.fixed, "Problem: fixed"))
         if not self.parameters:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
@@ -92,9 +93,9 @@ class Problem:
         check_feedback(self.feedback, self.model)
         check_noise(self.noise, self.model)
         an(self.prior, bool, "Problem: prior", "prior=True or prior=False")
-        if isinstance(self.noise, str | np.ndarray) and not isinstance(self.cost, OutputError):
+        if isinstance(self.noise, str | np.ndarray) and self.weights != (1.0, 0.0):
             raise EstimationError(
-                f"Problem: correlated noise is that of the outputs; {type(self.cost).__name__} takes noise per channel"
+                "Problem: correlated noise is that of simulated outputs alone; equations take noise per channel"
             )
         for constraint in self.constraints:
             self._check_constraint(constraint)
@@ -113,8 +114,20 @@ class Problem:
         elif constraint.name not in (*self.model.states, *self.model.outputs):
             names = (*self.model.states, *self.model.outputs)
             raise unknown("state or output", constraint.name, names, "Problem: path constraint")
-        elif isinstance(self.cost, EquationError):
-            raise EstimationError("Problem: EquationError has no trajectory, so no path constraint can be put on it")
+        elif not self.simulated:
+            raise EstimationError("Problem: nothing is simulated here, so no path constraint can be put on it")
+
+    @cached_property
+    def weights(self) -> tuple[float, float]:
+        """Weights of the output and of the equation part of the cost; the outputs of a model without states are its
+        equations."""
+        output, equation = float(self.cost.output_weight), float(self.cost.equation_weight)
+        return (output, equation) if self.model.states else (0.0, output + equation)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a trajectory takes part in the cost."""
+        return self.weights[0] > 0.0
 
     @cached_property
     def shared(self) -> tuple[str, ...]:

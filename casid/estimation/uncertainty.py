@@ -24,7 +24,7 @@ from casid.estimation.residual_colour import (
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Value
 from casid.estimation.solvers.quadratic import free_directions, inverse_along, jacobi_scale
-from casid.estimation.transcriptions.shooting import whitened
+from casid.estimation.transcriptions.kernel import whitened
 from casid.native.threads import single_threaded
 
 _RANK = 1e-12
@@ -58,7 +58,7 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
-        levels = self.objective.levels
+        levels = self.value.noise.levels
         if self._inverse is None or (not levels.proportional and (levels.share == 1.0).all()):
             return self._unknown if self._inverse is None else self._inverse
         return self._inverse @ self._scores[0] @ self._inverse
@@ -120,7 +120,7 @@ def _score_covariances(
     objective: Objective, value: Value, linear: Linearised, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance of the gradient for white and for coloured residuals, (parameters, parameters) each."""
-    levels = objective.levels
+    levels = value.noise.levels
     expected = levels.share * (levels.rms(value.squares) / levels.sigma) ** 2 if levels.proportional else levels.share
 
     sums = gathered(score_pieces(objective, value, linear))
@@ -165,7 +165,7 @@ def _parts(
     part, piece by piece: the rows of all samples would take most of the memory."""
     outputs = 0
     if value.trajectory is not None and objective.dynamics is not None:
-        layout, n, weights = objective.layout, len(objective.scale), objective.whitening
+        layout, n, weights = objective.layout, len(objective.scale), objective.whitening(value.noise.levels)
         own, outputs = layout.segments_of(r), layout.z.shape[2]
         for slab in objective.dynamics.slabs(value.trajectory, objective.parameters(linear.point.theta), weights, own):
             at = slab.segments, slab.samples
@@ -176,6 +176,6 @@ def _parts(
             yield 0, rows.reshape(-1, outputs, width), residuals.reshape(-1, outputs), present.reshape(-1, outputs)
     if value.equations is not None:
         residuals = value.equations.residuals[r]
-        weighted = np.nan_to_num(residuals) * objective.equation_weights
-        for samples, rows in objective.equation_slabs(linear.point, r):
+        weighted = np.nan_to_num(residuals) * objective.equation_weights(value.noise.levels)
+        for samples, rows in objective.equation_slabs(linear.point, r, value.noise.levels):
             yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])

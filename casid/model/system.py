@@ -113,6 +113,55 @@ class Model:
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
 
 
+def define_regression(
+    name: str,
+    *,
+    inputs: Sequence[str],
+    parameters: Mapping[str, float],
+    outputs: Sequence[str],
+    output: Callable[[Any], Mapping[str, Any]],
+    prior_std: Mapping[str, float] | None = None,
+) -> Model:
+    """A static model y = h(u, p): a `Model` without states, whose outputs depend on the inputs of the same sample.
+
+    Parameters
+    ----------
+    name
+        For messages and tables.
+    inputs
+        Channels that h takes; "t" is the record's time [s].
+    parameters
+        Nominal value of every parameter.
+    outputs
+        Channels that h gives.
+    output
+        Takes a namespace of symbols and returns {output: expression}, as in `define_model`.
+    prior_std
+        A-priori 1-sigma of the parameters that have one.
+
+    Returns
+    -------
+    Model
+        Nothing is simulated: every transcription and every cost gives the same fit, and a sample where an input or an
+        output is missing is left out.
+
+    Raises
+    ------
+    InputError
+        For an output that is not declared or has no expression, or a name that is used twice.
+    """
+    return define_model(
+        name,
+        states=(),
+        inputs=inputs,
+        parameters=parameters,
+        outputs=outputs,
+        dynamics=lambda s: {},
+        output=output,
+        prior_std=prior_std,
+    )
+
+
 def measured_states(states: Sequence[str]) -> Callable[[Record], np.ndarray]:
     """A `Model.guess` for models whose states are channels: the measured channel, zero where it is not measured."""
     return partial(_measured, tuple(states))

@@ -58,7 +58,9 @@ def rows_of(objective, value, parameters) -> np.ndarray:
     layout = objective.layout
     everything = slice(0, layout.segments)
     rows = None
-    for slab in objective.dynamics.slabs(value.trajectory, parameters, objective.whitening, everything):
+    for slab in objective.dynamics.slabs(
+        value.trajectory, parameters, objective.whitening(objective.noise.levels), everything
+    ):
         if rows is None:
             rows = np.full((layout.segments, layout.length, *slab.rows.shape[2:]), np.nan)
         rows[slab.segments, slab.samples] = slab.rows
@@ -79,11 +81,11 @@ def test_block_derivatives_against_finite_differences(method, samples, kernel, m
     point = objective.start()
     n, theta = 2, point.theta
     value, parameters = objective.value(point), objective.parameters(theta)
-    blocks = objective.dynamics.blocks(value.trajectory, parameters, objective.whitening)
+    blocks = objective.dynamics.blocks(value.trajectory, parameters, objective.whitening(objective.noise.levels))
     rows = rows_of(objective, value, parameters)
     flat = rows.reshape(len(rows), -1, rows.shape[3])
     np.testing.assert_allclose(blocks.hessian, flat.transpose(0, 2, 1) @ flat, rtol=1e-10, atol=1e-12)
-    weights = np.diagonal(objective.whitening, axis1=1, axis2=2)[objective.layout.pattern]
+    weights = np.diagonal(objective.whitening(objective.noise.levels), axis1=1, axis2=2)[objective.layout.pattern]
     for segment in range(objective.layout.segments):
 
         def outputs(z: np.ndarray, segment=segment) -> np.ndarray:

@@ -10,50 +10,44 @@ is replaced by what the present channels let expect of it, and no such step lowe
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
 import numpy as np
 
 from casid.errors import InputError
+from casid.estimation.solvers.levels import NoiseLevels
 
 _ROUNDS = 2000  # of expectation and maximisation
 _SETTLED = 1e-12  # change of a covariance in units of its standard deviations
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FullNoise:
-    """Covariance `matrix` (o, o) of the noise of the outputs; the same interface as NoiseLevels.
+    """Covariance `matrix` (o, o) of the noise of the outputs, `fixed` when it was given; the same interface as
+    NoiseLevels.
 
-    start     (o,) 1-sigma to begin with, floor (o,) 1-sigma that is always added: data without noise
-    given     the covariance when it is known, else None
-    seen      (patterns, o) 1 where present; counts (patterns,) samples with each pattern
-    measured  moments of the measurements: rounding of the residuals is relative to them
-    Raises InputError for a given covariance that is none.
+    share, present   (o,) as in NoiseLevels; the share is one everywhere
+    measured         moments of the measurements: rounding of the residuals is relative to them
+    floor            moments that are always added: data without noise
+    patterns         number, present channels and samples of each pattern that occurs
     """
 
-    full, proportional = True, False
+    matrix: np.ndarray
+    fixed: bool
+    share: np.ndarray
+    present: np.ndarray
+    measured: np.ndarray
+    floor: np.ndarray
+    patterns: tuple[tuple[int, np.ndarray, int], ...]
 
-    def __init__(
-        self,
-        names: tuple[str, ...],
-        start: np.ndarray,
-        floor: np.ndarray,
-        given: np.ndarray | None,
-        seen: np.ndarray,
-        counts: np.ndarray,
-        measured: np.ndarray,
-    ) -> None:
-        self.fixed = given is not None
-        self.matrix = np.diag(start**2) if given is None else _checked(given, names)
-        self.share = np.ones(len(names))
-        self.present = counts @ seen
-        self.count = max(int(self.present.sum()), 1)
-        self._measured = measured
-        self._patterns = [
-            (p, np.flatnonzero(present), int(count))
-            for p, (present, count) in enumerate(zip(seen, counts, strict=True))
-            if count and present.any()
-        ]
-        self._floor = np.zeros((len(seen), len(names), len(names)))
-        for p, s, count in self._patterns:
-            self._floor[p, s, s] = 0.0 if self.fixed else count * floor[s] ** 2
+    full: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
+
+    @property
+    def count(self) -> int:
+        """Samples of all channels together."""
+        return max(int(self.present.sum()), 1)
 
     @property
     def sigma(self) -> np.ndarray:
@@ -63,7 +57,7 @@ class FullNoise:
     @property
     def size(self) -> float:
         """Norm of all measurements in units of the noise."""
-        return float(np.sqrt(2.0 * self.cost(self._measured)))
+        return float(np.sqrt(2.0 * self.cost(self.measured)))
 
     def whitening(self, seen: np.ndarray) -> np.ndarray:
         """(patterns, o, o): the inverse of the Cholesky factor of the covariance of what is present."""
@@ -77,13 +71,14 @@ class FullNoise:
         """(o,) root mean square of the residuals of each channel."""
         return np.sqrt(np.diagonal(moments.sum(axis=0)) / np.maximum(self.present, 1))
 
-    def relax(self, moments: np.ndarray) -> float:
-        """Put the covariance to what the residuals say; the largest relative change of a 1-sigma in any direction."""
+    def relaxed(self, moments: np.ndarray) -> tuple[FullNoise, float]:
+        """With the covariance as the moments of the residuals say, and the largest relative change of a 1-sigma in any
+        direction."""
         if self.fixed:
-            return 0.0
-        former = np.linalg.inv(np.linalg.cholesky(self.matrix))
-        self.matrix = self._likeliest(moments)
-        return 0.5 * float(np.abs(np.log(np.linalg.eigvalsh(former @ self.matrix @ former.T))).max())
+            return self, 0.0
+        matrix, whiten = self._likeliest(moments), np.linalg.inv(np.linalg.cholesky(self.matrix))
+        change = 0.5 * float(np.abs(np.log(np.linalg.eigvalsh(whiten @ matrix @ whiten.T))).max())
+        return replace(self, matrix=matrix), change
 
     @property
     def coordinates(self) -> np.ndarray:
@@ -93,13 +88,13 @@ class FullNoise:
         diagonal = np.diagonal(factor)
         return (np.tril(factor / diagonal[:, None], -1) + np.diag(np.log(diagonal)))[self._triangle] * self._precision
 
-    @coordinates.setter
-    def coordinates(self, found: np.ndarray) -> None:
+    def at(self, coordinates: np.ndarray) -> FullNoise:
+        """With the covariance at these `coordinates`."""
         factor = np.zeros_like(self.matrix)
-        factor[self._triangle] = found / self._precision
+        factor[self._triangle] = coordinates / self._precision
         diagonal = np.exp(np.diagonal(factor))
         factor = (np.tril(factor, -1) + np.eye(len(factor))) * diagonal[:, None]
-        self.matrix = factor @ factor.T
+        return replace(self, matrix=factor @ factor.T)
 
     @property
     def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
@@ -119,7 +114,7 @@ class FullNoise:
         if not np.isfinite(moments).all():
             return np.inf
         matrix = self._likeliest(moments)
-        return 0.5 * (self._log_determinants(matrix) + self._squares(moments + self._floor, matrix))
+        return 0.5 * (self._log_determinants(matrix) + self._squares(moments + self.floor, matrix))
 
     def log_likelihood(self, moments: np.ndarray) -> float:
         """Of residuals with these moments under the present covariance."""
@@ -128,17 +123,17 @@ class FullNoise:
 
     def _squares(self, moments: np.ndarray, matrix: np.ndarray) -> float:
         total = 0.0
-        for p, s, _ in self._patterns:
+        for p, s, _ in self.patterns:
             own = np.ix_(s, s)
             total += float(np.trace(np.linalg.solve(matrix[own], moments[p][own])))
         return total
 
     def _log_determinants(self, matrix: np.ndarray) -> float:
-        return sum(count * float(np.linalg.slogdet(matrix[np.ix_(s, s)])[1]) for _, s, count in self._patterns)
+        return sum(count * float(np.linalg.slogdet(matrix[np.ix_(s, s)])[1]) for _, s, count in self.patterns)
 
     def _likeliest(self, moments: np.ndarray) -> np.ndarray:
         """The covariance of highest likelihood for residuals with these moments."""
-        matrix, moments = self.matrix, moments + self._floor
+        matrix, moments = self.matrix, moments + self.floor
         for _ in range(_ROUNDS):
             former, matrix = matrix, self._expected(moments, matrix)
             sigma = np.sqrt(np.diagonal(matrix))
@@ -149,7 +144,7 @@ class FullNoise:
     def _expected(self, moments: np.ndarray, matrix: np.ndarray) -> np.ndarray:
         """Mean over the samples of the expected r r', where a channel is missing under `matrix`."""
         total, samples = np.zeros_like(matrix), 0
-        for p, s, count in self._patterns:
+        for p, s, count in self.patterns:
             own = np.ix_(s, s)
             gain = np.linalg.solve(matrix[own], matrix[s]).T
             gain[s] = np.eye(len(s))
@@ -160,6 +155,39 @@ class FullNoise:
                 total += count * rest
             samples += count
         return 0.5 * (total + total.T) / samples
+
+
+def full_noise(
+    levels: NoiseLevels,
+    given: np.ndarray | None,
+    names: tuple[str, ...],
+    seen: np.ndarray,
+    pattern: np.ndarray,
+    z: np.ndarray,
+) -> FullNoise:
+    """The covariance to begin with: the independent `levels`, or `given` when it is known.
+
+    seen (patterns, o) 1 where present, pattern (...) of each sample, z (..., o) measurements, zero where missing.
+    Raises InputError for a given covariance that is none.
+    """
+    counts = np.bincount(pattern.ravel(), minlength=len(seen))
+    patterns = tuple(
+        (p, np.flatnonzero(present), int(count))
+        for p, (present, count) in enumerate(zip(seen, counts, strict=True))
+        if count and present.any()
+    )
+    floor = np.zeros((len(seen), len(names), len(names)))
+    for p, s, count in patterns:
+        floor[p, s, s] = 0.0 if given is not None else count * levels.floor[s] ** 2
+    return FullNoise(
+        matrix=np.diag(levels.sigma**2) if given is None else _checked(given, names),
+        fixed=given is not None,
+        share=np.ones(len(names)),
+        present=counts @ seen,
+        measured=moments_of(z, pattern, seen),
+        floor=floor,
+        patterns=patterns,
+    )
 
 
 def moments_of(residuals: np.ndarray, pattern: np.ndarray, seen: np.ndarray) -> np.ndarray:

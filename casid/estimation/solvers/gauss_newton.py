@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.errors import EstimationError
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
+from casid.estimation.solvers.solver import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,34 +27,23 @@ class GaussNewton:
     iterations: int = 100
     seconds: float = 600.0
 
+    def minimise(self, objective: Objective, patient: bool = True) -> Outcome:
+        """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Outcome:
-    """Where a solver stopped and why: status is "converged" or says in words what is the matter; `linear` is the
-    linearisation at the point when the solver has it."""
-
-    point: Point
-    value: Value
-    status: str
-    iterations: int
-    stationarity: float
-    limit_multipliers: np.ndarray
-    linear: Linearised | None = None
-    solver: str = "GaussNewton"  # the one that came to this point
+        patient: whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
+        Raises EstimationError for path constraints.
+        """
+        if objective.problem.path_constraints:
+            raise EstimationError(
+                "solve: a path constraint acts on the states, which GaussNewton eliminates; use Ipopt()"
+            )
+        return _Iteration(objective, self, patient).run()
 
 
 _DEFECT = 1e-8
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
 _COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
-
-
-def minimise(objective: Objective, solver: GaussNewton, patient: bool = True) -> Outcome:
-    """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
-
-    patient: whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
-    """
-    return _Iteration(objective, solver, patient).run()
 
 
 class _Iteration:
@@ -65,7 +56,7 @@ class _Iteration:
         self.damping = 0.0
         self.filter: list[tuple[float, float]] = []
         self.widest = 100 * max(self.value.violation(), 1.0)
-        self.estimate_noise = not objective.levels.fixed
+        self.estimate_noise = not objective.noise.levels.fixed
         self.near = self.relaxing = False  # near enough to the solution for residuals to be noise
         self.noise_change = np.inf if self.estimate_noise else 0.0
         self.stationarity = np.inf
@@ -95,12 +86,11 @@ class _Iteration:
             self.filter.clear()  # its costs were those at the former noise
         try:
             if self.relaxing:
-                # maximum likelihood for the present parameters
-                self.noise_change = objective.levels.relax(self.value.squares)
+                self.value, self.noise_change = objective.relaxed(self.point, self.value)
             self.linear = linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
             return f"failed: {error}"
-        self.value = objective.weighed(self.point, self.value.trajectory, self.value.equations)
+        self.value = objective.reweighed(self.point, self.value, linear.noise)
         undamped: Step | None = None
         while True:
             try:
@@ -129,7 +119,7 @@ class _Iteration:
         """Whether the last steps were all near the solution and would take too many more at the rate they shrink."""
         self.course.append(self.stationarity)
         last = self.course[-_COURSE - 1 :]
-        if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.objective.levels.count):
+        if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.value.noise.levels.count):
             return False
         rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
         return rate >= 1.0 or np.log(self.solver.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
@@ -144,7 +134,7 @@ class _Iteration:
         self.stationarity = self.objective.length(step, self.value)
         if self.estimate_noise and self.value.worst() < 1e-3:
             self.near |= bool(
-                length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.objective.levels.size
+                length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.value.noise.levels.size
             )
         still = self.objective.negligible(step, self.value, self.solver.tolerance)
         settled = self.noise_change < 10 * self.solver.tolerance
@@ -163,7 +153,7 @@ class _Iteration:
         length = 1.0
         for _ in range(14):
             point = moved(self.point, step, length)
-            value = self.objective.value(point)
+            value = self.objective.value(point, self.value.noise)
             new_violation = value.violation()
             new_cost = self._cost(value)
             if np.isfinite(new_cost) and np.isfinite(new_violation):

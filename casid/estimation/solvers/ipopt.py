@@ -9,17 +9,17 @@ settled when that is where it is.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from casid.errors import unknown
 from casid.estimation.solvers.fixed_point import FixedPoint
-from casid.estimation.solvers.gauss_newton import Outcome
 from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Point, Step, Value
+from casid.estimation.solvers.point import NoiseState, Point, Step, Value
+from casid.estimation.solvers.solver import Outcome
 from casid.estimation.transcriptions.steps import cached
 from casid.native.programme import CompilableProgramme
 
@@ -43,6 +43,13 @@ class Ipopt:
         if self.hessian not in ("exact", "gauss-newton"):
             raise unknown("hessian", self.hessian, ("exact", "gauss-newton"), "Ipopt")
 
+    def minimise(self, objective: Objective) -> Outcome:
+        """Minimise the objective; a bad course of the iteration is said in the status.
+
+        Raises EstimationError for a transcription that has no form as a nonlinear programme.
+        """
+        return _minimise(objective, self)
+
 
 _ROUNDS = 60  # of noise and covariance
 _SETTLED = 1e-8  # expected change of the noise in its standard deviations, relative change of the covariance
@@ -57,8 +64,7 @@ _WORDS = {
 }
 
 
-def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
-    """Minimise the objective with IPOPT; a bad course of the iteration is said in the status."""
+def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     point = objective.start()
     value = objective.value(point)
     nothing = np.zeros(len(objective.lower))
@@ -68,15 +74,16 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
     deadline = time.perf_counter() + solver.seconds
     scale = _parameter_scale(objective, point, value)
     x = Packing(variables(objective, point, scale))
-    gain = 1.0 / objective.levels.count
-    d = Packing(data(objective, scale, gain))
+    count = value.noise.levels.count
+    gain = 1.0 / count
+    d = Packing(data(objective, value.noise, scale, gain))
     key = ("programme", solver, _signature(objective, x, d))
     function, programme = cached(objective.problem.model, key, lambda: _solver(objective, x, d, solver))
-    iterations, status, multipliers, noise = 0, "", np.zeros(programme.g.numel()), FixedPoint()
+    iterations, status, multipliers, settling = 0, "", np.zeros(programme.g.numel()), FixedPoint()
     for _ in range(_ROUNDS):
         result, stats = function(
             x0=x.pack(variables(objective, point, scale)),
-            p=d.pack(data(objective, scale, gain)),
+            p=d.pack(data(objective, value.noise, scale, gain)),
             lbg=programme.lower,
             ubg=programme.upper,
             lam_g0=multipliers,
@@ -84,16 +91,16 @@ def minimise_with_ipopt(objective: Objective, solver: Ipopt) -> Outcome:
         iterations += int(stats["iter_count"])
         multipliers = np.asarray(result["lam_g"]).ravel()
         point = point_from(objective, x.unpack(np.asarray(result["x"]).ravel()), scale, point)
-        value = objective.value(point)
+        value = objective.value(point, value.noise)
         good = stats["return_status"] == "Solve_Succeeded" or _is_solution(objective, point, value)
         reason = str(stats["return_status"])
         status = "converged" if good else _WORDS.get(reason, f"failed: IPOPT says {reason}")
         if status != "converged" or not np.isfinite(value.cost):
             break
-        change = _relax(objective, point, value, noise)
-        value = objective.weighed(point, value.trajectory, value.equations)
+        relaxed, change = _relaxed(objective, point, value, settling)
+        value = objective.reweighed(point, value, relaxed)
         # a cost of about one makes the tolerance relative to the residuals, whatever their weights are
-        fitting = 0.5 / max(value.cost, 1e-6 * objective.levels.count)
+        fitting = 0.5 / max(value.cost, 1e-6 * count)
         if change < _SETTLED and fitting < 30 * gain:
             break
         multipliers *= fitting / gain
@@ -177,22 +184,23 @@ def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.nda
         return np.where(curvature > 0, np.minimum(100.0 / np.sqrt(np.abs(curvature)), 10 * usual), usual)
 
 
-def _relax(objective: Objective, point: Point, value: Value, noise: FixedPoint) -> float:
-    """Noise to where it is expected to settle, soft-defect covariance to what the present point says; the largest
-    change, of the noise in units of its standard deviations, of the covariance relative to it."""
-    levels, change = objective.levels, 0.0
+def _relaxed(objective: Objective, point: Point, value: Value, settling: FixedPoint) -> tuple[NoiseState, float]:
+    """Noise where it is expected to settle, soft-defect covariance as the present point says; the largest change, of
+    the noise in units of its standard deviations, of the covariance relative to it."""
+    noise, change = value.noise, 0.0
+    levels = noise.levels
     if not levels.fixed:
         before = levels.coordinates
-        levels.relax(value.squares)
-        expected = noise.following(before, levels.coordinates)
+        expected = settling.following(before, levels.relaxed(value.squares)[0].coordinates)
         change = float(np.abs(expected - before).max(initial=0.0))
-        levels.coordinates = expected
-    if objective.factor is not None:
-        before = objective.factor
-        objective.linearise(point, value)
-        size = float(np.abs(objective.factor).max(initial=1e-300))
-        change = max(change, float(np.abs(objective.factor - before).max(initial=0.0)) / size)
-    return change
+        noise = replace(noise, levels=levels.at(expected))
+    if noise.factor is not None:
+        before = noise.factor
+        noise = objective.linearise(point, objective.reweighed(point, value, noise)).noise
+        if noise.factor is not None:
+            size = float(np.abs(noise.factor).max(initial=1e-300))
+            change = max(change, float(np.abs(noise.factor - before).max(initial=0.0)) / size)
+    return noise, change
 
 
 def _is_solution(objective: Objective, point: Point, value: Value) -> bool:

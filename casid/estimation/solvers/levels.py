@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,47 +15,41 @@ _START = 0.05  # of a channel's range, before any residual is known
 _FLOOR = 1e-7  # of a channel's range: data without noise
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseLevels:
     """sigma (channels,) that residuals are divided by; `fixed` when it was given.
 
     Estimated: the root mean square of each channel's residuals, which is the likelihood's maximum for given
-    parameters. Range weights: their proportions stay (paper eq. 13), and one common factor makes the mean square of
-    all weighted residuals one, so that priors weigh against the data as they should.
-    share (channels,) is the weight of each channel's part in the cost.
-    Raises InputError for a noise that names other channels than `names` or is not positive.
+    parameters. Range weights (`proportional`): their proportions stay (paper eq. 13), and one common factor makes the
+    mean square of all weighted residuals one, so that priors weigh against the data as they should.
+
+    share       (channels,) weight of each channel's part in the cost
+    present     (channels,) samples that are there
+    floor       (channels,) least 1-sigma: data without noise
+    start       (channels,) sigma before any residual is known
+    magnitude   (channels,) sum of squares of the measurements
     """
 
-    full = False
+    sigma: np.ndarray
+    fixed: bool
+    proportional: bool
+    share: np.ndarray
+    present: np.ndarray
+    floor: np.ndarray
+    start: np.ndarray
+    magnitude: np.ndarray
 
-    def __init__(
-        self,
-        noise: Mapping[str, float] | RangeWeights | None,
-        names: tuple[str, ...],
-        measured: np.ndarray,
-        share: np.ndarray,
-    ) -> None:
-        self.share = share
-        self.present = np.isfinite(measured).sum(axis=0)
-        self.count = max(int(self.present.sum()), 1)
-        filled = np.where(self.present > 0, measured, 0.0)
-        spread = np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)
-        self.floor = _FLOOR * np.maximum(spread, 1e-3 * np.nanmax(np.abs(filled), axis=0) + 1e-12)
-        self.proportional = isinstance(noise, RangeWeights)
-        self.fixed = noise is not None and not self.proportional
-        if noise is None:
-            sigma = np.maximum(_START * spread, self.floor)
-        elif isinstance(noise, RangeWeights):
-            sigma = _START / noise.weights(filled)
-        else:
-            sigma = _given(noise, names)
-        self.sigma = np.where(self.present > 0, sigma, 1.0)
-        self._start = self.sigma
-        self._magnitude = np.nansum(filled**2, axis=0)
+    full: ClassVar[bool] = False
+
+    @property
+    def count(self) -> int:
+        """Samples of all channels together."""
+        return max(int(self.present.sum()), 1)
 
     @property
     def size(self) -> float:
         """Norm of all measurements in units of sigma: rounding of the residuals is relative to it."""
-        return float(np.sqrt((self._magnitude / self.sigma**2).sum()))
+        return float(np.sqrt((self.magnitude / self.sigma**2).sum()))
 
     def whitening(self, seen: np.ndarray) -> np.ndarray:
         """(patterns, o, o) lower triangle that makes the residuals of the first o channels white where `seen`
@@ -65,24 +61,22 @@ class NoiseLevels:
         found = np.sqrt(squares / np.maximum(self.present, 1))
         return np.where(self.present > 0, np.maximum(found, self.floor), 1.0)
 
-    def relax(self, squares: np.ndarray) -> float:
-        """Put sigma to what the sums of squared residuals say; the largest relative change."""
+    def relaxed(self, squares: np.ndarray) -> tuple[NoiseLevels, float]:
+        """With sigma as the sums of squared residuals say, and the largest relative change of it."""
         if self.fixed:
-            return 0.0
+            return self, 0.0
         rms = self.rms(squares)
-        sigma = self._start * self._common_factor(rms) if self.proportional else rms
-        change = float(np.abs(np.log(sigma / self.sigma)).max(initial=0.0))
-        self.sigma = sigma
-        return change
+        sigma = self.start * self._common_factor(rms) if self.proportional else rms
+        return replace(self, sigma=sigma), float(np.abs(np.log(sigma / self.sigma)).max(initial=0.0))
 
     @property
     def coordinates(self) -> np.ndarray:
         """(channels,) ln sigma in units of the standard deviation with which the residuals tell it."""
         return np.log(self.sigma) * self._precision
 
-    @coordinates.setter
-    def coordinates(self, found: np.ndarray) -> None:
-        self.sigma = np.exp(found / self._precision)
+    def at(self, coordinates: np.ndarray) -> NoiseLevels:
+        """With sigma at these `coordinates`."""
+        return replace(self, sigma=np.exp(coordinates / self._precision))
 
     @property
     def _precision(self) -> np.ndarray:
@@ -107,11 +101,41 @@ class NoiseLevels:
         rms, counts = self.rms(squares), self.share * self.present
         if self.proportional:
             return float(counts.sum() * np.log(self._common_factor(rms)))
-        return float((counts * np.log(rms / self._start)).sum())
+        return float((counts * np.log(rms / self.start)).sum())
 
     def _common_factor(self, rms: np.ndarray) -> float:
         counts = self.share * self.present
-        return float(np.sqrt((counts * (rms / self._start) ** 2).sum() / counts.sum()))
+        return float(np.sqrt((counts * (rms / self.start) ** 2).sum() / counts.sum()))
+
+
+def noise_levels(
+    noise: Mapping[str, float] | RangeWeights | None, names: tuple[str, ...], measured: np.ndarray, share: np.ndarray
+) -> NoiseLevels:
+    """The levels to begin with, of channels `names` with the measurements (samples, channels), NaN where missing.
+
+    Raises InputError for a noise that names other channels or is not positive.
+    """
+    present = np.isfinite(measured).sum(axis=0)
+    filled = np.where(present > 0, measured, 0.0)
+    spread = np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)
+    floor = _FLOOR * np.maximum(spread, 1e-3 * np.nanmax(np.abs(filled), axis=0) + 1e-12)
+    if noise is None:
+        sigma = np.maximum(_START * spread, floor)
+    elif isinstance(noise, RangeWeights):
+        sigma = _START / noise.weights(filled)
+    else:
+        sigma = _given(noise, names)
+    sigma = np.where(present > 0, sigma, 1.0)
+    return NoiseLevels(
+        sigma=sigma,
+        fixed=noise is not None and not isinstance(noise, RangeWeights),
+        proportional=isinstance(noise, RangeWeights),
+        share=share,
+        present=present,
+        floor=floor,
+        start=sigma,
+        magnitude=np.nansum(filled**2, axis=0),
+    )
 
 
 def _given(noise: Mapping[str, float], names: tuple[str, ...]) -> np.ndarray:

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.solvers.gauss_newton import GaussNewton, Outcome, minimise
+from casid.estimation.solvers.gauss_newton import GaussNewton
+from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
+from casid.estimation.solvers.point import Linearised, NoiseState, Point, Step, Value, moved
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale
+from casid.estimation.solvers.solver import Outcome
 
 _APART = 1e-3  # standard deviations between points whose gradients are compared
 # standard deviations, relative change of the noise, scaled defect: the other unknowns are at their optimum
@@ -43,6 +45,18 @@ class Automatic:
     iterations: int = 100
     seconds: float = 600.0
 
+    def minimise(self, objective: Objective) -> Outcome:
+        """Minimise the objective; a bad course of the iteration is said in the status."""
+        if objective.problem.path_constraints:
+            return Ipopt(seconds=self.seconds).minimise(objective)
+        begin = time.perf_counter()
+        usual = GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds)
+        # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
+        outcome = usual.minimise(objective, patient=objective.soft)
+        if outcome.status == "converged" or objective.soft or time.perf_counter() - begin > self.seconds:
+            return outcome
+        return _Newton(objective, self, outcome, begin + self.seconds).run()
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Settled:
@@ -52,17 +66,6 @@ class _Settled:
     value: Value
     linear: Linearised
     cost: float
-
-
-def minimise_automatically(objective: Objective, solver: Automatic) -> Outcome:
-    """Minimise the objective; a bad course of the iteration is said in the status."""
-    begin = time.perf_counter()
-    usual = GaussNewton(tolerance=solver.tolerance, iterations=solver.iterations, seconds=solver.seconds)
-    # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
-    outcome = minimise(objective, usual, patient=objective.soft)
-    if outcome.status == "converged" or objective.soft or time.perf_counter() - begin > solver.seconds:
-        return outcome
-    return _Newton(objective, solver, outcome, begin + solver.seconds).run()
 
 
 class _Newton:
@@ -76,7 +79,8 @@ class _Newton:
     def run(self) -> Outcome:
         # where the states are far from a motion of the model they start from the measured ones
         measured = replace(self.objective.start(), theta=self.begun.point.theta)
-        at = self._settled(self.begun.point) or self._settled(measured)
+        noise = self.begun.value.noise
+        at = self._settled(self.begun.point, noise) or self._settled(measured, noise)
         if at is None:
             return self.begun
         status, iteration = "", 0
@@ -130,7 +134,7 @@ class _Newton:
     def _tried(self, at: _Settled, step: Step) -> _Settled | None:
         """The point after the step, when it is lower or the first within the limits."""
         slope = float(at.linear.gradient @ step.theta)
-        found = self._settled(moved(at.point, step, 1.0))
+        found = self._settled(moved(at.point, step, 1.0), at.value.noise)
         rounding = 1e-11 * max(abs(at.cost), abs(at.value.cost))
         beyond = np.abs(at.value.limits).max(initial=0.0) > _EXACT
         if found is not None and (beyond or found.cost <= at.cost + 1e-4 * slope + rounding):
@@ -153,37 +157,36 @@ class _Newton:
     def _gradient(self, at: _Settled, theta: np.ndarray) -> np.ndarray | None:
         nothing = np.zeros(len(self.objective.lower))
         step = self.objective.step_along(at.point, at.linear, theta, nothing)
-        found = self._settled(moved(at.point, step, 1.0))
+        found = self._settled(moved(at.point, step, 1.0), at.value.noise)
         return None if found is None else found.linear.gradient
 
-    def _settled(self, point: Point) -> _Settled | None:
+    def _settled(self, point: Point, noise: NoiseState) -> _Settled | None:
         """States and noise to their optimum with the parameters as they are; None when they find none."""
         objective, former = self.objective, np.inf
         fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.lower))
-        value = objective.value(point)
+        value = objective.value(point, noise)
         for _ in range(_INNER):
             if not np.isfinite(value.cost):
                 return None
             try:
-                change = objective.levels.relax(value.squares)
+                value, change = objective.relaxed(point, value)
                 linear = objective.linearise(point, value)
             except np.linalg.LinAlgError:
                 return None
-            value = objective.weighed(point, value.trajectory, value.equations)
+            value = objective.reweighed(point, value, linear.noise)
             step = objective.step_along(point, linear, fixed, nothing)
             apart = max(np.abs(value.defects).max(initial=0.0), np.abs(value.gap).max(initial=0.0))
             grown, former = step.curvature >= former, step.curvature  # next to the optimum that is rounding
             still = objective.negligible(step, value, 100 * _EXACT if grown else _EXACT)
             if still and change < _EXACT and apart < _EXACT:
-                cost = value.cost if objective.levels.fixed else objective.likelihood_cost(value)
+                cost = value.cost if value.noise.levels.fixed else objective.likelihood_cost(value)
                 return _Settled(point=point, value=value, linear=linear, cost=cost)
             point = moved(point, step, 1.0)
-            value = objective.value(point)
+            value = objective.value(point, value.noise)
         return None
 
     def _outcome(self, at: _Settled, status: str, iterations: int) -> Outcome:
-        self.objective.levels.relax(at.value.squares)  # a point that was tried after it has left its own
-        value = self.objective.weighed(at.point, at.value.trajectory, at.value.equations)
+        value = at.value
         length = np.nan
         with suppress(np.linalg.LinAlgError):
             length = self.objective.length(self.objective.step(at.point, value, at.linear, 0.0), value)

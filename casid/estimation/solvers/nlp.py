@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Point
-from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.solvers.point import Levels, NoiseState, Point
+from casid.estimation.transcriptions.dynamics import Symbols
 from casid.estimation.transcriptions.equation import EquationPart
-from casid.estimation.transcriptions.steps import dynamics_function, output_function, step_function
+from casid.estimation.transcriptions.symbolic import SampleSymbols, with_data
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,8 +83,9 @@ def point_from(objective: Objective, values: dict[str, np.ndarray], scale: np.nd
     return Point(theta=theta, nodes=nodes, noise=noise, points=points)
 
 
-def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.ndarray]:
-    """Everything that differs between two problems of the same size; `gain` multiplies the cost."""
+def data(objective: Objective, noise: NoiseState, scale: np.ndarray, gain: float) -> dict[str, np.ndarray]:
+    """Everything that differs between two problems of the same size, weighed with `noise`; `gain` multiplies the
+    cost."""
     problem = objective.problem
     base = problem.model_parameters(np.zeros_like(scale))
     values = {"gain": np.array([[gain]]), "base": base.T, "scale": scale[:, None], "nominal": problem.nominal[:, None]}
@@ -93,24 +94,24 @@ def data(objective: Objective, scale: np.ndarray, gain: float) -> dict[str, np.n
         layout = objective.layout
         flat = {k: getattr(layout, k) for k in ("u0", "u1", "z")}
         values |= {k: v.reshape(layout.dt.size, v.shape[2]).T for k, v in flat.items()}
-        values |= {"dt": layout.dt.reshape(1, -1)} | _weights(objective)
+        values |= {"dt": layout.dt.reshape(1, -1)} | _weights(objective, noise.levels)
         values |= {"centre": objective.centre.T, "initial_std": objective.initial_std[:, None]}
-        if objective.factor is not None:
-            values["factor"] = objective.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
+        if noise.factor is not None:
+            values["factor"] = noise.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
     if objective.equations is not None:
         measured = np.concatenate(objective.equations.data)
         residual = np.concatenate(objective.equations.value(problem.start_vector).residuals)
         # a missing signal takes no part, but must be a number
         values["signals"] = np.where(np.isfinite(measured), measured, np.nanmean(measured, axis=0)).T
         values["seen"] = np.isfinite(residual).astype(float).T
-        values["equation_weights"] = objective.equation_weights[:, None]
+        values["equation_weights"] = objective.equation_weights(noise.levels)[:, None]
     return values
 
 
-def _weights(objective: Objective) -> dict[str, np.ndarray]:
+def _weights(objective: Objective, levels: Levels) -> dict[str, np.ndarray]:
     """A factor for every measurement; with a full covariance the triangle of each pattern and which samples have it."""
-    pattern, weights = objective.layout.pattern.ravel(), objective.whitening
-    if not objective.levels.full:
+    pattern, weights = objective.layout.pattern.ravel(), objective.whitening(levels)
+    if not levels.full:
         return {"weights": np.diagonal(weights, axis1=1, axis2=2)[pattern].T}
     which = pattern == np.arange(len(weights))[:, None]
     return {"triangles": np.hstack(list(weights)), "which": which.astype(float)}
@@ -137,13 +138,17 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         first = [int(i) for i in objective.layout.first]
         start = nodes[:, first] - s["centre"]
         residuals.append(ca.vec(start / ca.repmat(s["initial_std"], 1, len(first))))
-        states, end, y, gap = _simulated(objective, nodes, free, v, s)
-        residuals.append(ca.vec(_whitened(y - s["z"], s)))
-        defect = _defects(objective, nodes, end, v, s)
+        records = [int(r) for r in objective.layout.record]
+        points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
+        given = {name: s[name] for name in ("u0", "u1", "dt")}
+        base, own = s["base"][:, records], ca.horzcat(*[free[r] for r in records])
+        found = objective.dynamics.symbolic(Symbols(nodes=nodes, points=points, base=base, free=own, **given))
+        residuals.append(ca.vec(_whitened(found.y - s["z"], s)))
+        defect = _defects(objective, nodes, found.end, v, s)
         if "noise" in v:
             residuals.append(ca.vec(v["noise"]))
-        constraints += [(defect, 0.0, 0.0), (gap, 0.0, 0.0)]
-        constraints += _paths(objective, states, y)
+        constraints += [(defect, 0.0, 0.0), (found.gap, 0.0, 0.0)]
+        constraints += _paths(objective, found.states, found.y)
     if objective.equations is not None:
         residuals.append(_equations(objective, objective.equations, free, s))
     constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
@@ -162,70 +167,6 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         upper=upper,
         linear=linear,
     )
-
-
-class _Symbols:
-    """SX symbols of one sample interval; only `x`, `points` and the free parameters `q` are to be differentiated."""
-
-    def __init__(self, objective: Objective, degree: int = 0) -> None:
-        problem = objective.problem
-        model = problem.model
-        n, m, count = len(model.states), len(model.inputs), len(model.parameters)
-        self.x, self.points = ca.SX.sym("x", n), ca.SX.sym("c", n, degree)
-        self.u0, self.u1, self.dt = ca.SX.sym("u0", m), ca.SX.sym("u1", m), ca.SX.sym("dt")
-        self.base, self.q = ca.SX.sym("base", count), ca.SX.sym("q", len(problem.free_index))
-        self.p = ca.SX(self.base)
-        for j, i in enumerate(problem.free_index):
-            self.p[int(i)] = self.q[j]
-
-
-def _function(name: str, inputs: list, outputs: list, variable: tuple[int, ...]) -> ca.Function:
-    """A function of which only the inputs numbered `variable` are differentiated: data need no derivative."""
-    return ca.Function(name, inputs, outputs, {"is_diff_in": [i in variable for i in range(len(inputs))]})
-
-
-def _simulated(objective: Objective, nodes: ca.MX, free: list[ca.MX], v: dict, s: dict):
-    """states (n, K*L), end (n, K), y (o, K*L), and what collocation leaves unsatisfied (a column)."""
-    layout, model = objective.layout, objective.problem.model
-    count, length = layout.segments, layout.length
-    records = [int(r) for r in layout.record]
-    q, base = ca.horzcat(*[free[r] for r in records]), s["base"][:, records]
-    at = _Symbols(objective)
-    y = _function("outputs", [at.x, at.u0, at.base, at.q], [output_function(model)(at.x, at.u0, at.p)], (0, 3))
-    if isinstance(objective.dynamics, LiftedCollocation):
-        end, gap = _collocated(objective, objective.dynamics, nodes, base, q, v, s)
-        return nodes, end, y.map(count)(nodes, s["u0"], base, q), gap
-    advanced = step_function(model)(at.x, at.u0, at.u1, at.dt, at.p)
-    step = _function("step", [at.x, at.u0, at.u1, at.dt, at.base, at.q], [advanced], (0, 5))
-    x, b, f = (ca.MX.sym(name, *e.shape) for name, e in (("x", at.x), ("base", at.base), ("q", at.q)))
-    u0, u1, dt = (
-        ca.MX.sym(name, rows, length) for name, rows in (("u0", at.u0.shape[0]), ("u1", at.u1.shape[0]), ("dt", 1))
-    )
-    many_b, many_f = ca.repmat(b, 1, length), ca.repmat(f, 1, length)
-    after = step.mapaccum("segment", length)(x, u0, u1, dt, many_b, many_f)
-    states = ca.horzcat(x, after[:, :-1]) if length > 1 else x
-    outputs = y.map(length)(states, u0, many_b, many_f)
-    segment = _function("segment", [x, u0, u1, dt, b, f], [states, after[:, -1], outputs], (0, 5))
-    states, end, outputs = segment.map(count)(nodes, s["u0"], s["u1"], s["dt"], base, q)
-    return states, end, outputs, ca.MX(0, 1)
-
-
-def _collocated(
-    objective: Objective, dynamics: LiftedCollocation, nodes: ca.MX, base: ca.MX, q: ca.MX, v: dict, s: dict
-):
-    degree = dynamics.degree
-    at, f = _Symbols(objective, degree), dynamics_function(objective.problem.model)
-    together = ca.horzcat(at.x, at.points)
-    equations = [
-        together @ ca.DM(dynamics.c[:, i]) - at.dt * f(at.points[:, i], at.u0 + dynamics.tau[i] * (at.u1 - at.u0), at.p)
-        for i in range(degree)
-    ]
-    scaled = ca.vertcat(*equations) / ca.repmat(ca.DM(objective.scale), degree, 1)
-    inputs = [at.x, at.points, at.u0, at.u1, at.dt, at.base, at.q]
-    interval = _function("interval", inputs, [at.points[:, -1], scaled], (0, 1, 6))
-    points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1])
-    end, gap = interval.map(objective.layout.segments)(nodes, points, s["u0"], s["u1"], s["dt"], base, q)
-    return end, ca.vec(gap)
 
 
 def _defects(objective: Objective, nodes: ca.MX, end: ca.MX, v: dict, s: dict) -> ca.MX:
@@ -256,7 +197,8 @@ def _paths(objective: Objective, states: ca.MX, y: ca.MX) -> list[tuple[ca.MX, f
 def _equations(objective: Objective, equations: EquationPart, free: list[ca.MX], s: dict) -> ca.MX:
     lengths = [len(record) for record in objective.problem.records]
     records = np.repeat(np.arange(len(lengths)), lengths).tolist()
-    at, signals = _Symbols(objective), ca.SX.sym("m", *equations.residual.size_in(0))
-    residual = _function("equation", [signals, at.base, at.q], [equations.residual(signals, at.p)], (2,))
+    at = SampleSymbols(objective.problem.model, objective.problem.free_index)
+    signals = ca.SX.sym("m", *equations.residual.size_in(0))
+    residual = with_data("equation", [signals, at.base, at.q], [equations.residual(signals, at.p)], (2,))
     found = residual.map(sum(lengths))(s["signals"], s["base"][:, records], ca.horzcat(*free)[:, records])
     return ca.vec(s["seen"] * found * ca.repmat(s["equation_weights"], 1, sum(lengths)))

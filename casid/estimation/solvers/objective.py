@@ -1,47 +1,45 @@
 """The weighted residuals of a problem in one transcription: value at a point, and the step towards the minimum.
 
 A point is the parameters, the start states of all segments (nodes), the process noise of every tied pair of segments
-in units of its standard deviation, and, for collocation, the interior states.
+in units of its standard deviation, and, for collocation, the interior states. Nothing here changes: what residuals are
+weighed with goes with the value, and every method is a function of its arguments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from casid.estimation.cost import cost_weights
 from casid.estimation.problem import Problem
-from casid.estimation.solvers.full_noise import FullNoise, moments_of
+from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
-from casid.estimation.solvers.levels import NoiseLevels
-from casid.estimation.solvers.point import Linearised, Point, Step, Value
+from casid.estimation.solvers.levels import noise_levels
+from casid.estimation.solvers.point import Levels, Linearised, NoiseState, Point, Step, Value
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
-from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
 from casid.estimation.transcriptions.equation import EquationPart, EquationValue
-from casid.estimation.transcriptions.layout import Layout
-from casid.estimation.transcriptions.shooting import Blocks, Shooting, Trajectory
 
 _ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
 
 
 class Objective:
-    """Residuals of `problem` on `layout`; `dynamics` is None for equation error, which simulates nothing."""
+    """Residuals of `problem`; `dynamics` is None where nothing is simulated. `noise` is what to begin with."""
 
-    def __init__(self, problem: Problem, layout: Layout | None, dynamics: Shooting | LiftedCollocation | None) -> None:
+    def __init__(self, problem: Problem, dynamics: Dynamics | None) -> None:
         self.problem, self.dynamics = problem, dynamics
-        self.part, equation_share = cost_weights(problem.cost)
-        self.equation_share = equation_share
-        self.equations = EquationPart(problem) if equation_share else None
+        self.part, self.equation_share = problem.weights
+        self.equations = EquationPart(problem) if self.equation_share else None
         n = len(problem.model.states)
         self.scale = problem.model.scale_vector()
         self.rows, self.lower, self.upper = problem.linear_rows
         own = [problem.columns(r) for r in range(len(problem.records))]
         self._columns = [(columns, np.ix_(columns, columns)) for columns in own]
-        self.factor: np.ndarray | None = None  # (T, n, n) square root of the covariance of soft defects
-        if layout is not None:
-            self.layout = layout
+        factor = None
+        if dynamics is not None:
+            self.layout = layout = dynamics.layout
             self.kkt = [BandedKKT(self._count(r), n) for r in range(len(problem.records))]
             initial = problem.initial_state
             known = [initial.value.get(s, np.nan) for s in problem.model.states]
@@ -50,8 +48,8 @@ class Objective:
             std = [initial.std.get(s, problem.model.state_scale[s]) for s in problem.model.states]
             self.initial_std = np.array(std, dtype=float)
             if self.soft:
-                self.factor = np.zeros((len(layout.tied), n, n))
-        self.levels = self._noise_levels()
+                factor = np.zeros((len(layout.tied), n, n))
+        self.noise = NoiseState(levels=self._noise_levels(), factor=factor)
 
     def _count(self, record: int) -> int:
         segments = self.layout.segments_of(record)
@@ -60,30 +58,22 @@ class Objective:
     @property
     def soft(self) -> bool:
         """Whether defects are random with a covariance."""
-        return isinstance(self.dynamics, Shooting) and bool(self.dynamics.noise_names)
+        return self.dynamics is not None and self.dynamics.soft
 
     # ---- weights
 
-    def _noise_levels(self) -> NoiseLevels | FullNoise:
+    def _noise_levels(self) -> Levels:
         measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
         if self.equations is not None:
             measured = _side_by_side(measured, np.concatenate(self.equations.targets()))
-        outputs = len(self.problem.model.outputs) if self.dynamics is not None else 0
         share = np.full(measured.shape[1], self.equation_share)
-        share[:outputs] = self.part
-        noise = self.problem.noise
+        share[: self._outputs] = self.part
+        noise, names = self.problem.noise, self.channel_names
         if not isinstance(noise, str | np.ndarray):
-            return NoiseLevels(noise, self.channel_names, measured, share)
-        independent, seen = NoiseLevels(None, self.channel_names, measured, share), self.layout.seen
-        return FullNoise(
-            names=self.channel_names,
-            start=independent.sigma,
-            floor=independent.floor,
-            given=noise if isinstance(noise, np.ndarray) else None,
-            seen=seen,
-            counts=np.bincount(self.layout.pattern.ravel(), minlength=len(seen)),
-            measured=moments_of(self.layout.z, self.layout.pattern, seen),
-        )
+            return noise_levels(noise, names, measured, share)
+        independent, layout = noise_levels(None, names, measured, share), self.layout
+        given = noise if isinstance(noise, np.ndarray) else None
+        return full_noise(independent, given, names, layout.seen, layout.pattern, layout.z)
 
     def _measured_outputs(self) -> np.ndarray:
         return np.concatenate([self.problem.measured(record) for record in self.problem.records])
@@ -95,19 +85,20 @@ class Objective:
         return outputs + (self.equations.names if self.equations is not None else ())
 
     @property
-    def whitening(self) -> np.ndarray:
-        """(patterns, o, o) lower triangle that whitens the residuals of each pattern of present samples."""
-        return np.sqrt(self.part) * self.levels.whitening(self.layout.seen)
+    def _outputs(self) -> int:
+        return len(self.problem.model.outputs) if self.dynamics is not None else 0
 
-    @property
-    def equation_weights(self) -> np.ndarray:
+    def whitening(self, levels: Levels) -> np.ndarray:
+        """(patterns, o, o) lower triangle that whitens the residuals of each pattern of present samples."""
+        return np.sqrt(self.part) * levels.whitening(self.layout.seen)
+
+    def equation_weights(self, levels: Levels) -> np.ndarray:
         """(e,) factor of each equation residual."""
-        start = len(self.problem.model.outputs) if self.dynamics is not None else 0
-        return np.sqrt(self.equation_share) / self.levels.sigma[start:]
+        return np.sqrt(self.equation_share) / levels.sigma[self._outputs :]
 
     def _squares(self, trajectory: Trajectory | None, equations: EquationValue | None) -> np.ndarray:
         """(channels,) sums of squared residuals; with a full covariance their moments."""
-        if self.levels.full and trajectory is not None:
+        if self.noise.levels.full and trajectory is not None:
             return moments_of(trajectory.y - self.layout.z, self.layout.pattern, self.layout.seen)
         found = []
         if trajectory is not None and trajectory.squares is not None:
@@ -120,7 +111,7 @@ class Objective:
 
     def likelihood_cost(self, value: Value) -> float:
         """The cost with the noise at its optimum instead of its present value, up to a constant."""
-        return value.rest + self.levels.concentrated(value.squares)
+        return value.rest + value.noise.levels.concentrated(value.squares)
 
     # ---- value
 
@@ -138,16 +129,29 @@ class Objective:
         """(K, model parameters) per segment."""
         return self.problem.model_parameters(theta)[self.layout.record]
 
-    def value(self, point: Point) -> Value:
-        """Simulate and evaluate; not finite where the simulation departs."""
+    def value(self, point: Point, noise: NoiseState | None = None) -> Value:
+        """Simulate and weigh with `noise`, that of the start if None; not finite where the simulation departs."""
         trajectory = None
         if self.dynamics is not None:
             trajectory = self.dynamics.trajectory(point.nodes, self.parameters(point.theta), point.points)
         equations = self.equations.value(point.theta) if self.equations is not None else None
-        return self.weighed(point, trajectory, equations)
+        return self._weighed(point, trajectory, equations, noise or self.noise)
 
-    def weighed(self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None) -> Value:
-        """The cost with the present weights, of what has been simulated already."""
+    def reweighed(self, point: Point, value: Value, noise: NoiseState) -> Value:
+        """The value at the same point with another noise; nothing is simulated."""
+        return value if noise is value.noise else self._weighed(point, value.trajectory, value.equations, noise)
+
+    def relaxed(self, point: Point, value: Value) -> tuple[Value, float]:
+        """The value with the levels at what its residuals say, maximum likelihood for the present parameters, and the
+        largest relative change of a level."""
+        levels, change = value.noise.levels.relaxed(value.squares)
+        if levels is value.noise.levels:
+            return value, change
+        return self.reweighed(point, value, replace(value.noise, levels=levels)), change
+
+    def _weighed(
+        self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None, noise: NoiseState
+    ) -> Value:
         prior = (point.theta - self.problem.nominal) / self.problem.prior_std
         rest = float(prior @ prior)
         defects = gap = np.zeros((0, 0))
@@ -156,8 +160,8 @@ class Objective:
             x0 = (point.nodes[layout.first] - self.centre) / self.initial_std
             rest += float((x0**2).sum() + (point.noise**2).sum())
             defects = trajectory.end[layout.tied] - point.nodes[layout.tied + 1]
-            if self.factor is not None:
-                defects = defects + (self.factor @ point.noise[..., None])[..., 0]
+            if noise.factor is not None:
+                defects = defects + (noise.factor @ point.noise[..., None])[..., 0]
             defects = defects / self.scale
             if trajectory.gap is not None:
                 gap = trajectory.gap / self.scale
@@ -165,11 +169,12 @@ class Objective:
         at = self.rows @ point.theta
         beyond = np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)
         return Value(
-            cost=0.5 * rest + self.levels.cost(squares),
+            cost=0.5 * rest + noise.levels.cost(squares),
             rest=0.5 * rest,
             squares=squares,
             trajectory=trajectory,
             equations=equations,
+            noise=noise,
             defects=defects,
             limits=beyond,
             gap=gap,
@@ -178,7 +183,8 @@ class Objective:
     # ---- linearisation
 
     def linearise(self, point: Point, value: Value) -> Linearised:
-        """Blocks, the reduced system of each record, and the information matrix of all parameters.
+        """Blocks, the reduced system of each record, and the information matrix of all parameters, with the noise of
+        the value; the covariance of random defects is that at the point.
 
         Raises numpy.linalg.LinAlgError when a record's states are not determined.
         """
@@ -187,28 +193,28 @@ class Objective:
         gradient = precision * (point.theta - self.problem.nominal)
         channels = np.zeros((len(self.channel_names), len(gradient)))
         reduced: list[Reduced] = []
-        blocks = None
+        blocks, noise = None, value.noise
         if value.trajectory is not None and self.dynamics is not None:
             layout, n = self.layout, len(self.scale)
-            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.whitening)
+            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.whitening(noise.levels))
             diagonal = np.arange(n)
             blocks.hessian[layout.first[:, None], diagonal, diagonal] += 1.0 / self.initial_std**2
             blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) / self.initial_std**2
             if self.soft and blocks.covariance is not None:
-                self.factor = _square_root(blocks.covariance[layout.tied], self.scale)
+                noise = replace(noise, factor=_square_root(blocks.covariance[layout.tied], self.scale))
             for r in range(len(self.problem.records)):
                 reduced.append(self._reduce(r, blocks, point))
                 columns, grid = self._columns[r]
                 hessian[grid] += reduced[r].hessian
                 gradient[columns] += reduced[r].gradient
-                if not self.levels.fixed:
+                if not noise.levels.fixed:
                     own = blocks.channel_gradient[layout.segments_of(r)]
                     along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
                     channels[: along.shape[0], columns] += along
         for r, residuals in enumerate(value.equations.residuals if value.equations is not None else ()):
             columns, grid = self._columns[r]
-            for samples, rows in self.equation_slabs(point, r):
-                residual = np.nan_to_num(residuals[samples]) * self.equation_weights
+            for samples, rows in self.equation_slabs(point, r, noise.levels):
+                residual = np.nan_to_num(residuals[samples]) * self.equation_weights(noise.levels)
                 flat = rows.reshape(-1, rows.shape[2])
                 equation_hessian[grid] += flat.T @ flat
                 by_equation = np.einsum("kef,ke->ef", rows, residual)
@@ -222,13 +228,14 @@ class Objective:
             gradient=gradient,
             channel_gradients=channels,
             equation_hessian=equation_hessian,
+            noise=noise,
         )
 
-    def equation_slabs(self, point: Point, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+    def equation_slabs(self, point: Point, record: int, levels: Levels) -> Iterator[tuple[slice, np.ndarray]]:
         """Samples of a record and the derivatives (samples, equations, free) of the weighted equation residuals."""
         if self.equations is not None:
             for samples, rows in self.equations.slabs(point.theta, record):
-                yield samples, rows * self.equation_weights[:, None]
+                yield samples, rows * self.equation_weights(levels)[:, None]
 
     def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
         own = self.layout.segments_of(record)
@@ -242,7 +249,7 @@ class Objective:
             blocks.end[tied] - point.nodes[following],
             covariance,
             self.scale,
-            self.dynamics.kernel if isinstance(self.dynamics, Shooting) else None,
+            self.dynamics.kernel if self.dynamics is not None else None,
         )
 
     def step(self, point: Point, value: Value, linear: Linearised, damping: float, concentrated: bool = False) -> Step:
@@ -276,8 +283,9 @@ class Objective:
             slope += float((blocks.gradient * whole).sum())
             curvature += float((whole * (blocks.hessian @ whole[..., None])[..., 0]).sum())
             price = max(price, float(np.abs(multipliers * self.scale).max(initial=0.0)))
-            if self.factor is not None:
-                noise = (self.factor.transpose(0, 2, 1) @ multipliers[..., None])[..., 0] - point.noise
+            factor = linear.noise.factor
+            if factor is not None:
+                noise = (factor.transpose(0, 2, 1) @ multipliers[..., None])[..., 0] - point.noise
                 slope += float((point.noise * noise).sum())
                 curvature += float((noise**2).sum())
             if blocks.lift is not None:
@@ -299,22 +307,24 @@ class Objective:
 
     def length(self, step: Step, value: Value) -> float:
         """Length of a step in standard deviations of the solution."""
-        noise = np.sqrt(2 * value.cost / self.levels.count)
+        noise = np.sqrt(2 * value.cost / value.noise.levels.count)
         return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
 
     def negligible(self, step: Step, value: Value, tolerance: float) -> bool:
         """Whether a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""
-        noise = np.sqrt(2 * value.cost / self.levels.count)
+        levels = value.noise.levels
+        noise = np.sqrt(2 * value.cost / levels.count)
         length = np.sqrt(max(step.curvature, 0.0))
-        return bool(length < tolerance * max(noise, _ROUNDING * self.levels.size))
+        return bool(length < tolerance * max(noise, _ROUNDING * levels.size))
 
     def _noise_curvature(self, linear: Linearised) -> np.ndarray:
         """What the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares) has the
         term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each other.
         With a full covariance it is the part of the whitened channels' own variances."""
-        if self.levels.proportional:
+        levels = linear.noise.levels
+        if levels.proportional:
             return np.zeros_like(linear.hessian)
-        counts = np.maximum(self.levels.share * self.levels.present, 1.0)
+        counts = np.maximum(levels.share * levels.present, 1.0)
         root = linear.channel_gradients.T * np.sqrt(2.0 / counts)
         scale = jacobi_scale(linear.hessian)
         scaled = root * scale[:, None]

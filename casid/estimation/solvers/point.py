@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.estimation.solvers.full_noise import FullNoise
 from casid.estimation.solvers.kkt import Reduced
+from casid.estimation.solvers.levels import NoiseLevels
+from casid.estimation.transcriptions.dynamics import Blocks, Trajectory
 from casid.estimation.transcriptions.equation import EquationValue
-from casid.estimation.transcriptions.shooting import Blocks, Trajectory
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,10 +23,22 @@ class Point:
     points: np.ndarray | None = None
 
 
+Levels = NoiseLevels | FullNoise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseState:
+    """What the residuals are weighed with: the levels of the measured channels and, where defects are random, factor
+    (T, n, n), a square root of their covariance. It goes with a value: whoever changes it gets a new one."""
+
+    levels: Levels
+    factor: np.ndarray | None = None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Value:
-    """cost at a point: `rest` of priors and process noise, and what `squares` (channels,), the sums of squared
-    residuals (with a full covariance their moments, see full_noise), cost at the present noise; constraint residuals:
+    """cost at a point, weighed with `noise`: `rest` of priors and process noise, and what `squares` (channels,), the
+    sums of squared residuals (with a full covariance their moments, see full_noise), cost; constraint residuals:
     defects (T, n), limits (rows,) beyond the linear limits, gap of collocation."""
 
     cost: float
@@ -32,6 +46,7 @@ class Value:
     squares: np.ndarray
     trajectory: Trajectory | None
     equations: EquationValue | None
+    noise: NoiseState
     defects: np.ndarray
     limits: np.ndarray
     gap: np.ndarray
@@ -64,7 +79,8 @@ class Step:
 class Linearised:
     """All that one linearisation at a point gives: blocks per segment, reduced systems per record, information matrix
     and gradient in the parameters, the gradient (channels, parameters) of each channel's part of the cost, and the part
-    that the equations have in the information."""
+    that the equations have in the information. `noise` is the value's, with the covariance that random defects have
+    here."""
 
     point: Point
     blocks: Blocks | None
@@ -73,6 +89,7 @@ class Linearised:
     gradient: np.ndarray
     channel_gradients: np.ndarray
     equation_hessian: np.ndarray
+    noise: NoiseState
 
 
 def moved(point: Point, step: Step, length: float) -> Point:

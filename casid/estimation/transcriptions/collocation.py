@@ -15,9 +15,11 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import EstimationError
+from casid.estimation.transcriptions.dynamics import Blocks, Simulated, Slab, Symbols, Trajectory
+from casid.estimation.transcriptions.kernel import whitened
 from casid.estimation.transcriptions.layout import Layout
-from casid.estimation.transcriptions.shooting import Blocks, Slab, Trajectory, whitened
 from casid.estimation.transcriptions.steps import cached, dynamics_function, output_function, quiet
+from casid.estimation.transcriptions.symbolic import collocated
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 
@@ -56,14 +58,16 @@ class Lift:
 class LiftedCollocation:
     """The dynamics of a layout with one sample per segment, by collocation; same interface as `Shooting`."""
 
+    soft, kernel = False, None
+
     def __init__(self, model: Model, free: np.ndarray, layout: Layout, degree: int) -> None:
-        self.layout, self.degree = layout, degree
+        self.layout, self.degree, self._model, self._free = layout, degree, model, free
         count, n = layout.segments, len(model.states)
         self.tau, self.c = radau(degree)
         following = layout.guess[:, 0].copy()
         following[layout.tied] = layout.guess[layout.tied + 1, 0]
         start = layout.guess[:, 0]
-        self.points0 = start[:, None] + self.tau[:, None] * (following - start)[:, None]
+        self.points0: np.ndarray | None = start[:, None] + self.tau[:, None] * (following - start)[:, None]
         u0, u1 = layout.u0[:, 0, None], layout.u1[:, 0, None]
         self.u = u0 + self.tau[:, None] * (u1 - u0)
         self.shape = (count, degree, n)
@@ -76,9 +80,10 @@ class LiftedCollocation:
         self._outputs = outputs.mapped(count)
         self._derivatives = derivatives.mapped(count * degree)
 
-    def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None) -> Trajectory:
+    def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
         """nodes (K, n), parameters (K, model parameters), interior states (K, d, n)."""
         interior = self.points0 if points is None else points
+        assert interior is not None
         count, degree, n = self.shape
         repeated = np.repeat(parameters, degree, axis=0)
         slopes = self._slope(interior, self.u, repeated)[0].reshape(count, degree, n)
@@ -118,6 +123,10 @@ class LiftedCollocation:
         repeated = np.repeat(parameters, self.degree, axis=0)
         rows = self._rows(trajectory, repeated, weights)[segments, None]
         yield Slab(segments=segments, samples=slice(0, 1), rows=rows)
+
+    def symbolic(self, at: Symbols) -> Simulated:
+        """The polynomials as expressions."""
+        return collocated(self._model, self._free, self.layout, self.tau, self.c, at)
 
     def _rows(self, trajectory: Trajectory, repeated: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(K, o, n+f) derivatives of the whitened outputs at the nodes; parameters repeated for every point."""

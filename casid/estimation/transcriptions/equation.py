@@ -56,8 +56,27 @@ def state_equations(model: Model) -> EquationForm:
     )
 
 
+def equation_form(model: Model) -> EquationForm:
+    """The model's own form, its outputs where it has no states, otherwise its state equations."""
+    if model.equation is not None:
+        return model.equation
+    return state_equations(model) if model.states else output_equations(model)
+
+
+def output_equations(model: Model) -> EquationForm:
+    """The outputs of a model without states as an equation-error form: measured outputs against h at the inputs."""
+    y = ca.SX.sym("y", len(model.outputs))
+    return EquationForm(
+        names=model.outputs,
+        channels=(*model.inputs, *model.outputs),
+        m=ca.vertcat(model.u, y),
+        target=y,
+        prediction=quiet(model, model.h),
+    )
+
+
 def _channel(record: Record, name: str) -> np.ndarray:
-    if name in record:
+    if name in record or name == "t":
         return record[name]
     base = name.removesuffix("dot")
     if base != name and base in record:
@@ -65,7 +84,7 @@ def _channel(record: Record, name: str) -> np.ndarray:
     raise EstimationError(
         f"record '{record.name}': the equation error needs the channel '{name}', which is not recorded"
         + (f", nor is '{base}' to differentiate" if base != name else "")
-        + "; use OutputError"
+        + "; record it, or use OutputError where there is one"
     )
 
 
@@ -78,7 +97,7 @@ class EquationPart:
 
     def __init__(self, problem: Problem) -> None:
         self.problem, model = problem, problem.model
-        form = model.equation or state_equations(model)
+        form = equation_form(model)
         self.names = form.names
         residual = form.prediction - form.target
         free = ca.vertcat(*[model.p[int(i)] for i in problem.free_index])
@@ -93,17 +112,24 @@ class EquationPart:
         self._target = compilable("target", form.target)
         self._jacobian = compilable("equation_jacobian", jacobian.T, *problem.free_index)
         self.residual = self._residual.symbolic
-        self.data = [np.stack([_channel(r, name) for name in form.channels], axis=1) for r in problem.records]
+        self.data = [self._signals(record, form.channels) for record in problem.records]
         self._cuts = np.cumsum([len(record) for record in problem.records])[:-1]
+
+    def _signals(self, record: Record, names: tuple[str, ...]) -> np.ndarray:
+        """(N, channels); without states a measured output that is not there is missing, as where it is simulated."""
+        if self.problem.model.states:
+            return np.stack([_channel(record, name) for name in names], axis=1)
+        inputs = [record[name][:, None] for name in self.problem.model.inputs]
+        return np.concatenate([*inputs, self.problem.measured(record)], axis=1)
 
     def _check_parameters(self, jacobian: ca.SX) -> None:
         used = set(jacobian.sparsity().get_col())
         names = self.problem.shared + self.problem.local
         idle = [name for i, name in enumerate(names) if i not in used and not np.isfinite(self._prior(name))]
-        if idle and not hasattr(self.problem.cost, "equation_weight"):
+        if idle and not self.problem.simulated:
+            other = ", or use OutputError or CombinedError" if self.problem.model.states else ""
             raise EstimationError(
-                f"Problem: {', '.join(idle)} stand in no equation of model '{self.problem.model.name}'; "
-                "fix them, or use OutputError or CombinedError"
+                f"Problem: {', '.join(idle)} stand in no equation of model '{self.problem.model.name}'; fix them{other}"
             )
 
     def _prior(self, name: str) -> float:

@@ -204,6 +204,16 @@ def is_dense(weights: np.ndarray) -> bool:
     return bool(np.count_nonzero(weights) > np.count_nonzero(np.diagonal(weights, axis1=1, axis2=2)))
 
 
+def whitened(values: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+    """values (..., o) or (..., o, columns), weighed by the triangle (o, o) of the pattern (...) of their sample."""
+    vector = values.ndim == pattern.ndim + 1
+    if not is_dense(weights):
+        factor = np.diagonal(weights, axis1=1, axis2=2)[pattern]
+        return values * (factor if vector else factor[..., None])
+    matrix = weights[pattern]
+    return (matrix @ values[..., None])[..., 0] if vector else matrix @ values
+
+
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
     """Zeros that start where a vector may."""
     size = int(np.prod(shape))

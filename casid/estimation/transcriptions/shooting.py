@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, is_dense
+from casid.errors import EstimationError
+from casid.estimation.transcriptions.dynamics import Blocks, Simulated, Slab, Symbols, Trajectory
+from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, whitened
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.steps import (
     cached,
@@ -25,62 +25,12 @@ from casid.estimation.transcriptions.steps import (
     stage_functions,
     step_function,
 )
+from casid.estimation.transcriptions.symbolic import shot
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.native.compiler import Batch, Compilable
 
 _SLAB_SAMPLES = 4096  # of which the derivatives are held at once
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Trajectory:
-    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples, end (K, n) state after the last
-    step, squares (K, o) sums of squared residuals where they were gathered on the way; `points`, `gap` are only those
-    of collocation: (K, d, n) interior states and what they leave unsatisfied."""
-
-    states: np.ndarray
-    y: np.ndarray
-    end: np.ndarray
-    squares: np.ndarray | None = None
-    points: np.ndarray | None = None
-    gap: np.ndarray | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Blocks:
-    """Of each segment:
-
-    hessian           (K, n+f, n+f) of 1/2 sum (whitened residual)^2
-    channel_gradient  (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
-    transition, end   the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
-    covariance        (K, n, n) that process noise adds to the end state; None without
-    lift              how interior states follow, only of collocation
-    """
-
-    hessian: np.ndarray
-    channel_gradient: np.ndarray
-    gradient: np.ndarray
-    transition: np.ndarray
-    end: np.ndarray
-    covariance: np.ndarray | None
-    lift: Lift | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Slab:
-    """rows (k, l, o, n+f): derivatives of the whitened outputs in (start state of their segment, parameters), for some
-    segments and some samples of each. All rows of a record at once would take most of the memory."""
-
-    segments: slice
-    samples: slice
-    rows: np.ndarray
-
-
-class Lift(Protocol):
-    """How the interior states of collocation follow a step."""
-
-    def points(self, nodes: np.ndarray, local: np.ndarray, n: int) -> np.ndarray: ...
-    def price(self, tied: np.ndarray, multipliers: np.ndarray, scale: np.ndarray) -> float: ...
 
 
 class Shooting:
@@ -90,7 +40,7 @@ class Shooting:
     feedback   control law in the loop, None without
     """
 
-    points0 = None
+    points0: np.ndarray | None = None
 
     def __init__(
         self,
@@ -127,6 +77,11 @@ class Shooting:
         )
         simulate = step.batch(("simulate", length, count), lambda f: f.mapaccum("simulate", length).map(count))
         return simulate, outputs.mapped(count * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
+
+    @property
+    def soft(self) -> bool:
+        """Whether defects are random with a covariance."""
+        return bool(self.noise_names)
 
     @property
     def kernel(self) -> Kernel | None:
@@ -198,6 +153,15 @@ class Shooting:
             before = after
             yield Slab(segments=own, samples=samples, rows=rows)
 
+    def symbolic(self, at: Symbols) -> Simulated:
+        """The simulation as expressions. Raises EstimationError for a control law in the loop."""
+        if self._feedback is not None:
+            raise EstimationError(
+                "solve: a digital control law in the loop jumps at the samples, which a nonlinear programme does not "
+                "represent; use GaussNewton()"
+            )
+        return shot(self._model, self._free, self.layout, at)
+
     def _packed_for(self, kernel: Kernel) -> Packed:
         """The data in the kernel's order."""
         if self._packed is None:
@@ -268,16 +232,6 @@ class Shooting:
         heights = (n, n, n, o, o)
         parts = (r.reshape(total, rows, r.shape[1])[: k * length] for r, rows in zip(raw, heights, strict=True))
         return [p.reshape(k, length, *p.shape[1:]) for p in parts]
-
-
-def whitened(values: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> np.ndarray:
-    """values (..., o) or (..., o, columns), weighed by the triangle (o, o) of the pattern (...) of their sample."""
-    vector = values.ndim == pattern.ndim + 1
-    if not is_dense(weights):
-        factor = np.diagonal(weights, axis1=1, axis2=2)[pattern]
-        return values * (factor if vector else factor[..., None])
-    matrix = weights[pattern]
-    return (matrix @ values[..., None])[..., 0] if vector else matrix @ values
 
 
 def _plan(segments: slice, length: int, lanes: int) -> Iterator[tuple[slice, slice]]:

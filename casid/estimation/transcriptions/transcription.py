@@ -4,14 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from casid.arguments import number, numbers_by_name, whole
-from casid.errors import InputError
+from casid.errors import EstimationError, InputError
+from casid.estimation.cost import RangeWeights
+from casid.estimation.problem import Problem
+from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.dynamics import Dynamics
+from casid.estimation.transcriptions.layout import build_layout
+from casid.estimation.transcriptions.shooting import Shooting
+
+
+class Transcription(Protocol):
+    """Makes of a problem the segments that solvers work on. Any object with this method is a transcription."""
+
+    def dynamics(self, problem: Problem) -> Dynamics:
+        """The problem's motion on a layout. Raises EstimationError where it cannot represent the problem."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class SingleShooting:
     """One simulation per record from its initial state."""
+
+    def dynamics(self, problem: Problem) -> Dynamics:
+        """One segment per record."""
+        return Shooting(problem.model, problem.free_index, build_layout(problem, None), {}, problem.feedback)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +52,18 @@ class MultipleShooting:
         for name, intensity in numbers_by_name(self.process_noise or {}, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
 
+    def dynamics(self, problem: Problem) -> Dynamics:
+        """Segments of `interval` samples. Raises EstimationError for process noise without a given measurement noise,
+        and InputError where it drives what the model does not have."""
+        noise = dict(self.process_noise or {})
+        if noise and (problem.noise is None or isinstance(problem.noise, RangeWeights | str)):
+            raise EstimationError(
+                "solve: with process noise the measurement noise cannot be read off the residuals; "
+                "give Problem(noise={channel: 1-sigma, ...}) or its covariance"
+            )
+        layout = build_layout(problem, self.interval)
+        return Shooting(problem.model, problem.free_index, layout, noise, problem.feedback)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Collocation:
@@ -44,5 +75,11 @@ class Collocation:
         if whole(self.degree, "Collocation: degree") > 9:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
 
-
-Transcription = SingleShooting | MultipleShooting | Collocation
+    def dynamics(self, problem: Problem) -> Dynamics:
+        """One segment per sample interval. Raises EstimationError for a control law in the loop."""
+        if problem.feedback is not None:
+            raise EstimationError(
+                "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or "
+                "MultipleShooting()"
+            )
+        return LiftedCollocation(problem.model, problem.free_index, build_layout(problem, 1), self.degree)

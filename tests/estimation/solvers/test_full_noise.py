@@ -21,8 +21,9 @@ from casid.estimation import (
     solve,
 )
 from casid.estimation.estimate import build_objective
-from casid.estimation.solvers.full_noise import FullNoise, moments_of
+from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.gauss_newton import _Iteration
+from casid.estimation.solvers.levels import noise_levels
 from casid.filtering.filter_error import filter_error
 from casid.model.system import define_model
 from casid.records.record import Record
@@ -100,27 +101,20 @@ def test_with_missing_samples_the_covariance_is_of_highest_likelihood_and_no_ste
     pattern = rng.integers(0, 4, 300)
     residuals = (rng.standard_normal((300, 3)) @ factor.T) * seen[pattern]
     moments = moments_of(residuals, pattern, seen)
-    counts = np.bincount(pattern, minlength=4)
-    noise = FullNoise(
-        names=("p", "q", "r"),
-        start=np.ones(3),
-        floor=np.zeros(3),
-        given=None,
-        seen=seen,
-        counts=counts,
-        measured=moments,
+    independent = noise_levels(None, ("p", "q", "r"), np.where(seen[pattern] > 0, residuals, np.nan), np.ones(3))
+    noise = full_noise(
+        replace(independent, sigma=np.ones(3), floor=np.zeros(3)), None, ("p", "q", "r"), seen, pattern, residuals
     )
 
     def likelihood(matrix: np.ndarray) -> float:
-        noise.matrix = matrix
-        return noise.log_likelihood(moments)
+        return replace(noise, matrix=matrix).log_likelihood(moments)
 
     at, found = noise.matrix, [noise.log_likelihood(moments)]
     for _ in range(15):
         at = noise._expected(moments, at)
         found.append(likelihood(at))
     assert (np.diff(found) > 0.0).all()
-    noise.relax(moments)
+    noise, _ = noise.relaxed(moments)
     best, top = noise.matrix, noise.log_likelihood(moments)
     assert top >= found[-1]
     for i in range(3):
@@ -136,18 +130,16 @@ def test_a_step_of_the_coordinates_of_the_noise_is_one_standard_deviation(noise)
     """Half the squared step is the fall of the likelihood from its maximum, to second order; with residuals of
     independent channels."""
     objective = build_objective(Problem(short_period(), [measured(0)], free=["*"], noise=noise), MultipleShooting())
-    levels, squares = objective.levels, objective.value(objective.start()).squares
+    levels, squares = objective.noise.levels, objective.value(objective.start()).squares
     if noise == "full":
         squares = squares * np.eye(2)
-    levels.relax(squares)
+    levels, _ = levels.relaxed(squares)
     best, top = levels.coordinates, levels.log_likelihood(squares)
-    sigma = levels.sigma
     for step in 0.01 * np.eye(len(best)):
-        levels.coordinates = best + step
-        np.testing.assert_allclose(levels.coordinates, best + step, rtol=1e-12)
-        assert top - levels.log_likelihood(squares) == pytest.approx(0.5 * 0.01**2, rel=0.01)
-    levels.coordinates = best
-    np.testing.assert_allclose(levels.sigma, sigma, rtol=1e-12)
+        moved = levels.at(best + step)
+        np.testing.assert_allclose(moved.coordinates, best + step, rtol=1e-12)
+        assert top - moved.log_likelihood(squares) == pytest.approx(0.5 * 0.01**2, rel=0.01)
+    np.testing.assert_allclose(levels.at(best).sigma, levels.sigma, rtol=1e-12)
 
 
 @pytest.mark.parametrize("holes", [False, True])
@@ -222,5 +214,5 @@ def test_what_takes_independent_noise_says_so():
 
 
 def test_only_outputs_have_a_covariance():
-    with pytest.raises(EstimationError, match="CombinedError"):
+    with pytest.raises(EstimationError, match="outputs alone"):
         Problem(short_period(), [measured(0)], free=["*"], noise="full", cost=CombinedError())

@@ -48,10 +48,10 @@ def compare(problem: Problem, method: MultipleShooting | SingleShooting) -> dict
     built = ours._offer.get()
     assert built is not None
     fast = ours.trajectory(*given)
-    fast_blocks = ours.blocks(fast, given[1], objective.whitening)
+    fast_blocks = ours.blocks(fast, given[1], objective.whitening(objective.noise.levels))
     ours._offer._kernel = None
     slow = ours.trajectory(*given)
-    slow_blocks = ours.blocks(slow, given[1], objective.whitening)
+    slow_blocks = ours.blocks(slow, given[1], objective.whitening(objective.noise.levels))
     ours._offer._kernel = built
     squares = ((slow.y - objective.layout.z) ** 2 * objective.layout.present).sum(axis=1)
     assert fast.squares is not None

@@ -1,0 +1,141 @@
+"""What a transcription makes of a problem: segments that can be simulated and linearised.
+
+Sizes: K segments, L samples each, n states, f free parameters (of the segment's record), o outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.transcriptions.kernel import Kernel
+from casid.estimation.transcriptions.layout import Layout
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trajectory:
+    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples, end (K, n) state after the last
+    step, squares (K, o) sums of squared residuals where they were gathered on the way; `points`, `gap` are only those
+    of collocation: (K, d, n) interior states and what they leave unsatisfied."""
+
+    states: np.ndarray
+    y: np.ndarray
+    end: np.ndarray
+    squares: np.ndarray | None = None
+    points: np.ndarray | None = None
+    gap: np.ndarray | None = None
+
+
+class Lift(Protocol):
+    """How the interior states of collocation follow a step."""
+
+    def points(self, nodes: np.ndarray, local: np.ndarray, n: int) -> np.ndarray:
+        """(K, d, n) step of the interior states for steps of nodes (K, n) and parameters (K, f)."""
+        ...
+
+    def price(self, tied: np.ndarray, multipliers: np.ndarray, scale: np.ndarray) -> float:
+        """Largest scaled multiplier of the collocation equations, from those of the defects (T, n)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Blocks:
+    """Of each segment:
+
+    hessian           (K, n+f, n+f) of 1/2 sum (whitened residual)^2
+    channel_gradient  (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
+    transition, end   the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
+    covariance        (K, n, n) that process noise adds to the end state; None without
+    lift              how interior states follow, only of collocation
+    """
+
+    hessian: np.ndarray
+    channel_gradient: np.ndarray
+    gradient: np.ndarray
+    transition: np.ndarray
+    end: np.ndarray
+    covariance: np.ndarray | None
+    lift: Lift | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slab:
+    """rows (k, l, o, n+f): derivatives of the whitened outputs in (start state of their segment, parameters), for some
+    segments and some samples of each. All rows of a record at once would take most of the memory."""
+
+    segments: slice
+    samples: slice
+    rows: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Symbols:
+    """The unknowns and data of a nonlinear programme, one column per segment or sample (CasADi MX):
+
+    nodes   (n, K) start states; points (n, K*d) interior states of collocation, None without
+    u0, u1  (m, K*L) inputs at both ends of each sample interval; dt (1, K*L) its length [s]
+    base    (q, K) fixed values of all model parameters; free (f, K) the free ones, which replace theirs
+    """
+
+    nodes: ca.MX
+    points: ca.MX | None
+    u0: ca.MX
+    u1: ca.MX
+    dt: ca.MX
+    base: ca.MX
+    free: ca.MX
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Simulated:
+    """Of a nonlinear programme: states (n, K*L), end (n, K), outputs y (o, K*L), and a column `gap` that must vanish
+    besides the defects."""
+
+    states: ca.MX
+    end: ca.MX
+    y: ca.MX
+    gap: ca.MX
+
+
+class Dynamics(Protocol):
+    """A problem's motion on a layout of segments: what solvers work on.
+
+    `points0` are interior unknowns at the start, None without; `soft` says whether defects are random with the
+    covariance that `blocks` gives; `kernel` eliminates states fast where there is one.
+    """
+
+    layout: Layout
+    points0: np.ndarray | None
+
+    @property
+    def soft(self) -> bool:
+        """Whether defects are random."""
+        ...
+
+    @property
+    def kernel(self) -> Kernel | None:
+        """The compiled kernel when there is one now."""
+        ...
+
+    def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
+        """From nodes (K, n), parameters (K, model parameters) and interior unknowns."""
+        ...
+
+    def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
+        """Linearised along a trajectory; weights (patterns, o, o): the lower triangle that whitens the residuals of
+        each pattern of present samples, zero in the rows and columns of what is missing."""
+        ...
+
+    def slabs(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> Iterator[Slab]:
+        """The rows of some segments in the order of time."""
+        ...
+
+    def symbolic(self, at: Symbols) -> Simulated:
+        """The same motion as expressions, for solvers that take a nonlinear programme."""
+        ...
