@@ -54,11 +54,11 @@ def test_known_covariance_is_generalised_least_squares(method, holes):
     model = define_model(
         "lines",
         states=("theta",),
-        inputs=("delta_e",),
+        inputs=("x",),
         parameters={"a": 0.0, "b": 0.0},
-        outputs=("q", "r", "p"),
+        outputs=("y1", "y2", "y3"),
         dynamics=lambda s: {"theta": -s.theta},
-        output=lambda s: {"q": s.a * s.delta_e + s.b, "r": s.b - 2.0 * s.a, "p": s.a + s.b * s.delta_e},
+        output=lambda s: {"y1": s.a * s.x + s.b, "y2": s.b - 2.0 * s.a, "y3": s.a + s.b * s.x},
     )
     rng = np.random.default_rng(5)
     factor = rng.standard_normal((3, 3))
@@ -74,7 +74,7 @@ def test_known_covariance_is_generalised_least_squares(method, holes):
         weight = np.linalg.inv(R[np.ix_(s, s)])
         information += rows[s].T @ weight @ rows[s]
         right += rows[s].T @ weight @ values[s]
-    channels = dict(zip(("q", "r", "p"), y.T, strict=True)) | {"delta_e": u}
+    channels = dict(zip(("y1", "y2", "y3"), y.T, strict=True)) | {"x": u}
     record = Record(name="m1", t=0.1 * np.arange(60), channels=channels)
     fit = solve(Problem(model, [record], free=["*"], noise=R), method)
     np.testing.assert_allclose(vector(fit), np.linalg.solve(information, right), rtol=1e-8)
