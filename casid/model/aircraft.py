@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from casid.errors import InputError, unknown
@@ -16,6 +17,7 @@ from casid.model.aircraft_file import number, number_table, numbers, toml_text
 from casid.model.aircraft_parts import EffectValue, Inertia
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
 from casid.model.effect import KINDS
+from casid.model.jsbsim import JsbsimAerodynamics, fields_of_jsbsim
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.records.toml_file import read_toml
@@ -154,6 +156,12 @@ class Aircraft:
         return AXES_COEFFICIENTS[self.force_axes]
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of the aircraft: an inertia that cannot be, what another simulation's file leaves out."""
+        own = self.aerodynamics.notes if isinstance(self.aerodynamics, JsbsimAerodynamics) else ()
+        return (*self.inertia.notes, *own)
+
+    @property
     def knots(self) -> dict[str, str]:
         """Name of each value of a free table -> its coefficient."""
         return {name: one.coefficient for one in self.tables if one.free for name in one.knots}
@@ -175,11 +183,40 @@ class Aircraft:
         return replace(self, effects=(*self.effects, *effects))
 
     @classmethod
+    def from_jsbsim(cls, path: str | Path, held: Mapping[str, float] = MappingProxyType({})) -> Aircraft:
+        """The aircraft of a JSBSim file: its metrics, mass balance and aerodynamics, as they are.
+
+        Parameters
+        ----------
+        path : path
+            The XML of the aircraft, `<fdm_config>`.
+        held : mapping of str to float
+            Values of properties, in JSBSim's units, that the recorded surfaces do not decide: `fcs/flap-pos-deg`, ...
+            Without it they are what the file sets, or 0; gear is up where it can be retracted.
+
+        Returns
+        -------
+        Aircraft
+            With derivatives of zero, increments on top of what the file has. Recorded surfaces stand for the control
+            system (delta_a is the left aileron, the right one its negative), recorded thrust for the engines;
+            `notes` say what is held and left out.
+
+        Raises
+        ------
+        InputError
+            For a function or property that cannot be had without JSBSim.
+        """
+        return cls(**fields_of_jsbsim(path, held))
+
+    @classmethod
     def read(cls, path: str | Path) -> Aircraft:
-        """The aircraft of a TOML file; raises InputError that names file, section, key and the nearest valid name."""
+        """The aircraft of a TOML file, or of JSBSim's XML; raises InputError that names file, section, key and the
+        nearest valid name."""
+        if Path(path).suffix.lower() == ".xml":
+            return cls.from_jsbsim(path)
         data = read_toml(path)
         try:
-            return cls(**fields_of(data, Path(path).stem))
+            return cls(**fields_of(data, Path(path)))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 

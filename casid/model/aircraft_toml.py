@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from casid.errors import InputError
-from casid.model.aircraft_file import check_keys, number, quoted, shown, subtable, text
+from casid.model.aerodynamics import Aerodynamics
+from casid.model.aircraft_file import check_keys, number, number_table, quoted, shown, subtable, text
 from casid.model.aircraft_parts import INERTIAS, EffectValue, Inertia
+from casid.model.jsbsim import JsbsimAerodynamics, aerodynamics_of
 from casid.model.tables import read_tables, written_table
 
 POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
 _SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "effects")
-_AERODYNAMICS = ("force_axes", "relative_uncertainty", "derivatives", "terms", "tables", "jsbsim", "daveml", "held")
+_AERODYNAMICS = ("force_axes", "relative_uncertainty", "derivatives", "terms", "tables", "jsbsim", "held")
 _LENGTHS = ("moment_length", "rate_length")
 _EFFECT_KEYS = (
     "kind",
@@ -28,8 +31,8 @@ _EFFECT_KEYS = (
 )
 
 
-def fields_of(data: Mapping[str, Any], stem: str) -> dict[str, Any]:
-    """The fields of `Aircraft` that the tables of a file give; `stem`: its name when it has none. Raises InputError."""
+def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
+    """The fields of `Aircraft` that the tables of `file` give. Raises InputError."""
     check_keys(data, _SECTIONS, "top level", ("aircraft", "reference", "aerodynamics"))
     tables = {name: subtable(data, name, "top level") for name in _SECTIONS if name != "effects"}
     general, aerodynamics, sensors = tables["aircraft"], tables["aerodynamics"], tables["sensors"]
@@ -38,7 +41,7 @@ def fields_of(data: Mapping[str, Any], stem: str) -> dict[str, Any]:
     check_keys(propulsion, ("thrust_line_z", "engine_y"), "[propulsion]")
     check_keys(sensors, (*POSITIONS, "noise"), "[sensors]")
     check_keys(aerodynamics, _AERODYNAMICS, "[aerodynamics]")
-    if not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
+    if not set(aerodynamics) & {"derivatives", "tables", "jsbsim"}:
         raise InputError("[aerodynamics]: 'derivatives' is missing; add it")
     inertia = subtable(general, "inertia", "[aircraft]")
     check_keys(inertia, INERTIAS, "[aircraft] inertia", INERTIAS)
@@ -48,7 +51,7 @@ def fields_of(data: Mapping[str, Any], stem: str) -> dict[str, Any]:
     given |= {name: aerodynamics[name] for name in ("relative_uncertainty",) if name in aerodynamics}
     terms = subtable(aerodynamics, "terms", "[aerodynamics]")
     return {
-        "name": text(general.get("name", stem), "[aircraft] name"),
+        "name": text(general.get("name", file.stem), "[aircraft] name"),
         "mass": general["mass"],
         "inertia": Inertia(**inertia),
         **_reference(tables["reference"]),
@@ -59,8 +62,20 @@ def fields_of(data: Mapping[str, Any], stem: str) -> dict[str, Any]:
         "derivatives": subtable(aerodynamics, "derivatives", "[aerodynamics]"),
         "terms": {name: subtable(terms, name, "[aerodynamics.terms]") for name in terms},
         "tables": read_tables(subtable(aerodynamics, "tables", "[aerodynamics]")),
+        "aerodynamics": _own(aerodynamics, file.parent),
         "effects": _effects(data.get("effects", [])),
     }
+
+
+def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
+    """The aerodynamics of another simulation's file that [aerodynamics] names, relative to the `folder` of this one."""
+    if "jsbsim" not in table:
+        if "held" in table:
+            raise InputError("[aerodynamics]: 'held' is of properties of a JSBSim file; give jsbsim = \"plane.xml\"")
+        return None
+    held = number_table(table.get("held", {}), "[aerodynamics] held")
+    axes = text(table.get("force_axes", "wind"), "[aerodynamics] force_axes")
+    return aerodynamics_of(folder / text(table["jsbsim"], "[aerodynamics] jsbsim"), held, axes)
 
 
 def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,7 +126,8 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
     yield "[sensors]", {name: getattr(a, name) for name in POSITIONS}
     optional = (("[sensors.noise]", a.noise), ("[trim]", a.trim))
     yield from ((header, table) for header, table in optional if table)
-    yield "[aerodynamics]", {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
+    general = {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
+    yield "[aerodynamics]", general | _written_own(a.aerodynamics)
     if a.derivatives or not a.tables:
         yield "[aerodynamics.derivatives]", a.derivatives
     if a.terms:
@@ -120,3 +136,11 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
     for effect in a.effects:
         table = {key: getattr(effect, key) for key in _EFFECT_KEYS}
         yield "[[effects]]", {k: v for k, v in table.items() if k in ("value", "std") or v not in (None, "", (), {})}
+
+
+def _written_own(aerodynamics: Aerodynamics | None) -> dict[str, Any]:
+    if aerodynamics is None:
+        return {}
+    if isinstance(aerodynamics, JsbsimAerodynamics):
+        return {"jsbsim": aerodynamics.path, "held": dict(aerodynamics.held)}
+    raise InputError("its aerodynamics are a Python function, which a file cannot hold; keep the Aircraft in Python")

@@ -1,0 +1,161 @@
+"""The aerodynamics of a JSBSim file as a function of the regressors: coefficients of casid, about the c.g."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.jsbsim.functions import value_of
+from casid.model.jsbsim.properties import Metrics, Properties
+from casid.model.jsbsim.source import amount, body_arm, part, place
+from casid.model.terms import VARIABLES
+
+_FORCES = (("DRAG", "SIDE", "LIFT"), ("AXIAL", "SIDE", "NORMAL"), ("X", "Y", "Z"))
+_MOMENTS = ("ROLL", "PITCH", "YAW")
+_LIFT_SQUARED = "aero/cl-squared"
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsbsimAerodynamics:
+    """`<aerodynamics>` of a file.
+
+    path   of the aircraft's XML, and its `text` with all that it includes, as it was read
+    held   pairs of property and value that the user holds
+    cg     centre of gravity [ft], structural axes, about which moments are taken
+    axes   "wind": CL CD CY, "body": CX CZ CY
+    """
+
+    path: str
+    text: str = field(repr=False)
+    cg: tuple[float, float, float]
+    held: tuple[tuple[str, float], ...] = ()
+    axes: str = "wind"
+
+    def __call__(self, s: Any) -> dict[str, Any]:
+        """Coefficient -> expression in the quantities of `Aircraft.aerodynamics`. Raises InputError."""
+        return self.coefficients(s)[0]
+
+    @property
+    def taken_as_held(self) -> dict[str, float]:
+        """Properties of the control system, engines and systems that are held, with their values."""
+        names = (*VARIABLES, "airspeed", "qbar", "rho", "thrust")
+        return self.coefficients(SimpleNamespace(**{name: ca.SX.sym(name) for name in names}))[1].held
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of the file is left out, and what is held."""
+        held = self.taken_as_held | dict(self.held)
+        shown = ", ".join(f"{name} = {value:g}" for name, value in sorted(held.items()))
+        left_out = "recorded surfaces and thrust stand for its control system and engines, which are left out"
+        return (f"JSBSim file: {left_out}; held are {shown}",)
+
+    def coefficients(self, s: Any) -> tuple[dict[str, Any], Properties]:
+        """The coefficients, and the properties that were looked up for them."""
+        root = _root(self.text)
+        aerodynamics = part(root, "aerodynamics")
+        functions = {node.get("name", "").strip(): node for node in aerodynamics.iter("function") if node.get("name")}
+        look = Properties(s, metrics_of(root), functions, root)
+        look.given |= dict(self.held)
+        try:
+            total = _forces_and_moments(aerodynamics, look, metrics_of(root))
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+        force, moment = total[:3], total[3:]
+        dx, dy, dz = (float(x) for x in body_arm(place(_reference(root)), np.array(self.cg)))
+        dx = dx + _shift(aerodynamics, look, metrics_of(root))
+        fx, fy, fz = force
+        moment = [moment[0] + dy * fz - dz * fy, moment[1] + dz * fx - dx * fz, moment[2] + dx * fy - dy * fx]
+        m = metrics_of(root)
+        found = {"Cl": moment[0] / m["bw-ft"], "Cm": moment[1] / m["cbarw-ft"], "Cn": moment[2] / m["bw-ft"], "CY": fy}
+        if self.axes == "body":
+            return found | {"CX": fx, "CZ": fz}, look
+        sin_a, cos_a = ca.sin(s.alpha), ca.cos(s.alpha)
+        return found | {"CL": fx * sin_a - fz * cos_a, "CD": -fx * cos_a - fz * sin_a}, look
+
+
+@lru_cache(maxsize=16)
+def _root(text: str) -> ET.Element:
+    return ET.fromstring(text)
+
+
+def metrics_of(root: ET.Element) -> Metrics:
+    """Raises InputError when wing area, span or chord is missing."""
+    node = part(root, "metrics")
+    values = {
+        "Sw-sqft": amount(part(node, "wingarea"), "FT2"),
+        "bw-ft": amount(part(node, "wingspan"), "FT"),
+        "cbarw-ft": amount(part(node, "chord"), "FT"),
+        "iw-rad": amount(node.find("wing_incidence"), "DEG"),
+        "Sh-sqft": amount(node.find("htailarea"), "FT2"),
+        "lh-ft": amount(node.find("htailarm"), "FT"),
+        "Sv-sqft": amount(node.find("vtailarea"), "FT2"),
+        "lv-ft": amount(node.find("vtailarm"), "FT"),
+    }
+    for name, tag in (("Sw-sqft", "wingarea"), ("bw-ft", "wingspan"), ("cbarw-ft", "chord")):
+        if values[name] <= 0.0:
+            raise InputError(f"<metrics>: <{tag}> must be positive, got {values[name]:g}")
+    return Metrics(values=values)
+
+
+def _reference(root: ET.Element) -> ET.Element:
+    for node in part(root, "metrics").findall("location"):
+        if node.get("name") == "AERORP":
+            return node
+    raise InputError("<metrics> has no location AERORP, about which aerodynamic moments are given")
+
+
+def _shift(aerodynamics: ET.Element, look: Properties, metrics: Metrics) -> Any:
+    """By how much the reference point moves forward [ft]: structural x, in chords, points aft."""
+    node = aerodynamics.find("aero_ref_pt_shift_x")
+    if node is None:
+        return 0.0
+    return -value_of(part(node, "function"), look) * metrics["cbarw-ft"]
+
+
+def _forces_and_moments(aerodynamics: ET.Element, look: Properties, metrics: Metrics) -> list[Any]:
+    """X Y Z L M N about the reference point, over dynamic pressure and wing area."""
+    axes: dict[str, list[ET.Element]] = {}
+    for axis in aerodynamics.findall("axis"):
+        if axis.get("frame") or axis.get("unit", "LBS") != "LBS":
+            raise InputError(f'<axis name="{axis.get("name")}"> in a frame or unit of its own is not read')
+        axes.setdefault(axis.get("name", "").strip(), []).extend(axis.findall("function"))
+    known = {name for names in (*_FORCES, _MOMENTS) for name in names}
+    for name in axes:
+        if name not in known:
+            raise InputError(f'<axis name="{name}"> is not read; expected one of {", ".join(sorted(known))}')
+    scale = look("aero/qbar-psf") * metrics["Sw-sqft"]
+
+    def total(name: str) -> Any:
+        return sum((value_of(node, look) for node in axes.get(name, ())), ca.SX(0.0)) / scale
+
+    frames = [names for names in _FORCES if (set(names) - {"SIDE"}) & set(axes)]
+    if len(frames) > 1:
+        raise InputError(f"forces along {' and '.join('/'.join(names) for names in frames)} at once are not read")
+    names = frames[0] if frames else _FORCES[0]
+    if names[0] == "DRAG":
+        lift = total("LIFT")
+        look.values[_LIFT_SQUARED] = lift**2
+        force = _wind_to_body(total("DRAG"), total("SIDE"), lift, look)
+    else:
+        sign = -1.0 if names[0] == "AXIAL" else 1.0
+        force = [sign * total(names[0]), total(names[1]), sign * total(names[2])]
+    return [*force, *(total(name) for name in _MOMENTS)]
+
+
+def _wind_to_body(drag: Any, side: Any, lift: Any, look: Mapping[str, Any] | Properties) -> list[Any]:
+    assert isinstance(look, Properties)
+    alpha, beta = look("aero/alpha-rad"), look("aero/beta-rad")
+    sin_a, cos_a, sin_b, cos_b = ca.sin(alpha), ca.cos(alpha), ca.sin(beta), ca.cos(beta)
+    return [
+        -drag * cos_a * cos_b - side * cos_a * sin_b + lift * sin_a,
+        -drag * sin_b + side * cos_b,
+        -drag * sin_a * cos_b - side * sin_a * sin_b - lift * cos_a,
+    ]

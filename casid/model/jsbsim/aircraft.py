@@ -1,0 +1,87 @@
+"""A JSBSim aircraft as the fields of `Aircraft`: metrics, mass balance, aerodynamics.
+
+What is recorded enters as it is recorded: surfaces, thrust along body x, density. Control system, engines, ground and
+weather of the file are left out.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.aircraft_file import number
+from casid.model.aircraft_parts import Inertia
+from casid.model.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
+from casid.model.jsbsim.mass import mass_properties
+from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, body_arm, load, place
+
+_LATERAL = ("0", "beta", "p", "r", "delta_a", "delta_r")
+# derivatives that are increments, zero at first, on top of what the file has
+INCREMENTS: Mapping[str, tuple[str, ...]] = {
+    "CL": ("0", "alpha", "q", "delta_e"),
+    "CD": ("0", "alpha"),
+    "CY": _LATERAL,
+    "Cl": _LATERAL,
+    "Cm": ("0", "alpha", "q", "delta_e"),
+    "Cn": _LATERAL,
+}
+
+
+def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, Any]:
+    """Fields of `Aircraft`, with zero increments for derivatives. Raises InputError for what cannot be read."""
+    root = load(path)
+    try:
+        metrics, mass = metrics_of(root), mass_properties(root)
+        J = mass.inertia * SLUG * FT**2
+        given = {name: number(value, f"held: '{name}'") for name, value in held.items()}
+        aerodynamics = aerodynamics_of(path, given)
+        return {
+            "name": root.get("name", Path(path).stem),
+            "mass": mass.weight / LBS_PER_SLUG * SLUG,
+            "inertia": Inertia(Ixx=J[0, 0], Iyy=J[1, 1], Izz=J[2, 2], Ixz=-J[0, 2]),
+            "area": metrics["Sw-sqft"] * FT**2,
+            "moment_length_lateral": metrics["bw-ft"] * FT,
+            "moment_length_pitch": metrics["cbarw-ft"] * FT,
+            "rate_length_lateral": metrics["bw-ft"] * FT / 2.0,
+            "rate_length_pitch": metrics["cbarw-ft"] * FT / 2.0,
+            **_propulsion(root, mass.cg),
+            "derivatives": {f"{c}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
+            "aerodynamics": aerodynamics,
+        }
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+def aerodynamics_of(path: str | Path, held: Mapping[str, float], axes: str = "wind") -> JsbsimAerodynamics:
+    """The aerodynamics of a file in force `axes`; gear that cannot be retracted is down. Raises InputError."""
+    root = load(path)
+    gear = {"gear/gear-pos-norm": 0.0 if _retracts(root) else 1.0}
+    cg = mass_properties(root).cg
+    made = JsbsimAerodynamics(
+        path=str(Path(path).resolve()),
+        text=ET.tostring(root, encoding="unicode"),
+        cg=(float(cg[0]), float(cg[1]), float(cg[2])),
+        held=tuple(sorted((gear | dict(held)).items())),
+        axes=axes,
+    )
+    made.taken_as_held  # noqa: B018  raises for what cannot be read
+    return made
+
+
+def _retracts(root: ET.Element) -> bool:
+    legs = root.iterfind("ground_reactions/contact/retractable")
+    return any((leg.text or "").strip() not in ("", "0") for leg in legs)
+
+
+def _propulsion(root: ET.Element, cg: np.ndarray) -> dict[str, Any]:
+    """Where thrusters are, about the c.g.: mean height of the thrust line, and each engine's y."""
+    found = [node for node in root.iterfind("propulsion/engine/thruster/location")]
+    arms = [body_arm(place(node), cg) * FT for node in found]
+    if not arms:
+        return {}
+    return {"thrust_line_z": float(np.mean([arm[2] for arm in arms])), "engine_y": tuple(float(a[1]) for a in arms)}

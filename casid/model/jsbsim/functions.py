@@ -1,0 +1,134 @@
+"""JSBSim's <function>: its tree of operators and tables as an expression."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.grid import Grid
+from casid.model.jsbsim.source import number_of
+
+Look = Callable[[str], Any]  # property -> its expression
+
+_ONE: dict[str, Callable[[Any], Any]] = {
+    "abs": ca.fabs,
+    "sqrt": ca.sqrt,
+    "exp": ca.exp,
+    "ln": ca.log,
+    "log2": lambda x: ca.log(x) / math.log(2.0),
+    "log10": ca.log10,
+    "sign": lambda x: ca.if_else(x < 0.0, -1.0, 1.0),
+    "sin": ca.sin,
+    "cos": ca.cos,
+    "tan": ca.tan,
+    "asin": ca.asin,
+    "acos": ca.acos,
+    "atan": ca.atan,
+    "toradians": lambda x: x * (math.pi / 180.0),
+    "todegrees": lambda x: x * (180.0 / math.pi),
+    "floor": ca.floor,
+    "ceil": ca.ceil,
+    "not": ca.logic_not,
+}
+_TWO: dict[str, Callable[[Any, Any], Any]] = {
+    "quotient": lambda a, b: a / b,
+    "pow": lambda a, b: a**b,
+    "atan2": ca.atan2,
+    "lt": lambda a, b: a < b,
+    "le": lambda a, b: a <= b,
+    "gt": lambda a, b: a > b,
+    "ge": lambda a, b: a >= b,
+    "eq": lambda a, b: a == b,
+    "nq": lambda a, b: a != b,
+}
+_MANY: dict[str, Callable[[Sequence[Any]], Any]] = {
+    "product": lambda x: reduce(lambda a, b: a * b, x),
+    "sum": lambda x: reduce(lambda a, b: a + b, x),
+    "difference": lambda x: reduce(lambda a, b: a - b, x),
+    "min": lambda x: reduce(ca.fmin, x),
+    "max": lambda x: reduce(ca.fmax, x),
+    "avg": lambda x: reduce(lambda a, b: a + b, x) / len(x),
+    "and": lambda x: reduce(ca.logic_and, x),
+    "or": lambda x: reduce(ca.logic_or, x),
+    "ifthen": lambda x: ca.if_else(x[0], x[1], x[2]),
+}
+_SAID = ("description", "documentation")
+
+
+def value_of(node: ET.Element, look: Look) -> Any:
+    """The value of a node of a function, properties by `look`. Raises InputError for an operator that is not known."""
+    tag = node.tag
+    if tag in ("property", "p"):
+        return look((node.text or "").strip())
+    if tag in ("value", "v"):
+        return ca.SX(number_of(node.text, tag))
+    if tag == "pi":
+        return ca.SX(math.pi)
+    if tag in ("table", "t"):
+        return _look_up(node, look)
+    given = [value_of(child, look) for child in node if child.tag not in _SAID]
+    if tag == "function":
+        return given[0] if given else ca.SX(0.0)
+    if tag in _ONE and len(given) == 1:
+        return _ONE[tag](given[0])
+    if tag in _TWO and len(given) == 2:
+        return _TWO[tag](*given)
+    if tag in _MANY and given and (tag != "ifthen" or len(given) == 3):
+        return _MANY[tag](given)
+    raise InputError(f"<{tag}> with {len(given)} arguments is no operator of a function that casid reads")
+
+
+def _look_up(node: ET.Element, look: Look) -> Any:
+    variables = node.findall("independentVar")
+    rows = {child.get("lookup", "row"): look((child.text or "").strip()) for child in variables}
+    data = node.findall("tableData")
+    if not variables or not data:
+        raise InputError(f"<table> '{node.get('name', '')}' has no independentVar or no tableData")
+    if set(rows) - {"row", "column", "table"}:
+        raise InputError("<table> of four dimensions is not read")
+    if len(variables) == 1:
+        numbers = _numbers(data[0])
+        return _grid([numbers[::2]], numbers[1::2]).at(rows["row"])
+    pages = [_page(one) for one in data]
+    if len(variables) == 2:
+        return pages[0].at(rows["row"], rows["column"])
+    stations = [number_of(one.get("breakPoint"), "tableData breakPoint") for one in data]
+    axes = [sorted({x for page in pages for x in page.breakpoints[i]}) for i in (0, 1)]
+    # a page is bilinear between the breakpoints of all pages, too
+    values = np.concatenate([_resampled(page, *axes) for page in pages])
+    return _grid([stations, *axes], values.tolist()).at(rows["table"], rows["row"], rows["column"])
+
+
+def _page(node: ET.Element) -> Grid:
+    """A table of two dimensions: keys of the columns in the first line, of the row in the first column."""
+    lines = [line.split() for line in (node.text or "").splitlines() if line.split()]
+    columns = [number_of(x, "tableData") for x in lines[0]]
+    rows = [[number_of(x, "tableData") for x in line] for line in lines[1:]]
+    if any(len(row) != len(columns) + 1 for row in rows):
+        raise InputError("<tableData>: a row has not as many values as there are columns")
+    return _grid([[row[0] for row in rows], columns], [x for row in rows for x in row[1:]])
+
+
+def _resampled(page: Grid, rows: Sequence[float], columns: Sequence[float]) -> np.ndarray:
+    x = ca.SX.sym("x", 2)
+    at = ca.Function("page", [x], [page.at(x[0], x[1])])
+    mesh = np.stack(np.meshgrid(rows, columns, indexing="ij")).reshape(2, -1)
+    return at(mesh).full()[0]
+
+
+def _grid(axes: Sequence[Sequence[float]], values: Sequence[float]) -> Grid:
+    return Grid(breakpoints=tuple(map(tuple, axes)), values=tuple(values))
+
+
+def _numbers(node: ET.Element) -> list[float]:
+    found = [number_of(x, "tableData") for x in (node.text or "").split()]
+    if len(found) % 2:
+        raise InputError("<tableData> of one dimension must have pairs of numbers")
+    return found
