@@ -55,6 +55,11 @@ class Evidence:
         """Whether a coefficient is more bent than usual."""
         return max(self.scales.values(), default=1.0) > 1.0
 
+    @property
+    def small_information(self) -> np.ndarray:
+        """Inverse of the prior covariance of the small terms, in units of `factors`, at a scale of one."""
+        return self._sums.alike
+
     def deviance_as_bent(self, scales: Mapping[str, float]) -> float:
         """The deviance if no coefficient were more bent than `scales` says."""
         least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}

@@ -52,7 +52,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
             at = onset_grid(evidence, length=values.get("length", np.inf)) if onsets is None else onsets
             rows += [(effect, values, float(onset)) for onset in at]
     rows.sort(key=lambda row: row[2] or 0.0)  # what has not begun yet needs no work
-    symbolic = _symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
+    symbolic = symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     direct = [row for row in rows if not _a_history(row[0])]
     known = [row for row in rows if _a_history(row[0])]
 
@@ -93,7 +93,7 @@ def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -
     ]
 
 
-def _symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """name -> (Y, F) of symbolic effects, from the Jacobians of a model that has them all at their null."""
     already = [a.effect for a in base.attached]
     effects = [e for e in effects if e.name not in {a.name for a in already}]

@@ -27,7 +27,7 @@ class Belief:
     probability  that it is there;  matters  that it is there and of a size that matters
     log_odds     of all explanations that have it against all that have not
     size, std    of its size, averaged over the explanations that have it
-    column       its most probable shape
+    column       its most probable shape: the column that stood for it
     alike        the rest of the smallest set of causes that stand for each other and holds 95 %, with probabilities
     together     probability that one of that set is there and matters
     """
@@ -39,7 +39,7 @@ class Belief:
     log_odds: float
     size: float
     std: float
-    column: int
+    column: CauseColumn
     alike: tuple[tuple[str, float], ...]
     together: float
 
@@ -73,33 +73,46 @@ class Posterior:
         return tuple(found)
 
 
-def posterior(found: Found) -> Posterior:
-    """What the explanations of a search say together."""
-    logs = np.array([one.log for one in found.explanations])
+def posterior(found: Found, *others: Found) -> Posterior:
+    """What the explanations of a search say together.
+
+    others  searches about other fits, of rivals that were fitted as wholes: what such a one says of the names that it
+            was fitted with, those of its best explanation, counts in place of what the first predicts of them
+    """
+    pairs = _together(found, others)
+    logs = np.array([one.log for _, one in pairs])
     weights = np.exp(logs - _log_sum(logs))
     by_names: dict[frozenset[str], float] = defaultdict(float)
     unknown: dict[str, float] = defaultdict(float)
-    columns = found.asked.causes
     adequate = 0.0
-    for one, weight in zip(found.explanations, weights, strict=True):
+    for (of, one), weight in zip(pairs, weights, strict=True):
         by_names[one.names] += float(weight)
         nothing = float(weight)
         for (name, _, _), large in zip(one.unknown, one.large, strict=True):
             unknown[name] += float(weight) * large
             nothing *= 1.0 - large
-        for p in _matter(columns, one):
+        for p in _matter(of.asked.causes, one):
             nothing *= 1.0 - p
         adequate += nothing
-    pairs = tuple(zip(found.explanations, weights.tolist(), strict=True))
+    weighed = [(of, one, float(weight)) for (of, one), weight in zip(pairs, weights, strict=True)]
     return Posterior(
         explanations=_ranked(by_names),
-        causes=_beliefs(found, pairs),
+        causes=_beliefs(found, weighed),
         unknown=_ranked(unknown),
-        adequate=adequate,
-        best=found.explanations[0],
-        weights=pairs,
+        adequate=min(adequate, 1.0),
+        best=max(pairs, key=lambda pair: pair[1].log)[1],
+        weights=tuple((one, weight) for _, one, weight in weighed),
         threshold=found.priors.named,
     )
+
+
+def _together(found: Found, others: Sequence[Found]) -> list[tuple[Found, Explanation]]:
+    """Every explanation, as the fit says that was made for it."""
+    refitted = {
+        of.explanations[0].names: of for of in others if of.explanations[0].names != found.explanations[0].names
+    }
+    pairs = [(found, one) for one in found.explanations if one.names not in refitted]
+    return pairs + [(of, one) for names, of in refitted.items() for one in of.explanations if one.names == names]
 
 
 def _log_sum(logs: Sequence[float] | np.ndarray) -> float:
@@ -120,74 +133,80 @@ def _matter(columns: Sequence[CauseColumn], one: Explanation) -> list[float]:
     return found
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Part:
-    """A cause in an explanation: the explanation's number and weight, its column, size, and whether that matters."""
+    """A cause in an explanation: the explanation's number, log and weight, its column, size, and whether that
+    matters."""
 
     number: int
+    log: float
     weight: float
-    column: int
+    column: CauseColumn
     size: float
     std: float
     matters: float
 
 
-def _beliefs(found: Found, pairs: Sequence[tuple[Explanation, float]]) -> tuple[Belief, ...]:
-    columns = found.asked.causes
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _About:
+    """By name of a cause: its parts in all explanations, its probability, and the column of its most probable part;
+    and the logs of all explanations."""
+
+    found: Found
+    parts: Mapping[str, Sequence[_Part]]
+    likely: Mapping[str, float]
+    foremost: Mapping[str, CauseColumn]
+    logs: Sequence[float]
+
+
+def _beliefs(found: Found, weighed: Sequence[tuple[Found, Explanation, float]]) -> tuple[Belief, ...]:
     parts: dict[str, list[_Part]] = defaultdict(list)
-    for number, (one, weight) in enumerate(pairs):
+    for number, (of, one, weight) in enumerate(weighed):
+        columns = of.asked.causes
         matter = _matter(columns, one)
         for element, (mean, std), p in zip(one.elements, one.amplitudes, matter, strict=True):
             column = columns[element.column]
             part = _Part(
                 number=number,
+                log=one.log,
                 weight=weight,
-                column=element.column,
+                column=column,
                 size=mean * column.value,
                 std=std * abs(column.value),
                 matters=p,
             )
             parts[column.name].append(part)
-    logs = {name: _log_sum([pairs[p.number][0].log for p in of]) for name, of in parts.items()}
-    likely = {name: min(sum(p.weight for p in of), 1.0) for name, of in parts.items()}
-    foremost = {name: max(of, key=lambda p: (p.weight, -p.number)).column for name, of in parts.items()}
-    about = _About(found=found, parts=parts, likely=likely, foremost=foremost)
-    beliefs = [_belief(about, name, logs[name]) for name in parts]
+    about = _About(
+        found=found,
+        parts=parts,
+        likely={name: min(sum(p.weight for p in of), 1.0) for name, of in parts.items()},
+        foremost={name: max(of, key=lambda p: (p.weight, -p.number)).column for name, of in parts.items()},
+        logs=[one.log for _, one, _ in weighed],
+    )
+    beliefs = [_belief(about, name) for name in parts]
     return tuple(sorted(beliefs, key=lambda one: (-one.probability, -one.log_odds, one.name)))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _About:
-    """By name of a cause: its parts in all explanations, its probability, and the column of its most probable part."""
-
-    found: Found
-    parts: Mapping[str, Sequence[_Part]]
-    likely: Mapping[str, float]
-    foremost: Mapping[str, int]
-
-
-def _belief(about: _About, name: str, log: float) -> Belief:
-    found, mine = about.found, about.parts[name]
+def _belief(about: _About, name: str) -> Belief:
+    mine = about.parts[name]
     weight = np.array([p.weight for p in mine])
     share = weight / max(float(weight.sum()), 1e-300)
     sizes, stds = np.array([p.size for p in mine]), np.array([p.std for p in mine])
     size = float(share @ sizes)
-    by_column: dict[int, float] = defaultdict(float)
-    for p in mine:
-        by_column[p.column] += p.weight
-    column = max(by_column, key=lambda c: (by_column[c], -c))
-    others = [one.log for one in found.explanations if name not in one.names]
-    against = max(found.without.get(name, -np.inf), _log_sum(others))
+    having = {p.number for p in mine}
+    against = _log_sum([log for number, log in enumerate(about.logs) if number not in having])
+    if name in about.found.without:
+        against = max(against, about.found.without[name].log)
     alike, together = _set(about, name)
     return Belief(
         name=name,
-        kind=found.asked.causes[column].kind,
-        probability=min(float(weight.sum()), 1.0),
+        kind=about.foremost[name].kind,
+        probability=about.likely[name],
         matters=float(weight @ np.array([p.matters for p in mine])),
-        log_odds=log - against,
+        log_odds=_log_sum([p.log for p in mine]) - against,
         size=size,
         std=float(np.sqrt(share @ (stds**2 + (sizes - size) ** 2))),
-        column=column,
+        column=about.foremost[name],
         alike=alike,
         together=together,
     )
@@ -218,5 +237,10 @@ def _set(about: _About, name: str) -> tuple[tuple[tuple[str, float], ...], float
 def _exchangeable(about: _About, one: str, other: str) -> bool:
     """Whether two causes may stand for each other: by their tags, or by how alike their responses are."""
     a, b = about.foremost[one], about.foremost[other]
-    tags = about.found.asked.causes[a].alike, about.found.asked.causes[b].alike
-    return (tags[0] != "" and tags[0] == tags[1]) or abs(float(about.found.alike[a, b])) > _ALIKE
+    columns = about.found.asked.causes
+    if a.alike and a.alike == b.alike:
+        return True
+    of_one, of_other = ([i for i, c in enumerate(columns) if c.name == name] for name in (one, other))
+    if a in columns and b in columns:
+        of_one, of_other = [columns.index(a)], [columns.index(b)]
+    return bool(of_one and of_other) and float(np.abs(about.found.alike[np.ix_(of_one, of_other)]).max()) > _ALIKE

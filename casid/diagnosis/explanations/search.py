@@ -48,14 +48,16 @@ _Key = tuple[int, tuple[int, ...]]  # number of the loosened history, -1 for non
 class Found:
     """What a search found: explanations that are not negligible, best first, none twice.
 
-    without  name of a cause -> the largest log weight of any explanation without it
+    without  name of a cause -> the best explanation without it
+    nothing  log weight of the best explanation without any cause
     alike    (causes, causes) cosines of the responses to the causes' columns, as far as the background leaves them
     """
 
     sums: Sums
     priors: Priors
     explanations: tuple[Explanation, ...]
-    without: Mapping[str, float]
+    without: Mapping[str, Explanation]
+    nothing: float
     alike: np.ndarray
 
     @property
@@ -73,7 +75,8 @@ def search_sums(sums: Sums, priors: Priors) -> Found:
     ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
     helds: dict[tuple[float, tuple[Unknown, ...]], Held] = {}
     found: dict[object, Explanation] = {}
-    without: dict[str, float] = {}
+    without: dict[str, Explanation] = {}
+    nothing = -np.inf
     large: dict[Unknown, float] = {}
     alike: dict[object, np.ndarray] = {}
     todo, done = [(level, (), ones) for level in priors.base], list[object]()
@@ -87,8 +90,10 @@ def search_sums(sums: Sums, priors: Priors) -> Found:
             for explanation in one.run():
                 found.setdefault((explanation.setting, explanation.unknown, explanation.elements), explanation)
                 alike.setdefault(explanation.setting, one.back.K)
-            for name, log in one.without().items():
-                without[name] = max(without.get(name, -np.inf), log)
+            for name, other in one.without().items():
+                if name not in without or other.log > without[name].log:
+                    without[name] = other
+            nothing = max(nothing, one.nothing)
         best = max(found.values(), key=lambda one: one.log)
         if not todo:
             large |= dict(zip(best.unknown, best.large, strict=True))
@@ -98,7 +103,14 @@ def search_sums(sums: Sums, priors: Priors) -> Found:
     kept = sorted((one for one in found.values() if one.log > best.log - _NEGLIGIBLE), key=lambda one: -one.log)
     K = alike[best.setting]
     unit = 1.0 / np.sqrt(np.maximum(np.diag(K), 1e-300))
-    return Found(sums=sums, priors=priors, explanations=tuple(kept), without=without, alike=K * unit[:, None] * unit)
+    return Found(
+        sums=sums,
+        priors=priors,
+        explanations=tuple(kept),
+        without=without,
+        nothing=nothing,
+        alike=K * unit[:, None] * unit,
+    )
 
 
 def _asked_for(
@@ -287,15 +299,20 @@ class _Search:
                 self._note(state)
                 self._children(state)
 
-    def without(self) -> dict[str, float]:
-        """Name of a cause that counts -> the largest log weight of an explanation without it."""
-        base = self.back.log + self.back.log_prior
+    @property
+    def nothing(self) -> float:
+        """Log weight of the best explanation without any cause."""
+        bare = max(sum(weight) for (_, entries), weight in self.found.items() if not entries)
+        return self.back.log + self.back.log_prior + bare
+
+    def without(self) -> dict[str, Explanation]:
+        """Name of a cause that counts -> the best explanation without it."""
         ranked = sorted(((sum(weight), key) for key, weight in self.found.items()), reverse=True)
         names = {int(self.name[e]) for total, (_, entries) in ranked if self._counts(total) for e in entries}
         found = {}
-        for name in names:
-            total = next(total for total, (_, entries) in ranked if name not in self.name[list(entries)])
-            found[self.causes[int(self.column[np.argmax(self.name == name)])].name] = base + total
+        for name in sorted(names):
+            key = next(key for _, key in ranked if name not in self.name[list(key[1])])
+            found[self.causes[int(self.column[np.argmax(self.name == name)])].name] = self._explanation(key)
         return found
 
     def _explanation(self, key: _Key) -> Explanation:

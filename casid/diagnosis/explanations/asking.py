@@ -1,0 +1,199 @@
+"""What a fitted aircraft asks the score: its innovations, and the columns of all that could be in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from casid.diagnosis.evidence.coefficients import coefficient_series
+from casid.diagnosis.evidence.evidence import Evidence
+from casid.diagnosis.evidence.missing_input import READING, response, stations
+from casid.diagnosis.explanations.explanation import CauseColumn, Entrance, Innovations, Port, RecordColumns
+from casid.diagnosis.explanations.pool import Competitor, unit_of
+from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.explanations.responses import responses
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming.size import SHARE
+from casid.model.causes import sensor_bias
+from casid.model.effects import catalogue
+
+TURBULENCE = "turbulence"
+# m/s, of which a share matters: of the speed, as of a bias of V, and across it, where it is an angle
+WIND: Mapping[str, float] = MappingProxyType({"wind_x": 20.0, "wind_y": 3.0, "wind_z": 3.0})
+_SPACING, _MOST_NODES = 0.5, 400  # s, between nodes, and of all records: longer ones are looked at less finely
+_LEAST = 1e-3  # of a further value of an attached effect, that it may be off by
+_FURTHER = 0.5  # part of it that it may be off by
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Asked:
+    """The question, and what its columns stand for: of each the effect, at unit amplitude, or as it is attached."""
+
+    innovations: Innovations
+    fit: Fit
+    ones: tuple[Attached, ...]
+
+
+def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Mapping[str, CauseColumn]) -> Asked:
+    """The question of a fit.
+
+    own  name of an attached effect that is to compete as a cause -> the column that it was found as
+    """
+    base = evidence.fit
+    attached = [one for one in base.attached if one.name in own]
+    slots = _slots(base, attached)
+    columns = [_own_column(base, one, own[one.name], priors) for one in attached]
+    ones, white, which = [*attached], _own_responses(base, attached), list(range(len(attached)))
+    known: dict[object, int] = {}
+    wanted: list[Attached] = []
+    for c in found:
+        key = c.one.name, tuple(sorted(c.one.onsets.items())), tuple(sorted(c.one.values.items()))
+        if key not in known:
+            known[key] = len(white) + len(wanted)
+            wanted.append(replace(c.one, records=()))
+        which.append(known[key])
+        ones.append(c.one)
+        columns.append(c.column)
+    white += responses(base, wanted)
+    names = base.batch.names
+    causes = tuple(
+        replace(column, shape={r: w for r, name in enumerate(names) if one.concerns(name)})
+        for column, one, w in zip(columns, ones, which, strict=True)
+    )
+    levels = _levels(base)
+    late, there = _late(base), [i for i in range(len(base.slots)) if i not in slots]
+    spacing = max(_SPACING, sum(r.duration for r in base.flight.records) / _MOST_NODES)
+    records = _records(evidence, there, late, white, list(levels), spacing)
+    for r, one in enumerate(records):  # what is attached competes: its response goes back to what is to be explained
+        for column, attached_one in zip(causes, attached, strict=False):
+            if r in column.shape:
+                one.residual[:] += _size(attached_one) * one.shapes[:, column.shape[r]]
+    return Asked(
+        innovations=Innovations(
+            records=tuple(records),
+            precision=np.append(_precision(base, there), [3.0] * len(late)),  # uniform between a sample early and late
+            pull=np.append(base.prior_pull[there], [0.0] * len(late)),
+            small_information=evidence.small_information,
+            owners=tuple(owner for owner, _ in evidence.terms),
+            ports=tuple(Port(name=name, matters=level) for name, level in levels.items()),
+            entrances=_entrances(base, list(levels), priors),
+            causes=causes,
+            log_determinant=base.data_deviance - float(np.sum(base.white**2)),
+        ),
+        fit=base,
+        ones=tuple(ones),
+    )
+
+
+def _slots(base: Fit, attached: Sequence[Attached]) -> list[int]:
+    """The slots that the effects which compete have in the fit."""
+    names = {one.name for one in attached}
+    return [i for i, slot in enumerate(base.slots) if slot.name in names]
+
+
+def _size(one: Attached) -> float:
+    return one.values["value"] if _is_linear(one) else 1.0
+
+
+def _is_linear(one: Attached) -> bool:
+    return one.effect.linear and not one.effect.members
+
+
+def _own_responses(base: Fit, attached: Sequence[Attached]) -> list[np.ndarray]:
+    """Of what is linear the fitted sensitivity, of the rest the response to its whole."""
+    whole = iter(responses(base, [one for one in attached if not _is_linear(one)]))
+    names = [slot.name for slot in base.slots]
+    return [base.columns[..., names.index(one.name)] if _is_linear(one) else next(whole) for one in attached]
+
+
+def _own_column(base: Fit, one: Attached, column: CauseColumn, priors: Priors) -> CauseColumn:
+    """The column of an effect that is in the fit, with the prior that it was found with."""
+    matters = unit_of(base, one)["matters"]
+    if _is_linear(one):
+        scales = tuple(matters * s for s in priors.sizes) if np.isfinite(matters) else column.scales
+        return replace(column, mean=0.0, scales=scales, matters=matters, value=1.0)
+    share = unit_of(base, one)["share"]
+    return replace(column, mean=1.0, scales=(priors.grid,), matters=1.0 / max(share, 1e-12), value=one.values["value"])
+
+
+def _precision(base: Fit, there: Sequence[int]) -> np.ndarray:
+    """Of the nuisance: of the further values of an attached effect, as loose as they are known."""
+    precision = base.prior_weight[there].copy()
+    for i, at in enumerate(there):
+        slot = base.slots[at]
+        if slot.attached is not None and slot.key != "value":
+            precision[i] = max(_FURTHER * abs(base.values[at]), _LEAST) ** -2.0
+    return precision
+
+
+def _late(base: Fit) -> list[np.ndarray]:
+    """The response to all inputs acting half a sample late: how they run between samples is not known."""
+    half = 0.5 * float(np.median(base.batch.dt))
+    there = {a.name for a in base.attached}
+    effects = [e for e in catalogue(base.flight.aircraft, base.flight.outputs) if e.kind == "input_delay"]
+    late = responses(base, [Attached(effect=e, values={"value": half}) for e in effects if e.name not in there])
+    return [np.sum(late, axis=0)] if late else []
+
+
+def _levels(base: Fit) -> dict[str, float]:
+    """Port -> level that matters there: a share of a coefficient's or reading's variation, or of a wind; of a reading,
+    its smallest bias that matters, if that is more."""
+    live, coefficients, found = base.batch.live, coefficient_series(base), {}
+    for station in stations(base):
+        if station in WIND:
+            found[station] = SHARE * WIND[station]
+        else:
+            found[station] = SHARE * max(float(np.std(coefficients[station[1:]][live])), 1e-12)
+    for i, output in enumerate(base.model.outputs):
+        bias = sensor_bias(output).smallest_that_matters(base.flight.aircraft) or 0.0
+        found[READING + output] = max(SHARE * float(np.std(base.read[..., i][live])), bias)
+    return found
+
+
+def _entrances(base: Fit, ports: Sequence[str], priors: Priors) -> tuple[Entrance, ...]:
+    """One at every port, and moving air along all axes, where the filter has none: that is a cause of the catalogue."""
+    single = [Entrance(name=p, ports=(p,), log_prior=priors.unknown(len(ports))) for p in ports]
+    winds = tuple(p for p in ports if p in WIND)
+    if len(winds) < 2 or base.noise.coloured:
+        return tuple(single)
+    kinds = len({e.kind for e in catalogue(base.flight.aircraft, base.flight.outputs)})
+    return (*single, Entrance(name=TURBULENCE, ports=winds, log_prior=priors.cause(kinds)))
+
+
+def _records(
+    evidence: Evidence,
+    there: Sequence[int],
+    late: Sequence[np.ndarray],
+    white: Sequence[np.ndarray],
+    ports: Sequence[str],
+    spacing: float,
+) -> list[RecordColumns]:
+    base, k = evidence.fit, len(evidence.fit.slots)
+    nodes = [np.arange(0.0, record.duration + spacing, spacing) for record in base.flight.records]
+    longest = max(nodes, key=len)
+    since = base.batch.t - base.batch.t[0]
+    hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - longest) / spacing) * base.batch.live[..., None]
+    histories: list[list[np.ndarray]] = [[] for _ in nodes]
+    for port in ports:
+        entered = response(base, port, hats)
+        for r, n in enumerate(nodes):
+            histories[r].append(entered[:, r, :, : len(n)].reshape(-1, len(n)).astype(np.float32))
+    found = []
+    for r, n in enumerate(nodes):
+        flat = evidence.by_record[r]
+        beside = [one[:, r].reshape(-1, 1) for one in late]
+        found.append(
+            RecordColumns(
+                residual=base.white[:, r].reshape(-1).copy(),
+                nuisance=np.hstack([flat[:, list(there)], *beside]),
+                small=flat[:, k:],
+                histories=tuple(histories[r]),
+                shapes=np.stack([w[:, r].reshape(-1) for w in white], axis=1) if white else np.zeros((len(flat), 0)),
+                nodes=n,
+            )
+        )
+    return found
