@@ -53,7 +53,9 @@ def competitors(evidence: Evidence, priors: Priors, banned: Collection[str] = ()
             share = meaningful_share(base, one)
             if not np.isfinite(share) or share <= 0.0:
                 continue
-            log_prior = priors.cause(kinds, of_kind[one.effect.kind]) + _shape_prior(base, candidate, one, priors)
+            log_prior = priors.cause(kinds, max(of_kind[one.effect.kind], 1)) + _shape_prior(
+                base, candidate, one, priors
+            )
             found.append(Competitor(one=one, column=_column(base, one, 1.0 / share, log_prior, priors)))
     return found
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from casid.diagnosis.explanations.explanation import Element, Explanation, Innovations, Unknown
+from casid.diagnosis.explanations.explanation import Element, Explanation, Innovations, Setting, Unknown
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import (
     Background,
@@ -33,13 +33,14 @@ from casid.diagnosis.explanations.score import (
 )
 
 _MOST = 5  # causes in an explanation
-_BEAM = 40  # explanations of each number of causes that are grown further
+_BEAM = 24  # explanations of each number of causes that are grown further
 _NEGLIGIBLE = 9.0  # nats behind the best: 1e-4 of its weight
-_ENTRANCES = 40  # levels at ports that causes are added to
-_BETTER = 30  # explanations that are changed by dropping and swapping
+_ENTRANCES = 12  # levels at ports that causes are added to
+_BETTER = 12  # explanations that are changed by dropping and swapping
+_NOTED = 300  # explanations with one cause more that are kept
 _PAIRS = 2  # causes that are added whatever the first of them promises alone
 _LOOSE = 3  # ports with something unknown
-_SETTINGS = 8
+_SETTINGS = 6
 
 _Key = tuple[int, tuple[int, ...]]  # number of the loosened history, -1 for none, and of the entries
 
@@ -65,62 +66,96 @@ class Found:
         return self.sums.asked
 
 
-def search(asked: Innovations, priors: Priors) -> Found:
-    """The explanations of these innovations that are worth their weight."""
-    return search_sums(sums_of(asked), priors)
+def search(asked: Innovations, priors: Priors, about: Explanation | None = None) -> Found:
+    """The explanations of these innovations that are worth their weight.
+
+    about  an explanation of nearly the same innovations, in whose setting it begins
+    """
+    return search_sums(sums_of(asked), priors, about)
 
 
-def search_sums(sums: Sums, priors: Priors) -> Found:
+def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None) -> Found:
     """The same from normal equations that are there already."""
     ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
-    helds: dict[tuple[float, tuple[Unknown, ...]], Held] = {}
-    found: dict[object, Explanation] = {}
-    without: dict[str, Explanation] = {}
-    nothing = -np.inf
-    large: dict[Unknown, float] = {}
-    alike: dict[object, np.ndarray] = {}
-    todo, done = [(level, (), ones) for level in priors.base], list[object]()
-    while todo and len(done) < _SETTINGS:
-        level, loose, scales = todo.pop(0)
-        if (key := (level, loose, tuple(scales.items()))) not in done:
-            done.append(key)
-            if (level, loose) not in helds:
-                helds[level, loose] = hold(sums, priors, level, loose)
-            one = _Search(background(sums, priors, helds[level, loose], scales), priors, large)
-            for explanation in one.run():
-                found.setdefault((explanation.setting, explanation.unknown, explanation.elements), explanation)
-                alike.setdefault(explanation.setting, one.back.K)
-            for name, other in one.without().items():
-                if name not in without or other.log > without[name].log:
-                    without[name] = other
-            nothing = max(nothing, one.nothing)
-        best = max(found.values(), key=lambda one: one.log)
+    todo: list[_Wanted] = [(level, (), ones) for level in priors.base]
+    if about is not None:
+        todo = [(about.setting.level, (), dict(about.setting.scales))]
+    gone = _Gone(sums, priors)
+    while todo and len(gone.done) < _SETTINGS:
+        wanted = todo.pop(0)
+        if _named(wanted) not in gone.done:
+            gone.through(wanted)
         if not todo:
-            large |= dict(zip(best.unknown, best.large, strict=True))
-            todo = [
-                one for one in _asked_for(sums, priors, helds, best) if (*one[:2], tuple(one[2].items())) not in done
-            ]
-    kept = sorted((one for one in found.values() if one.log > best.log - _NEGLIGIBLE), key=lambda one: -one.log)
-    K = alike[best.setting]
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(K), 1e-300))
-    return Found(
-        sums=sums,
-        priors=priors,
-        explanations=tuple(kept),
-        without=without,
-        nothing=nothing,
-        alike=K * unit[:, None] * unit,
-    )
+            best = gone.best
+            gone.large |= dict(zip(best.unknown, best.large, strict=True))
+            todo = [one for one in _asked_for(gone, best) if _named(one) not in gone.done]
+    return gone.found()
 
 
-def _asked_for(
-    sums: Sums, priors: Priors, helds: Mapping[tuple[float, tuple[Unknown, ...]], Held], best: Explanation
-) -> list[tuple[float, tuple[Unknown, ...], dict[str, float]]]:
+_Wanted = tuple[float, tuple[Unknown, ...], dict[str, float]]
+
+
+def _named(wanted: _Wanted) -> object:
+    return *wanted[:2], tuple(sorted(wanted[2].items()))
+
+
+class _Gone:
+    """Settings that were gone through, and what was found in them."""
+
+    def __init__(self, sums: Sums, priors: Priors) -> None:
+        self.sums, self.priors = sums, priors
+        self.helds: dict[tuple[float, tuple[Unknown, ...]], Held] = {}
+        self.done: list[object] = []
+        self.large: dict[Unknown, float] = {}
+        self._found: dict[object, Explanation] = {}
+        self._without: dict[str, Explanation] = {}
+        self._nothing = -np.inf
+        self._alike: dict[object, np.ndarray] = {}
+
+    @property
+    def best(self) -> Explanation:
+        return max(self._found.values(), key=lambda one: one.log)
+
+    def held(self, level: float, loose: tuple[Unknown, ...]) -> Held:
+        if (level, loose) not in self.helds:
+            self.helds[level, loose] = hold(self.sums, self.priors, level, loose)
+        return self.helds[level, loose]
+
+    def through(self, wanted: _Wanted) -> None:
+        level, loose, scales = wanted
+        self.done.append(_named(wanted))
+        back = background(self.sums, self.priors, self.held(level, loose), scales)
+        one = _Search(back, self.priors, self.large)
+        known = sorted(self._found.values(), key=lambda one: -one.log)[:_BETTER]
+        for explanation in one.run([explanation.elements for explanation in known]):
+            key = explanation.setting, explanation.unknown, explanation.elements
+            self._found.setdefault(key, explanation)
+        self._alike.setdefault(one.setting, back.K)
+        for name, other in one.without().items():
+            if name not in self._without or other.log > self._without[name].log:
+                self._without[name] = other
+        self._nothing = max(self._nothing, one.nothing)
+
+    def found(self) -> Found:
+        best = self.best
+        kept = sorted((o for o in self._found.values() if o.log > best.log - _NEGLIGIBLE), key=lambda one: -one.log)
+        K = self._alike[best.setting]
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(K), 1e-300))
+        return Found(
+            sums=self.sums,
+            priors=self.priors,
+            explanations=tuple(kept),
+            without=self._without,
+            nothing=self._nothing,
+            alike=K * unit[:, None] * unit,
+        )
+
+
+def _asked_for(gone: _Gone, best: Explanation) -> list[_Wanted]:
     """The settings that the best explanation asks for: other scales, and what it loosens as a part of all others."""
-    level, scales = best.setting.level, dict(best.setting.scales)
-    loose = best.unknown[: _LOOSE - 1]
-    held = helds.get((level, loose)) or hold(sums, priors, level, loose)
-    likely, bare = (likely_scales(sums, held, elements, priors) for elements in (best.elements, ()))
+    level, scales, loose = best.setting.level, dict(best.setting.scales), best.unknown[: _LOOSE - 1]
+    held = gone.held(level, loose)
+    likely, bare = (likely_scales(gone.sums, held, elements, gone.priors) for elements in (best.elements, ()))
     return [(level, loose, wanted) for wanted in (likely, bare, scales)]
 
 
@@ -180,6 +215,8 @@ class _Search:
         names = {name: n for n, name in enumerate(dict.fromkeys(cause.name for cause in self.causes))}
         self.name = np.array([names[self.causes[i].name] for i in self.column], dtype=int)
         self.diagonal = np.diag(back.K)
+        self.starts = np.flatnonzero(np.diff(self.column, prepend=-1)) if len(entries) else np.zeros(0, dtype=int)
+        self.ends = np.append(self.starts[1:], len(entries))
         self.top = -np.inf
         self.found: dict[_Key, tuple[float, float]] = {}
         self.expanded: set[_Key] = set()
@@ -191,11 +228,22 @@ class _Search:
         entrances = [e for e in self.back.sums.asked.entrances if e.name not in there]
         return [option for entrance in entrances for option in self.back.loosened(entrance, self.priors)]
 
-    def run(self) -> list[Explanation]:
-        nothing = self._state((-1, ()))
-        self._note(nothing)
-        self._grow([nothing])
-        self._grow(self._entrances())
+    @property
+    def setting(self) -> Setting:
+        return self.back.setting
+
+    def run(self, known: Sequence[Sequence[Element]]) -> list[Explanation]:
+        """The explanations that count: grown from nothing, or from those `known` from another setting."""
+        self._note(self._state((-1, ())))
+        at = {(int(c), float(s)): e for e, (c, s) in enumerate(zip(self.column, self.scale, strict=True))}
+        if known:
+            keys = {(-1, tuple(sorted(at[e.column, e.scale] for e in elements))) for elements in known}
+            for key in sorted(keys):
+                self._note(self._state(key))
+            self._grow(self._entrances(max(keys, key=lambda key: sum(self.found[key]))))
+        else:
+            self._grow([self._state((-1, ()))])
+            self._grow(self._entrances((-1, ())))
         self._swapped()
         return [self._explanation(key) for key, (log, prior) in self.found.items() if self._counts(log + prior)]
 
@@ -206,8 +254,9 @@ class _Search:
         self.found[state.key] = state.log, state.prior
         self.top = max(self.top, state.log + state.prior)
 
-    def _entrances(self) -> list[_State]:
-        """The best loosened histories, by themselves or with the one cause that adds most."""
+    def _entrances(self, beside: _Key) -> list[_State]:
+        """The best loosened histories, by themselves or with the one cause that adds most, and beside the causes that
+        are known to be best."""
         promise = []
         for i, option in enumerate(self.options):
             self.found[i, ()] = option.log, option.log_prior
@@ -216,7 +265,13 @@ class _Search:
             K = self.diagonal - option.d @ option.f**2
             more = max(0.0, float(np.max(self._gains(z, K), initial=0.0)))
             promise.append((option.log + option.log_prior + more, i))
-        return [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:_ENTRANCES]]
+        states = [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:_ENTRANCES]]
+        if beside[1]:
+            both = [self._state((i, beside[1])) for i in range(len(self.options))]
+            for state in both:
+                self._note(state)
+            states += sorted(both, key=lambda state: -(state.log + state.prior))[:_ENTRANCES]
+        return states
 
     def _gains(self, z: np.ndarray, K: np.ndarray) -> np.ndarray:
         at = self.column
@@ -257,17 +312,17 @@ class _Search:
         taken = np.isin(self.name, self.name[list(entries)])
         totals = np.where(taken, -np.inf, state.log + state.prior + more)
         self.top = max(self.top, float(totals.max()))
-        order = np.argsort(-totals, kind="stable")
-        first: dict[int, int] = {}
-        for entry in order[: _BEAM * 8].tolist():
-            key = option, tuple(sorted((*entries, entry)))
-            if self._counts(float(totals[entry])) or (not first and np.isfinite(totals[entry])):
-                log = state.log + more[entry] - self.prior[entry]
-                self.found[key] = float(log), float(state.prior + self.prior[entry])
+        counts = np.flatnonzero(totals > self.top - _NEGLIGIBLE)
+        for entry in counts[np.argsort(-totals[counts], kind="stable")][:_NOTED].tolist() or [int(np.argmax(totals))]:
             if np.isfinite(totals[entry]):
-                first.setdefault(int(self.column[entry]), entry)
-        best = list(first.values())[:_BEAM]
-        return [(float(totals[entry]), (option, tuple(sorted((*entries, entry))))) for entry in best]
+                log = float(state.log + more[entry] - self.prior[entry])
+                self.found[option, tuple(sorted((*entries, entry)))] = log, float(state.prior + self.prior[entry])
+        best = np.maximum.reduceat(totals, self.starts)  # of every column
+        columns = np.argsort(-best, kind="stable")[:_BEAM]
+        first = [self.starts[c] + int(np.argmax(totals[self.starts[c] : self.ends[c]])) for c in columns]
+        return [
+            (float(totals[e]), (option, tuple(sorted((*entries, int(e)))))) for e in first if np.isfinite(totals[e])
+        ]
 
     def _grow(self, states: Iterable[_State]) -> None:
         """Causes added one by one, the best explanations of each number kept."""

@@ -1,0 +1,214 @@
+"""Refit the strongest and score again, until nothing is added; then the best rivals as wholes.
+
+A linearisation about the file says which causes lead; how much of what else it finds is its own error shows only when
+the lead is in the fit. Absolute evidence, each explanation's about its own fit, then compares those that are near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.explanations.asking import Asked, ask
+from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
+from casid.diagnosis.explanations.pool import competitors
+from casid.diagnosis.explanations.posterior import Posterior, posterior
+from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.explanations.search import Found, search
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming.events import Intervals, at_peak, further_records
+from casid.diagnosis.naming.size import plausible
+from casid.errors import InputError
+
+_ROUNDS = 6
+_RIVALS = 3
+_LINEAR = 0.1  # part of what an explanation gains that linearisation may be wrong by
+_NEAR = 10.0  # nats, if that is more
+_MOVES = 2  # of the onsets of an event
+_AMPLITUDE = (0.3, 1.8)  # of a non-linear size that linearisation is asked about
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Weighed:
+    """A fit, what it asked, and what the search found about it; `own` the attached effects that compete, and
+    `intervals` of onsets by name."""
+
+    asked: Asked
+    found: Found
+    own: Mapping[str, CauseColumn]
+    intervals: Mapping[str, Intervals] = field(default_factory=dict)
+
+    @property
+    def fit(self) -> Fit:
+        return self.asked.fit
+
+    @property
+    def best(self) -> Explanation:
+        return self.found.explanations[0]
+
+    def attached(self, column: CauseColumn) -> Attached:
+        """What a column stands for."""
+        return self.asked.ones[self.asked.innovations.causes.index(column)]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Explained:
+    """The posterior; where the naming began (`first`) and ended (`lead`), and `rivals` fitted as wholes."""
+
+    posterior: Posterior
+    first: Weighed
+    lead: Weighed
+    rivals: tuple[Weighed, ...]
+
+    def stands_for(self, column: CauseColumn) -> Attached:
+        """What a column stands for, in whichever fit it is of."""
+        for one in (self.lead, *self.rivals):
+            if column in one.asked.innovations.causes:
+                return one.attached(column)
+        raise ValueError(f"no fit has a column of '{column.name}'")
+
+
+def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing: Sequence[Attached] = ()) -> Explained:
+    """The posterior over explanations of a fit; the effects `competing` that it has are causes like any others."""
+    banned: set[str] = set()
+    own: dict[str, CauseColumn] = {one.name: _given(one, priors) for one in competing}
+    report("explanations, round 1")
+    first = lead = _weighed(start, priors, own, banned)
+    seen = {_content(lead)}
+    for number in range(2, _ROUNDS + 1):
+        if _agrees(lead, lead.best):
+            break
+        report(f"explanations, round {number}")
+        other = _refitted(lead, _strongest(lead), priors, banned)
+        if other is None:
+            lead = _weighed(lead.fit, priors, lead.own, banned)
+            continue
+        # what linearisation promised and the fit does not keep is a step back: then the one before stays in the lead
+        lead = other
+        if _content(lead) in seen:
+            break
+        seen.add(_content(lead))
+    rivals = _rivals(lead, priors, banned, report)
+    better = max(rivals, key=lambda one: one.best.log, default=lead)
+    if better.best.log > lead.best.log + 1.0:
+        rivals = [one for one in (lead, *rivals) if one is not better]
+        lead = _weighed(better.fit, priors, better.own, banned)
+        if not _agrees(lead, lead.best) and (other := _refitted(lead, lead.best, priors, banned)) is not None:
+            lead = other
+    believed = posterior(lead.found, *(one.found for one in rivals))
+    return Explained(posterior=believed, first=first, lead=lead, rivals=tuple(rivals))
+
+
+def _given(one: Attached, priors: Priors) -> CauseColumn:
+    """A cause that is in the fit from the beginning."""
+    return CauseColumn(
+        name=one.name, kind=one.effect.kind, shape={}, scales=(priors.grid,), log_prior=priors.cause(1), matters=1.0
+    )
+
+
+def _weighed(now: Fit, priors: Priors, own: Mapping[str, CauseColumn], banned: set[str]) -> Weighed:
+    evidence = weigh(now)
+    asked = ask(evidence, competitors(evidence, priors, banned), priors, own)
+    return Weighed(asked=asked, found=search(asked.innovations, priors), own=own)
+
+
+def _alone(now: Fit, priors: Priors, own: Mapping[str, CauseColumn], about: Explanation) -> Weighed:
+    """The same with no cause offered but those in the fit."""
+    asked = ask(weigh(now), [], priors, own)
+    return Weighed(asked=asked, found=search(asked.innovations, priors, about), own=own)
+
+
+def _content(one: Weighed) -> frozenset[str]:
+    return frozenset(one.own)
+
+
+def _strongest(now: Weighed) -> Explanation:
+    """The best explanation without causes that are nothing beside its strongest: they may be what linearisation is
+    wrong by, of the strongest, and are found again if they are not. Those in the fit are judged as they stand."""
+    best, columns = now.best, now.asked.innovations.causes
+    names = [columns[e.column].name for e in best.elements]
+    odds = [best.log - now.found.without[name].log for name in names]
+    kept = [i for i, name in enumerate(names) if name in now.own or odds[i] > _LINEAR * max(odds)]
+    elements = tuple(best.elements[i] for i in kept)
+    return replace(best, elements=elements, amplitudes=tuple(best.amplitudes[i] for i in kept))
+
+
+def _agrees(now: Weighed, best: Explanation) -> bool:
+    """Whether an explanation has the causes that are in the fit, and no others."""
+    return {now.asked.innovations.causes[e.column].name for e in best.elements} == set(now.own)
+
+
+def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str], alone: bool = False) -> Weighed | None:
+    """The fit with the causes of an explanation, at first of the sizes that it gives them; None, and a name more that
+    is `banned`, when the fit makes one of them impossible."""
+    causes = now.asked.innovations.causes
+    others = [one for one in now.fit.attached if one.name not in now.own]
+    chosen, own = [], {}
+    for element, (amplitude, _) in zip(best.elements, best.amplitudes, strict=True):
+        column, one = causes[element.column], now.asked.ones[element.column]
+        if one.name not in now.own:
+            one = _sized(one, amplitude)
+        chosen.append(replace(one, passes=False))
+        own[one.name] = now.own.get(one.name, column)
+    try:
+        fitted = fit(now.fit.flight, [*others, *chosen], now.fit.noise, now.fit, iterations=12, tolerance=2.0)
+        fitted, intervals = _events(fitted, set(own) - set(now.own))
+    except (InputError, np.linalg.LinAlgError):  # of these sizes it makes an aircraft that cannot fly the record
+        banned |= set(own) - set(now.own)
+        return None
+    impossible = {one.name for one in fitted.attached if one.name in own and not plausible(one)}
+    if impossible - set(now.own):
+        banned |= impossible
+        return None
+    weighed = _alone(fitted, priors, own, best) if alone else _weighed(fitted, priors, own, banned)
+    return replace(weighed, intervals={**now.intervals, **intervals})
+
+
+def _sized(one: Attached, amplitude: float) -> Attached:
+    if one.effect.members:
+        return one
+    if one.effect.linear:
+        return one.with_values({"value": amplitude})
+    return one.with_values({"value": one.values["value"] * float(np.clip(amplitude, *_AMPLITUDE))})
+
+
+def _events(fitted: Fit, new: set[str]) -> tuple[Fit, dict[str, Intervals]]:
+    """The fit with onsets of new events moved to where they belong, and in further records where they recur."""
+    intervals: dict[str, Intervals] = {}
+    for name in sorted(new):
+        at = next(i for i, one in enumerate(fitted.attached) if one.name == name)
+        if not fitted.attached[at].effect.timed:
+            continue
+        evidence, intervals[name] = at_peak(weigh(fitted), _MOVES, which=at)
+        wider = further_records(evidence, evidence.fit.attached[at])
+        fitted = evidence.fit
+        if len(wider.onsets) > len(fitted.attached[at].onsets):
+            attached = [wider if i == at else one for i, one in enumerate(fitted.attached)]
+            fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=8, tolerance=2.0)
+            evidence, intervals[name] = at_peak(weigh(fitted), _MOVES, which=at)
+            fitted = evidence.fit
+    return fitted, intervals
+
+
+def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[str], None]) -> list[Weighed]:
+    """The best other explanations, each fitted as a whole: as far behind as linearisation may be wrong."""
+    within = max(_NEAR, _LINEAR * (lead.best.log - lead.found.nothing))
+    every = [*lead.found.without.values(), *lead.found.explanations]
+    causes = lead.asked.innovations.causes
+    ranked: dict[frozenset[str], Explanation] = {}
+    for one in sorted(every, key=lambda one: -one.log):
+        names = frozenset(causes[e.column].name for e in one.elements)
+        if names and lead.best.log - one.log < within and not names >= lead.own.keys():
+            ranked.setdefault(names, one)
+    found: list[Weighed] = []
+    for one in list(ranked.values())[:_RIVALS]:
+        report("explanations, rivals")
+        other = _refitted(lead, one, priors, set(banned), alone=True)
+        if other is not None:
+            found.append(other)
+    return found
