@@ -19,7 +19,7 @@ _TRIALS = 6  # kept of every round of naming
 
 
 def solve(task: Mapping[str, Any]) -> dict[str, Any]:
-    """Diagnose the records m*.csv with aircraft.toml of the task's folder; nothing else is opened.
+    """Diagnose the records m*.csv with aircraft.toml of the task's folder, by its `naming`; nothing else is opened.
 
     Returns what diagnosis.json has of verdict and causes, the strongest trials of every round, and seconds of
     processor time; {"failed": message} when the diagnosis cannot be carried out.
@@ -27,7 +27,11 @@ def solve(task: Mapping[str, Any]) -> dict[str, Any]:
     folder = Path(task["folder"])
     begin = time.process_time()
     try:
-        found = diagnose(Aircraft.read(folder / "aircraft.toml"), read_records([folder / "m*.csv"]))
+        found = diagnose(
+            Aircraft.read(folder / "aircraft.toml"),
+            read_records([folder / "m*.csv"]),
+            naming=task.get("naming", "rules"),
+        )
     except (CasidError, ArithmeticError, ValueError, IndexError) as fault:
         return {"failed": f"{type(fault).__name__}: {fault}"}
     return shortened(found) | {"cpu_s": time.process_time() - begin}
@@ -40,6 +44,8 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
         document = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
     return {
         **{name: document[name] for name in ("verdict", "sentence", "causes", "minor", "smallest_detectable")},
+        **{name: document[name] for name in ("explanations", "believed")},
+        "entered": dict(found.entered),
         "seconds": document["seconds"],
         "unexplained": {missing.station: missing.gain for missing in found.unexplained},
         "turbulence": {"sigma": found.turbulence.sigma, "gain": found.turbulence.gain},

@@ -6,17 +6,19 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.explanations.by_score import Begun, by_score
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, without
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run
 from casid.diagnosis.flight.noise_level import with_noise_level
-from casid.diagnosis.flight.view import view_of
+from casid.diagnosis.flight.view import View, view_of
 from casid.diagnosis.given.as_given import fly_as_given
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.contradicted import contradicted
@@ -75,6 +77,8 @@ def diagnose(
     hold_out: Sequence[Record] = (),
     report: Callable[[str], None] = lambda stage: None,
     criteria: Criteria | None = None,
+    *,
+    naming: Literal["rules", "score"] = "rules",
 ) -> Diagnosis:
     """Diagnose an aircraft file on flight records.
 
@@ -90,6 +94,9 @@ def diagnose(
         Is called with the name of every stage.
     criteria
         The numbers by which the diagnosis decides; by default those of `Criteria()`.
+    naming
+        How causes are named: by rules about gains, or by the score, in which explanations compete as wholes and have
+        probabilities.
 
     Raises
     ------
@@ -115,28 +122,30 @@ def diagnose(
     stages.begin("refit of the file")
     begun = _begun(calm, found.turbulence, found.slight)
     stages.begin("naming")
-    begun, naming = _named(begun, found, known, report)
+    if naming == "score":
+        return _scored(aircraft, (given, held_given), begun, found, held, stages)
+    begun, by_rules = _named(begun, found, known, report)
     stages.begin("held-out records")
-    kept = _kept(held, begun, naming)
+    kept = _kept(held, begun, by_rules)
     stages.begin("missing inputs")
-    left = naming.missing if kept.evidence is naming.evidence else tuple(missing_inputs(kept.evidence))
+    left = by_rules.missing if kept.evidence is by_rules.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
     causes, minor = causes_of(
-        naming, kept.evidence, begun.turbulence, kept.gains, kept.structure, kept.structure_gain, begun.least, left
+        by_rules, kept.evidence, begun.turbulence, kept.gains, kept.structure, kept.structure_gain, begun.least, left
     )
     unexplained = still_missing(kept.evidence, left, causes, begun.least)
     seen = (*causes, *minor)
-    small = too_small(naming, seen, unexplained)
-    slight = [trial.candidate.attached for trial in minor_trials(naming, seen)][:1]
-    if small and (not unexplained or _nothing_beside(kept, slight, naming, causes, begun.least)):
+    small = too_small(by_rules, seen, unexplained)
+    slight = [trial.candidate.attached for trial in minor_trials(by_rules, seen)][:1]
+    if small and (not unexplained or _nothing_beside(kept, slight, by_rules, causes, begun.least)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
         unexplained = _missing_on_held(kept, slight, causes, begun.least)
-    verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
+    verdict, sentence = verdict_of(causes, minor, unexplained, by_rules, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
-    candidates = naming.rounds[0].candidates
+    candidates = by_rules.rounds[0].candidates
     refitted, extended, held_refitted, held_extended = [
         view_of(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
     ]
@@ -154,7 +163,7 @@ def diagnose(
         causes=causes,
         minor=minor,
         ranking=candidates[: criteria.numerics.naming.ranking],
-        rounds=naming.rounds,
+        rounds=by_rules.rounds,
         as_given=given,
         refitted=refitted,
         extended=extended,
@@ -169,6 +178,43 @@ def diagnose(
         kinematic=tuple(found.ranked),
         turbulence=begun.turbulence,
         detectable=smallest_detectable(candidates, criteria.verdict),
+        seconds=stages.seconds,
+    )
+
+
+def _scored(
+    aircraft: Aircraft,
+    given: tuple[View, View],
+    begun: _Begun,
+    found: KinematicFindings,
+    held: Sequence[Record],
+    stages: Stages,
+) -> Diagnosis:
+    """The diagnosis by the score; `given` the file as it is, on the fitted and on the `held` records."""
+    start = Begun(
+        calm=begun.calm,
+        structure=begun.structure,
+        structured=begun.structured,
+        start=begun.start,
+        turbulence=begun.turbulence,
+    )
+    scored = by_score(start, held, stages.begin)
+    held_refitted, held_extended = view_of(scored.held_refitted), view_of(scored.held_extended)
+    against = contradicted(aircraft, flight_values(weigh(scored.extended)))
+    stages.end()
+    return Diagnosis(
+        **scored.fields,
+        not_judged=(),
+        data=(),
+        contradicted=against,
+        aircraft=aircraft,
+        extended_aircraft=scored.extended_file,
+        as_given=given[0],
+        held_out_as_given=given[1],
+        held_out_refitted=held_refitted,
+        held_out_extended=held_extended,
+        budget=budget_of(given[1], given[1], held_refitted, held_extended),
+        kinematic=tuple(found.ranked),
         seconds=stages.seconds,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ class Cause:
     held_out_gain  log likelihood per sample gained on records never used; None for an event, which does not recur
     onset_s        record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in
     share          its part of the variation of the coefficient it adds to, or of its smallest size that matters
+    probability    that it is there; `log_odds` against everything that does without it. None by rules
     """
 
     kind: str
@@ -58,6 +59,8 @@ class Cause:
     parameters: Mapping[str, float]
     meaningful: bool
     share: float
+    probability: float | None = None
+    log_odds: float | None = None
 
     @property
     def told(self) -> str:
@@ -185,6 +188,9 @@ class Diagnosis:
     kinematic                     instrument and air causes scored with forces left free, empty when not available
     detectable                    cause name -> smallest size that these records would show
     seconds                       wall time per stage
+    explanations                  names of all that the most probable ones say, with probabilities; none by rules
+    believed                      cause -> probability that it is there and matters;  entered  the same of something
+                                  unexplained at a station
     """
 
     verdict: str
@@ -213,6 +219,9 @@ class Diagnosis:
     turbulence: Turbulence
     detectable: Mapping[str, float]
     seconds: Mapping[str, float]
+    explanations: tuple[tuple[tuple[str, ...], float], ...] = ()
+    believed: Mapping[str, float] = field(default_factory=dict)
+    entered: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def criteria(self) -> Criteria:
@@ -277,6 +286,8 @@ class Diagnosis:
             "minor": [_cause(cause) for cause in self.minor],
             "ranking": [_rank(candidate) for candidate in self.ranking],
             "unexplained": [self._unexplained(one) for one in self.unexplained],
+            "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
+            "believed": dict(self.believed),
             "budget": self.budget.to_dict(),
             "as_given": self.as_given.to_dict(),
             "refitted": self.refitted.to_dict(),
@@ -296,6 +307,7 @@ class Diagnosis:
         where = place_of(missing.station)
         return {
             "port": missing.station.removeprefix("d"),
+            "probability": self.entered.get(missing.station),
             "share": missing_share(fit, missing),
             "gain": missing.gain,
             "sentence": f"Something that no cause of the catalogue explains enters at {where}.",
@@ -342,6 +354,8 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
         "statistic": cause.statistic,
         "dof": cause.dof,
+        "probability": cause.probability,
+        "log_odds": cause.log_odds,
         "held_out_gain": cause.held_out_gain,
         "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
         "sentence": cause.sentence,

@@ -59,7 +59,7 @@ def causes_of(
     causes, minor, superseded, expected, small = [], [], [], [], []
     if turbulence.named:
         (causes if final.noise.coloured else minor).append(
-            _turbulence(turbulence, final.flight.aircraft, held_gains[0])
+            turbulence_cause(turbulence, final.flight.aircraft, held_gains[0])
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.trials[0].candidate.name
@@ -224,7 +224,7 @@ def _sentence(one: Attached, value: float, records: int) -> str:
     return text
 
 
-def _turbulence(turbulence: Turbulence, aircraft: Aircraft, held: float | None) -> Cause:
+def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | None) -> Cause:
     effect = turbulence_effect("")
     return Cause(
         kind=effect.kind,

@@ -1,0 +1,223 @@
+"""What is read off the posterior: causes with their sizes, what is minor, what stays unexplained, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import expit, ndtr
+
+from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation
+from casid.diagnosis.explanations.asking import TURBULENCE
+from casid.diagnosis.explanations.posterior import Belief
+from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.explanations.refit import Explained
+from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.fit import fit, relaxed
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.judging.verdict import onset_intervals
+from casid.diagnosis.naming.size import SHARE, meaningful_share, missing_share
+from casid.diagnosis.result import Cause, place_of
+from casid.model.vocabulary import effect_sentence
+
+_EXPECTED = 2.0  # times what matters, from which structure that every aircraft has is a cause
+_TOLD = 8  # explanations that are told
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reading:
+    """What a posterior says in words. `structure` was put into the model beforehand and did not compete."""
+
+    explained: Explained
+    priors: Priors
+    structure: tuple[Attached, ...]
+
+    @cached_property
+    def named(self) -> tuple[Belief, ...]:
+        return self.explained.posterior.named
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The model with the named causes and no others that competed, by its own noise."""
+        lead = self.explained.lead
+        own = {one.name: one for one in lead.fit.attached if one.name in lead.own}
+        wanted = {one.name for one in self.named}
+        if wanted == own.keys():
+            return relaxed(lead.fit)
+        others = [one for one in lead.fit.attached if one.name not in lead.own]
+        chosen = [own.get(one.name) or _sized(self.explained.stands_for(one.column), one) for one in self.named]
+        return relaxed(fit(lead.fit.flight, [*others, *chosen], lead.fit.noise, lead.fit, iterations=12))
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        return weigh(self.fit)
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """The named ones, strongest first, and structure of twice the size that matters."""
+        found = [self._cause(one) for one in self.named]
+        found += [self._put_in(one) for one in self._standing if self._notable(one) >= self.priors.named]
+        return tuple(sorted(found, key=lambda c: -(c.log_odds or 0.0)))
+
+    @cached_property
+    def minor(self) -> tuple[Cause, ...]:
+        """What is probably there and not of a size that matters, and structure that was put in."""
+        stood_for = {name for one in self.named for name in (one.name, *(other for other, _ in one.alike))}
+        there = {one.name for one in self.fit.attached}
+        beliefs = [b for b in self.explained.posterior.causes if b.probability > 0.5 and b.name not in stood_for]
+        found = [self._put_in(one) for one in self._standing if self._notable(one) < self.priors.named]
+        return (*(self._predicted(b) for b in beliefs if b.name not in there), *found)
+
+    @property
+    def _standing(self) -> list[Attached]:
+        names = {one.name for one in self.structure}
+        return [one for one in self.fit.attached if one.name in names]
+
+    def _notable(self, one: Attached) -> float:
+        """Probability that structure which is expected of any aircraft is of twice the size that matters."""
+        if one.slight:
+            return 0.0
+        share, std = meaningful_share(self.fit, one), deviation(self.evidence, one.name)
+        value = abs(one.values["value"])
+        return float(ndtr((share - _EXPECTED) / max(share * std / max(value, 1e-300), 1e-12)))
+
+    def _cause(self, belief: Belief) -> Cause:
+        one = next(a for a in self.fit.attached if a.name == belief.name)
+        slots = {slot.name for slot in self.fit.slots}
+        std = deviation(self.evidence, one.name) if one.name in slots else belief.std
+        intervals = self.explained.lead.intervals.get(one.name, {})
+        told = _told(one, self.fit, belief, max(std, belief.std if one.effect.linear else 0.0))
+        onsets = {r: intervals.get(r, (t - 1.0, t + 1.0)) for r, t in one.onsets.items()}
+        return replace(
+            told,
+            onset_s=onset_intervals(self.evidence, one, onsets) if one.effect.timed else None,
+            indistinguishable_from=tuple(self._alike(name, p) for name, p in belief.alike),
+        )
+
+    def _alike(self, name: str, probability: float) -> Mapping[str, object]:
+        belief = next(b for b in self.explained.posterior.causes if b.name == name)
+        effect = self.explained.stands_for(belief.column).effect
+        return {
+            "kind": effect.kind,
+            "target": effect.target,
+            "term": effect.term,
+            "value": belief.size,
+            "unit": effect.unit,
+            "probability": probability,
+        }
+
+    def _predicted(self, belief: Belief) -> Cause:
+        one = _sized(self.explained.stands_for(belief.column), belief)
+        told = _told(one, self.explained.lead.fit, belief, belief.std)
+        onsets = {record: (t - 1.0, t + 1.0) for record, t in one.onsets.items()}
+        sentence = f"Not sure, or too small to matter: {told.sentence}"
+        return replace(told, meaningful=False, onset_s=onsets or None, sentence=sentence)
+
+    def _put_in(self, one: Attached) -> Cause:
+        std = deviation(self.evidence, one.name)
+        value, log_odds = one.values["value"], 0.5 * (one.values["value"] / std) ** 2
+        there = Belief(
+            name=one.name,
+            kind=one.effect.kind,
+            probability=1.0,
+            matters=self._notable(one),
+            log_odds=log_odds,
+            size=value,
+            std=std,
+            column=self.explained.lead.asked.innovations.causes[0],
+            alike=(),
+            together=self._notable(one),
+        )
+        told = _told(one, self.fit, there, std)
+        if there.matters >= self.priors.named:
+            return replace(told, probability=there.matters)
+        return replace(told, meaningful=False, sentence=f"Expected of any aircraft, and added: {told.sentence}")
+
+    @cached_property
+    def unexplained(self) -> tuple[tuple[MissingInput, float], ...]:
+        """Where something enters that no cause explains, of a size that matters, and with which probability."""
+        found = []
+        for name, p in self.explained.posterior.unknown.items():
+            if p > 0.5:
+                station = "wind_z" if name == TURBULENCE else name
+                found += [(one, p) for one in missing_at(self.evidence, [station])]
+        records, samples = len(self.fit.batch.names), self.fit.readings
+        for one in missing_oscillation(self.evidence)[:1]:
+            odds = 0.5 * one.gain - records * float(np.log(samples)) + self.priors.unknown(len(found) + 1)
+            if missing_share(self.fit, one) > SHARE and odds > 0.0:
+                found.append((one, float(expit(odds))))
+        return tuple(sorted(found, key=lambda pair: -pair[0].gain))
+
+    @property
+    def explanations(self) -> tuple[tuple[tuple[str, ...], float], ...]:
+        """What the most probable explanations name, and their probabilities."""
+        of = self.explained.posterior.explanations
+        return tuple((tuple(sorted(names)), p) for names, p in list(of.items())[:_TOLD])
+
+    @property
+    def believed(self) -> dict[str, float]:
+        """Probability of every cause that may be there at a size that matters."""
+        return {one.name: one.matters for one in self.explained.posterior.causes if one.matters > 1e-4}
+
+    def verdict(self, causes: Sequence[Cause]) -> tuple[str, str]:
+        """(verdict, the sentence that opens the report)."""
+        told = " ".join(cause.told for cause in causes)
+        if self.unexplained:
+            where, p = place_of(self.unexplained[0][0].station), self.unexplained[0][1]
+            if causes:
+                return "partly explained", f"{told} Something more is missing: it enters at {where} ({100 * p:.0f} %)."
+            sentence = f"The simulation misses something that no cause in the catalogue explains; it enters at {where}"
+            return "unexplained", f"{sentence} ({100 * p:.0f} %)."
+        if causes:
+            return "explained", told
+        p = self.explained.posterior.adequate
+        sentence = f"The model is adequate: with {100 * p:.0f} % nothing of a size that matters is wrong with it"
+        return "adequate", f"{sentence} in these records.{self._hint()}"
+
+    def _hint(self) -> str:
+        likely = [one for one in self.explained.posterior.causes if one.matters > 0.2]
+        if not likely:
+            return ""
+        return (
+            f" Not probable enough to be named: {', '.join(f'{b.name} ({100 * b.matters:.0f} %)' for b in likely[:3])}."
+        )
+
+
+def _sized(one: Attached, belief: Belief) -> Attached:
+    if one.name != belief.name or one.effect.members:
+        return one
+    return one.with_values({"value": belief.size})
+
+
+def _told(one: Attached, base: Fit, belief: Belief, std: float) -> Cause:
+    effect, values = one.effect, one.effect.in_words(one.values)
+    value = values["value"]
+    statistic = 2.0 * belief.log_odds
+    sentence = effect_sentence(effect.kind, effect.target, effect.term, value)
+    if effect.timed:
+        sentence = sentence[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
+    elif one.records and len(one.records) < len(base.batch.names):
+        sentence = f"{sentence[:-1]}, in {', '.join(one.records)} only."
+    return Cause(
+        kind=effect.kind,
+        target=effect.target,
+        term=effect.term,
+        value=value,
+        std=std,
+        unit=effect.unit,
+        records=tuple(one.onsets) if effect.timed else one.records or base.batch.names,
+        onset_s=None,
+        statistic=statistic,
+        dof=len(values),
+        held_out_gain=None,
+        indistinguishable_from=(),
+        sentence=sentence,
+        parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
+        meaningful=True,
+        share=meaningful_share(base, one),
+        probability=belief.probability,
+        log_odds=belief.log_odds,
+    )
