@@ -64,11 +64,14 @@ class Posterior:
 
     @property
     def named(self) -> tuple[Belief, ...]:
-        """The causes worth their names, most probable first: of a set that stand for each other the first."""
+        """The causes worth their names, most probable first: of a set that stand for each other the first, which none
+        of the others of its set is more probable than."""
         found: list[Belief] = []
         for one in self.causes:
-            others = {name for other in found for name, _ in other.alike}
-            if one.together >= self.threshold and one.name not in others:
+            taken = {name for other in found for name in (other.name, *(alike for alike, _ in other.alike))}
+            least = max((p for _, p in one.alike), default=0.0)
+            alone = not taken & {one.name, *(name for name, _ in one.alike)}
+            if one.together >= self.threshold and alone and one.probability >= least:
                 found.append(one)
         return tuple(found)
 

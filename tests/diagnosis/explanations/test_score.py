@@ -184,6 +184,34 @@ def test_two_causes_are_found_together() -> None:
     assert found.adequate < 1e-3
 
 
+def of_twins(apart: float) -> Posterior:
+    """Causes 3 and 7 are in the data; the response to cause 4 is that to cause 3 but for noise of this size."""
+    asked, records = a_question(8, causes=10, shapes=1), []
+    rng = np.random.default_rng(9)
+    for record in asked.records:
+        shapes = record.shapes.copy()
+        shapes[:, 4] = shapes[:, 3] + apart * rng.standard_normal(ROWS)
+        records.append(replace(record, shapes=shapes))
+    return believed(with_response(replace(asked, records=tuple(records)), {3: 1.0, 7: 1.2}))
+
+
+def test_of_causes_that_look_alike_one_is_named_and_the_set_told() -> None:
+    """Two responses at a cosine of 0.999: neither is sure, and together they are."""
+    found = of_twins(0.04)
+    first = next(one for one in found.named if one.name in ("cause3", "cause4"))
+    assert {one.name for one in found.named} == {first.name, "cause7"}
+    assert {first.name, *(name for name, _ in first.alike)} == {"cause3", "cause4"}
+    assert first.probability < 0.95 < first.together
+
+
+def test_the_improbable_twin_of_a_sure_cause_is_not_named_beside_it() -> None:
+    """At a cosine of 0.96 the true one is sure; the other's set holds 95 % only because that is in it."""
+    found = of_twins(0.3)
+    assert {one.name for one in found.named} == {"cause3", "cause7"}
+    twin = next(one for one in found.causes if one.name == "cause4")
+    assert twin.probability < 0.5 < twin.together
+
+
 def test_white_noise_names_nothing() -> None:
     """60 sets of noise: causes are there no more often than the prior says, and names within their threshold.
 
