@@ -44,7 +44,7 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
         document = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
     return {
         **{name: document[name] for name in ("verdict", "sentence", "causes", "minor", "smallest_detectable")},
-        **{name: document[name] for name in ("explanations", "believed")},
+        **{name: document[name] for name in ("explanations", "believed", "nothing")},
         "entered": dict(found.entered),
         "seconds": document["seconds"],
         "unexplained": {missing.station: missing.gain for missing in found.unexplained},

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from casid.diagnosis.criterion import Criterion, Value, listed, number, overridden
+from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.numerics import Numerics
 from casid.errors import InputError
 
@@ -318,6 +319,7 @@ class Criteria:
     doubt: DoubtCriteria = DoubtCriteria()
     held_out: HeldOutCriteria = HeldOutCriteria()
     verdict: VerdictCriteria = VerdictCriteria()
+    priors: Priors = Priors()
     numerics: Numerics = Numerics()
 
     @property

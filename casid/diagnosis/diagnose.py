@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run
 from casid.diagnosis.flight.noise_level import with_noise_level
-from casid.diagnosis.flight.view import View, view_of
+from casid.diagnosis.flight.view import view_of
 from casid.diagnosis.given.as_given import fly_as_given
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.contradicted import contradicted
@@ -39,6 +38,7 @@ from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics
 from casid.diagnosis.naming.naming import Naming, name_causes
 from casid.diagnosis.naming.structure import demanded_offsets, demanded_structure
 from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
@@ -48,25 +48,6 @@ from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record
-
-
-class Stages:
-    """Wall time per stage, and a word to the user at the beginning of each."""
-
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._name, self._since = "", time.perf_counter()
-        self.seconds: dict[str, float] = {}
-
-    def begin(self, name: str) -> None:
-        self.end()
-        self._name, self._since = name, time.perf_counter()
-        self._report(name)
-
-    def end(self) -> None:
-        if self._name:
-            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
-        self._name = ""
 
 
 @single_threaded()
@@ -123,7 +104,17 @@ def diagnose(
     begun = _begun(calm, found.turbulence, found.slight)
     stages.begin("naming")
     if naming == "score":
-        return _scored(aircraft, (given, held_given), begun, found, held, stages)
+        start = Begun(
+            calm=begun.calm,
+            structure=begun.structure,
+            structured=begun.structured,
+            start=begun.start,
+            turbulence=begun.turbulence,
+            kinematic=tuple(found.ranked),
+            given=given,
+            held_given=held_given,
+        )
+        return by_score(aircraft, start, held, stages)
     begun, by_rules = _named(begun, found, known, report)
     stages.begin("held-out records")
     kept = _kept(held, begun, by_rules)
@@ -178,43 +169,6 @@ def diagnose(
         kinematic=tuple(found.ranked),
         turbulence=begun.turbulence,
         detectable=smallest_detectable(candidates, criteria.verdict),
-        seconds=stages.seconds,
-    )
-
-
-def _scored(
-    aircraft: Aircraft,
-    given: tuple[View, View],
-    begun: _Begun,
-    found: KinematicFindings,
-    held: Sequence[Record],
-    stages: Stages,
-) -> Diagnosis:
-    """The diagnosis by the score; `given` the file as it is, on the fitted and on the `held` records."""
-    start = Begun(
-        calm=begun.calm,
-        structure=begun.structure,
-        structured=begun.structured,
-        start=begun.start,
-        turbulence=begun.turbulence,
-    )
-    scored = by_score(start, held, stages.begin)
-    held_refitted, held_extended = view_of(scored.held_refitted), view_of(scored.held_extended)
-    against = contradicted(aircraft, flight_values(weigh(scored.extended)))
-    stages.end()
-    return Diagnosis(
-        **scored.fields,
-        not_judged=(),
-        data=(),
-        contradicted=against,
-        aircraft=aircraft,
-        extended_aircraft=scored.extended_file,
-        as_given=given[0],
-        held_out_as_given=given[1],
-        held_out_refitted=held_refitted,
-        held_out_extended=held_extended,
-        budget=budget_of(given[1], given[1], held_refitted, held_extended),
-        kinematic=tuple(found.ranked),
         seconds=stages.seconds,
     )
 

@@ -190,7 +190,7 @@ class Diagnosis:
     seconds                       wall time per stage
     explanations                  names of all that the most probable ones say, with probabilities; none by rules
     believed                      cause -> probability that it is there and matters;  entered  the same of something
-                                  unexplained at a station
+                                  unexplained at a station;  nothing  that nothing that matters is wrong
     """
 
     verdict: str
@@ -222,6 +222,7 @@ class Diagnosis:
     explanations: tuple[tuple[tuple[str, ...], float], ...] = ()
     believed: Mapping[str, float] = field(default_factory=dict)
     entered: Mapping[str, float] = field(default_factory=dict)
+    nothing: float | None = None
 
     @property
     def criteria(self) -> Criteria:
@@ -288,6 +289,7 @@ class Diagnosis:
             "unexplained": [self._unexplained(one) for one in self.unexplained],
             "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
             "believed": dict(self.believed),
+            "nothing": self.nothing,
             "budget": self.budget.to_dict(),
             "as_given": self.as_given.to_dict(),
             "refitted": self.refitted.to_dict(),

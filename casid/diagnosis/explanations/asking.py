@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -17,13 +16,11 @@ from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.responses import responses
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.naming.size import SHARE
 from casid.model.causes import sensor_bias
 from casid.model.effects import catalogue
 
 TURBULENCE = "turbulence"
-# m/s, of which a share matters: of the speed, as of a bias of V, and across it, where it is an angle
-WIND: Mapping[str, float] = MappingProxyType({"wind_x": 20.0, "wind_y": 3.0, "wind_z": 3.0})
+WINDS = ("wind_x", "wind_y", "wind_z")
 _SPACING, _MOST_NODES = 0.5, 400  # s, between nodes, and of all records: longer ones are looked at less finely
 _LEAST = 1e-3  # of a further value of an attached effect, that it may be off by
 _FURTHER = 0.5  # part of it that it may be off by
@@ -142,22 +139,22 @@ def _late(base: Fit) -> list[np.ndarray]:
 def _levels(base: Fit) -> dict[str, float]:
     """Port -> level that matters there: a share of a coefficient's or reading's variation, or of a wind; of a reading,
     its smallest bias that matters, if that is more."""
-    live, coefficients, found = base.batch.live, coefficient_series(base), {}
+    live, coefficients, found, size = base.batch.live, coefficient_series(base), {}, base.criteria.size
     for station in stations(base):
-        if station in WIND:
-            found[station] = SHARE * WIND[station]
+        if station in WINDS:
+            found[station] = size.share * (size.wind_along if station == "wind_x" else size.wind_across)
         else:
-            found[station] = SHARE * max(float(np.std(coefficients[station[1:]][live])), 1e-12)
+            found[station] = size.share * max(float(np.std(coefficients[station[1:]][live])), 1e-12)
     for i, output in enumerate(base.model.outputs):
         bias = sensor_bias(output).smallest_that_matters(base.flight.aircraft) or 0.0
-        found[READING + output] = max(SHARE * float(np.std(base.read[..., i][live])), bias)
+        found[READING + output] = max(size.share * float(np.std(base.read[..., i][live])), bias)
     return found
 
 
 def _entrances(base: Fit, ports: Sequence[str], priors: Priors) -> tuple[Entrance, ...]:
     """One at every port, and moving air along all axes, where the filter has none: that is a cause of the catalogue."""
     single = [Entrance(name=p, ports=(p,), log_prior=priors.unknown(len(ports))) for p in ports]
-    winds = tuple(p for p in ports if p in WIND)
+    winds = tuple(p for p in ports if p in WINDS)
     if len(winds) < 2 or base.noise.coloured:
         return tuple(single)
     kinds = len({e.kind for e in catalogue(base.flight.aircraft, base.flight.outputs)})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
@@ -14,12 +13,17 @@ from casid.diagnosis.explanations.reading import Reading
 from casid.diagnosis.explanations.refit import Explained, explain
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.view import view_of
+from casid.diagnosis.flight.view import View, view_of
+from casid.diagnosis.given.budget import budget_of
+from casid.diagnosis.given.contradicted import contradicted
+from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import held_gains, judge_on
 from casid.diagnosis.judging.verdict import smallest_detectable, turbulence_cause
 from casid.diagnosis.kinematics.kinematics import Turbulence, still_air
-from casid.diagnosis.result import Round
+from casid.diagnosis.result import Diagnosis, Round
+from casid.diagnosis.stages import Stages
+from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue
 from casid.records.record import Record
 
@@ -27,68 +31,68 @@ from casid.records.record import Record
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Begun:
     """Where the naming begins: the file refitted in calm air, with structure that is demanded put in, and the same in
-    the air as it moves, `start`, where that is `turbulence`."""
+    the air as it moves, `start`, where that is `turbulence`; the ranking of `kinematic` causes by kinematics alone, and
+    the file as it is `given`, on the fitted and on the held-out records."""
 
     calm: Fit
     structure: Sequence[Attached]
     structured: Fit
     start: Fit
     turbulence: Turbulence
+    kinematic: tuple[Candidate, ...]
+    given: View
+    held_given: View
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Scored:
-    """What the score adds to a diagnosis: its fields by name, the extended model, and where it began."""
-
-    fields: dict[str, Any]
-    extended: Fit
-    held_refitted: Fit
-    held_extended: Fit
-    extended_file: Any
-
-
-def by_score(begun: Begun, held: Sequence[Record], begin: Callable[[str], None]) -> Scored:
+def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: Stages) -> Diagnosis:
     """Name causes by the posterior over explanations, and judge the model that has them on `held` records."""
-    priors = Priors()
-    explained, turbulence = _explained(begun, priors, begin)
-    reading = Reading(explained=explained, priors=priors, structure=tuple(begun.structure))
-    begin("held-out records")
-    final = reading.fit
+    criteria = begun.calm.criteria
+    explained, turbulence = _explained(begun, criteria.priors, stages.begin)
+    reading = Reading(explained=explained, structure=tuple(begun.structure))
+    stages.begin("held-out records")
+    final, first = reading.fit, explained.first.fit
     held_refitted, held_extended = (judge_on(held, one) for one in (begun.calm, final))
     (gain,) = held_gains([held_refitted, held_extended])
-    begin("verdict")
+    stages.begin("verdict")
     causes = tuple(replace(one, held_out_gain=gain) for one in reading.causes)
     if turbulence.named:
         causes = (turbulence_cause(turbulence, final.flight.aircraft, None), *causes)
     verdict, sentence = reading.verdict(causes)
     candidates = _ranking(explained)
-    first = explained.first.fit
-    unexplained = reading.unexplained
-    fields = {
-        "verdict": verdict,
-        "sentence": sentence,
-        "causes": causes,
-        "minor": reading.minor,
-        "ranking": candidates[:40],
-        "rounds": (Round(candidates=candidates, trials=(), equivalents=(), named=False),),
-        "bare": first,
-        "missing_before": tuple(missing_inputs(weigh(first, discrepancy=False))),
-        "missing_after": tuple(missing_inputs(weigh(final, discrepancy=False))),
-        "unexplained": tuple(one for one, _ in unexplained),
-        "entered": {one.station: p for one, p in unexplained},
-        "explanations": reading.explanations,
-        "believed": reading.believed,
-        "turbulence": turbulence,
-        "detectable": smallest_detectable(candidates),
-        "refitted": view_of(begun.calm),
-        "extended": view_of(final),
-    }
-    return Scored(
-        fields=fields,
-        extended=final,
-        held_refitted=held_refitted,
-        held_extended=held_extended,
-        extended_file=extended_aircraft(begun.calm.flight.aircraft, final, causes, reading.minor),
+    before, after = (tuple(missing_inputs(weigh(one, discrepancy=False))) for one in (first, final))
+    on_held = view_of(held_refitted), view_of(held_extended)
+    stages.end()
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence,
+        not_judged=(),
+        data=(),
+        contradicted=contradicted(aircraft, flight_values(weigh(final))),
+        aircraft=aircraft,
+        extended_aircraft=extended_aircraft(begun.calm.flight.aircraft, final, causes, reading.minor),
+        causes=causes,
+        minor=reading.minor,
+        ranking=candidates[: criteria.numerics.naming.ranking],
+        rounds=(Round(candidates=candidates, trials=(), equivalents=(), named=False),),
+        as_given=begun.given,
+        refitted=view_of(begun.calm),
+        extended=view_of(final),
+        held_out_as_given=begun.held_given,
+        held_out_refitted=on_held[0],
+        held_out_extended=on_held[1],
+        budget=budget_of(begun.held_given, begun.held_given, *on_held),
+        bare=first,
+        missing_before=before,
+        missing_after=after,
+        unexplained=tuple(one for one, _ in reading.unexplained),
+        kinematic=begun.kinematic,
+        turbulence=turbulence,
+        detectable=smallest_detectable(candidates, criteria.verdict),
+        seconds=stages.seconds,
+        explanations=reading.explanations,
+        believed=reading.believed,
+        entered={one.station: p for one, p in reading.unexplained},
+        nothing=explained.posterior.adequate,
     )
 
 

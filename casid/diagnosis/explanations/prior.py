@@ -6,45 +6,51 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.diagnosis.criterion import number
+
 
 @dataclass(frozen=True, kw_only=True)
 class Priors:
-    """Priors and costs of the score.
+    """What the score believes beforehand, and what a wrong name costs."""
 
-    another            odds that there is one more thing wrong: simulations that are flown are mostly right, and several
-                       causes at once are rarer than one
-    outside            share of these odds for what no catalogue has: a fifth of the first findings on foreign flights
-    improbable         factor on the odds of what contradicts the symmetry of an aircraft
-    sizes              1-sigma of a cause's size, in units of the smallest that matters, with equal odds: sums of
-                       Gaussians over two decades have heavy tails, so that no size is excluded
-    grid               1-sigma of the amplitude of a cause at a grid point of its non-linear size: neighbouring points
-                       of the grids are a factor of two apart
-    levels             of an unknown history, as `sizes` are of a cause. Those below one are what instruments and models
-                       always leave: coloured, and too small to matter
-    coloured           odds, for each port, of such a level
-    times              s, correlation times of unknown histories: quicker than any manoeuvre, as quick, and slower
-    base               levels of histories at all ports in every explanation, with equal odds
-    bends              scales of small terms, with equal odds: 1 % a part at the most, some 4 % in all
-    wrong, missed      cost of a wrong name, and of one that is not given: a name sends someone to look, and a wrong one
-                       costs more than the hint that something unexplained is left
-    """
-
-    another: float = 0.5
-    outside: float = 0.2
-    improbable: float = 0.1
-    sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0)
-    grid: float = 0.35
-    levels: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-    coloured: float = 0.2
-    times: tuple[float, ...] = (0.4, 1.5, 6.0)
-    base: tuple[float, ...] = (0.0, 0.02)
-    bends: tuple[float, ...] = (1.0, 2.0, 4.0)
-    wrong: float = 10.0
-    missed: float = 1.0
+    another: float = number(
+        0.5, "odds that one more thing is wrong", "chosen: several causes at once are rarer than one"
+    )
+    outside: float = number(0.2, "share of these odds for what no catalogue has", "chosen: a fifth of first findings")
+    improbable: float = number(0.1, "factor on the odds of what contradicts the symmetry of an aircraft")
+    expected: float = number(2.0, "times what matters, from which structure that every aircraft has is told as a cause")
+    sizes: tuple[float, ...] = number(
+        (0.3, 1.0, 3.0, 10.0, 30.0),
+        "1-sigmas of a cause's size, in units of what matters, with equal odds",
+        "chosen: two decades make heavy tails, so that no size is excluded",
+    )
+    grid: float = number(
+        0.35, "1-sigma of the amplitude at a grid point of a nonlinear size", "derived: grids go by factors of two"
+    )
+    levels: tuple[float, ...] = number(
+        (0.1, 0.3, 1.0, 3.0, 10.0, 30.0),
+        "1-sigmas of an unknown history, in units of what matters",
+        "chosen: as sizes; those below one are the colour that instruments and models leave",
+    )
+    coloured: float = number(0.2, "odds, for each port, of an unknown history below what matters")
+    times: tuple[float, ...] = number(
+        (0.4, 1.5, 6.0),
+        "correlation times of unknown histories",
+        "chosen: quicker than a manoeuvre, as quick, and slower",
+        unit="s",
+    )
+    base: tuple[float, ...] = number(
+        (0.0, 0.02), "levels of histories at all ports at once, in units of what matters, with equal odds"
+    )
+    bends: tuple[float, ...] = number(
+        (1.0, 2.0, 4.0), "scales of the small terms of a coefficient, with equal odds", "derived: structure.scales"
+    )
+    wrong: float = number(10.0, "cost of a wrong name", "chosen: it sends someone to look in the wrong place")
+    missed: float = number(1.0, "cost of a name that is not given", "derived: the unit of cost")
 
     @property
     def named(self) -> float:
-        """Probability from which a name is worth its risk."""
+        """Probability from which a name is worth its risk: the cost of a wrong one over the sum of both costs."""
         return self.wrong / (self.wrong + self.missed)
 
     def cause(self, kinds: int, alternatives: float = 1.0) -> float:

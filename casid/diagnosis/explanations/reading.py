@@ -19,11 +19,10 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.judging.verdict import onset_intervals
-from casid.diagnosis.naming.size import SHARE, meaningful_share, missing_share
+from casid.diagnosis.naming.size import meaningful_share, missing_share
 from casid.diagnosis.result import Cause, place_of
 from casid.model.vocabulary import effect_sentence
 
-_EXPECTED = 2.0  # times what matters, from which structure that every aircraft has is a cause
 _TOLD = 8  # explanations that are told
 
 
@@ -32,8 +31,11 @@ class Reading:
     """What a posterior says in words. `structure` was put into the model beforehand and did not compete."""
 
     explained: Explained
-    priors: Priors
     structure: tuple[Attached, ...]
+
+    @property
+    def priors(self) -> Priors:
+        return self.explained.lead.fit.criteria.priors
 
     @cached_property
     def named(self) -> tuple[Belief, ...]:
@@ -57,7 +59,7 @@ class Reading:
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """The named ones, strongest first, and structure of twice the size that matters."""
+        """The named ones, strongest first, and structure that is large."""
         found = [self._cause(one) for one in self.named]
         found += [self._put_in(one) for one in self._standing if self._notable(one) >= self.priors.named]
         return tuple(sorted(found, key=lambda c: -(c.log_odds or 0.0)))
@@ -77,12 +79,12 @@ class Reading:
         return [one for one in self.fit.attached if one.name in names]
 
     def _notable(self, one: Attached) -> float:
-        """Probability that structure which is expected of any aircraft is of twice the size that matters."""
+        """Probability that structure which is expected of any aircraft is large enough to be told as a cause."""
         if one.slight:
             return 0.0
         share, std = meaningful_share(self.fit, one), deviation(self.evidence, one.name)
         value = abs(one.values["value"])
-        return float(ndtr((share - _EXPECTED) / max(share * std / max(value, 1e-300), 1e-12)))
+        return float(ndtr((share - self.priors.expected) / max(share * std / max(value, 1e-300), 1e-12)))
 
     def _cause(self, belief: Belief) -> Cause:
         one = next(a for a in self.fit.attached if a.name == belief.name)
@@ -147,7 +149,7 @@ class Reading:
         records, samples = len(self.fit.batch.names), self.fit.readings
         for one in missing_oscillation(self.evidence)[:1]:
             odds = 0.5 * one.gain - records * float(np.log(samples)) + self.priors.unknown(len(found) + 1)
-            if missing_share(self.fit, one) > SHARE and odds > 0.0:
+            if missing_share(self.fit, one) > self.fit.criteria.size.share and odds > 0.0:
                 found.append((one, float(expit(odds))))
         return tuple(sorted(found, key=lambda pair: -pair[0].gain))
 

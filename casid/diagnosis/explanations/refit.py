@@ -158,7 +158,8 @@ def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str],
     try:
         fitted = fit(now.fit.flight, [*others, *chosen], now.fit.noise, now.fit, iterations=12, tolerance=2.0)
         fitted, intervals = _events(fitted, set(own) - set(now.own))
-    except (InputError, np.linalg.LinAlgError):  # of these sizes it makes an aircraft that cannot fly the record
+    except (InputError, ArithmeticError, ValueError, MemoryError):
+        # of these sizes it makes an aircraft that cannot fly the record, or a shape ran off
         banned |= set(own) - set(now.own)
         return None
     impossible = {one.name for one in fitted.attached if one.name in own and not plausible(one)}
