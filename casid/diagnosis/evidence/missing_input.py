@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from casid.diagnosis.evidence.evidence import Evidence, cross_of, gram_of
+from casid.diagnosis.evidence.evidence import Evidence
+from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.dynamics import moved_coefficients
@@ -144,13 +145,10 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
     white = response(fit, station, series)
     gain, history, sizes, first = 0.0, {}, [], fit.batch.t[0]
     for r, name in enumerate(fit.batch.names):
-        w = white[:, r].reshape(-1, 2)
-        cross = evidence.by_record[r].T @ w
-        gram = w.T @ w - cross.T @ evidence.covariance @ cross
-        match = w.T @ fit.white[:, r].reshape(-1) - cross.T @ evidence.newton
-        inverse = np.linalg.pinv(gram, hermitian=True)
-        amplitude = inverse @ match
-        gain += float(match @ amplitude)
+        left = Projection.shared(evidence, {r: white[:, r].reshape(-1, 2)})
+        inverse = np.linalg.pinv(left.gram, hermitian=True)
+        amplitude = inverse @ left.match
+        gain += float(left.match @ amplitude)
         sizes.append(float(np.hypot(*amplitude)))
         t = since[fit.batch.live[:, r], r]
         wave = np.stack([np.cos(2.0 * np.pi * frequency * t), np.sin(2.0 * np.pi * frequency * t)], axis=1)
@@ -185,16 +183,8 @@ def response(fit: Fit, station: str, series: np.ndarray) -> np.ndarray:
 def _most_likely(
     evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray], times: Sequence[float]
 ) -> MissingInput:
-    fit, R, n = evidence.fit, len(by_record), len(nodes)
-    gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
-    cross = np.zeros((evidence.by_record[0].shape[1], R * n))
-    for r, w in enumerate(by_record):
-        own = slice(r * n, (r + 1) * n)
-        gram[own, own] = gram_of(w)
-        cross[:, own] = cross_of(evidence.by_record[r], w)
-        match[own] = w.T @ fit.white[:, r].reshape(-1)
-    match -= cross.T @ evidence.newton
-    gram -= cross.T @ evidence.covariance @ cross
+    R, left = len(by_record), Projection.by_record(evidence, by_record)
+    gram, match = left.gram, left.match
     best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
         root = _prior_root(nodes, tau, R)
@@ -208,7 +198,7 @@ def _most_likely(
     gain, tau, variance = best
     history = _history(gram, match, nodes, tau, variance, R)
     inside = {}
-    for (mean, sigma), record in zip(history, fit.flight.records, strict=True):
+    for (mean, sigma), record in zip(history, evidence.fit.flight.records, strict=True):
         here = nodes <= record.duration
         inside[record.name] = record.t[0] + nodes[here], mean[here], sigma[here]
     return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), history=inside)

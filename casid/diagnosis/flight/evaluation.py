@@ -336,12 +336,13 @@ def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
     return float(((all_of_it - kept) * mean).sum())
 
 
-def scaled_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix, scaled to unit diagonal; directions without information get none: less than
-    1e-30 is rounding, as of the end of what outlasts the records."""
-    diagonal = np.diag(information)
+def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
+    """Inverse of information matrices (..., n, n), scaled to unit diagonal; directions without information get none:
+    less than 1e-30 is rounding, as of the end of what outlasts the records."""
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
     scale = np.where(diagonal > 1e-30, 1.0 / np.sqrt(np.maximum(diagonal, 1e-30)), 0.0)
-    return np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True) * scale[:, None] * scale
+    row, column = scale[..., :, None], scale[..., None, :]
+    return np.linalg.pinv(information * row * column, rcond=rcond, hermitian=True) * row * column
 
 
 def _columns(

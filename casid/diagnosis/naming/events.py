@@ -12,8 +12,9 @@ from casid.diagnosis.criteria import EventCriteria
 from casid.diagnosis.evidence.evidence import Evidence, cross_of, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, onset_grid, prints_of
 from casid.diagnosis.evidence.missing_input import missing_at
+from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
-from casid.diagnosis.flight.evaluation import Fit, Free
+from casid.diagnosis.flight.evaluation import Fit, Free, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model import operators
@@ -207,22 +208,10 @@ def _mean_part(series: np.ndarray) -> float:
 
 def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
     """Predicted drop of the deviance by columns of white (N, R, ny, k), free of one another."""
-    square, match = np.zeros((white.shape[3],) * 2), np.zeros(white.shape[3])
-    cross = np.zeros((len(evidence.newton), white.shape[3]))
-    for r, flat in enumerate(evidence.by_record):
-        own = white[:, r].reshape(-1, white.shape[3])
-        square += own.T @ own
-        cross += flat.T @ own
-        match += own.T @ evidence.fit.white[:, r].reshape(-1)
-    match -= cross.T @ evidence.newton
-    return float(match @ _inverse(square - cross.T @ evidence.covariance @ cross) @ match)
-
-
-def _inverse(square: np.ndarray) -> np.ndarray:
-    """Of symmetric matrices (..., n, n) that may be singular, scaled to a diagonal of ones."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(square, axis1=-2, axis2=-1), 1e-300))
-    scale = scale[..., :, None] * scale[..., None, :]
-    return np.linalg.pinv(square * scale, rcond=1e-8, hermitian=True) * scale
+    left = Projection.shared(
+        evidence, {r: white[:, r].reshape(-1, white.shape[3]) for r in range(len(evidence.by_record))}
+    )
+    return float(left.match @ scaled_inverse(left.gram, rcond=1e-8) @ left.match)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -275,7 +264,7 @@ def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, 
 def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(statistic (onsets,), sizes, 1-sigmas (onsets, c)) of coefficients that switch together, fitted slots
     eliminated."""
-    inverse = _inverse(steps.gram - steps.cross.swapaxes(1, 2) @ steps.spent)
+    inverse = scaled_inverse(steps.gram - steps.cross.swapaxes(1, 2) @ steps.spent, rcond=1e-8)
     sizes = (inverse @ steps.match[..., None])[..., 0]
     stds = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 1e-300))
     return np.sum(steps.match * sizes, axis=1), sizes, stds

@@ -14,6 +14,7 @@ import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, readings
@@ -84,7 +85,8 @@ def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[
     offered = [i for i, e in enumerate(effects) if e.key not in taken]
     if not offered:
         return [], 0.0
-    information, match = _normal_equations(base, enter[..., offered])
+    left = _projected(base, enter[..., offered])
+    information, match = left.gram, left.match
     squares, chosen, sizes, gained = float(np.sum(base.white**2)), list[int](), np.zeros(0), 0.0
     while len(chosen) < len(offered):
         others = [i for i in range(len(offered)) if i not in chosen]
@@ -103,15 +105,11 @@ def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[
     return small, gained
 
 
-def _normal_equations(base: Fit, enter: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information of what `enter`s the readings, and its match with the residual, the fitted slots eliminated."""
+def _projected(base: Fit, enter: np.ndarray) -> Projection:
+    """Of what `enter`s the readings, the fitted slots eliminated."""
     evidence, n = weigh(base, discrepancy=False), enter.shape[-1]
     white = base.filter.whiten(enter * base.linear.seen[..., None], np.zeros((*base.linear.defect.shape, n)))
-    flat = [white[:, r].reshape(-1, n) for r in range(len(base.batch.names))]
-    cross = np.sum([slots.T @ w for slots, w in zip(evidence.by_record, flat, strict=True)], axis=0)
-    match = np.sum([base.white[:, r].reshape(-1) @ w for r, w in enumerate(flat)], axis=0)
-    square = np.sum([w.T @ w for w in flat], axis=0)
-    return square - cross.T @ evidence.covariance @ cross, match - cross.T @ evidence.newton
+    return Projection.shared(evidence, {r: white[:, r].reshape(-1, n) for r in range(len(base.batch.names))})
 
 
 def _sizes(information: np.ndarray, match: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
