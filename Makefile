@@ -1,4 +1,4 @@
-# make demo | test | check | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
+# make demo | test | check | docs | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
@@ -9,10 +9,10 @@ ARGS   ?=
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test check lock clean
+.PHONY: demo test check docs lock clean
 
 demo: $(STAMP)
-	$(BIN)/python scripts/diagnose.py --out out/demo $(ARGS)
+	env -u OMP_NUM_THREADS -u OPENBLAS_NUM_THREADS $(BIN)/casid demo --out out/demo $(ARGS)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n 2 $(ARGS)
@@ -42,6 +42,10 @@ $(STAMP): pyproject.toml $(LOCK)
 	fi; \
 	touch $(STAMP)
 
+# The pages, in docs/_build/html; a warning is an error.
+docs: $(STAMP)
+	MPLBACKEND=Agg $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html $(ARGS)
+
 # Needs uv. One lock for every platform and every Python that casid runs on.
 lock:
 	@echo '# Exact versions for development and the tests, used as pip constraints.' > $(LOCK)
@@ -51,5 +55,5 @@ lock:
 
 # Leaves the environment alone: `rm -rf .venv` for a fresh one.
 clean:
-	rm -rf out build dist .pytest_cache .hypothesis .ruff_cache
+	rm -rf out build dist docs/_build docs/gallery docs/reference .pytest_cache .hypothesis .ruff_cache
 	find casid problems scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,51 @@
+"""Sphinx configuration: the pages of casid. Pages of causes and criteria are written from their definitions first."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+import written  # noqa: E402  after the path
+from sphinx_gallery.sorting import FileNameSortKey  # noqa: E402
+
+import casid  # noqa: E402
+
+project = "casid"
+copyright = "casid developers"  # noqa: A001
+version = release = casid.__version__
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "examples", "**/README.rst"]
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+autosummary_generate = True
+numpydoc_show_class_members = False
+autodoc_typehints = "none"
+intersphinx_mapping = {}
+html_theme = "pydata_sphinx_theme"
+html_title = "casid"
+html_static_path = ["_static"]
+html_show_sourcelink = False
+html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "secondary_sidebar_items": ["page-toc"]}
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "within_subsection_order": FileNameSortKey,
+    "remove_config_comments": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "plot_gallery": "True",
+    "abort_on_example_error": True,
+}
+suppress_warnings = ["config.cache"]
+
+written.write(HERE / "reference")

@@ -1,0 +1,182 @@
+"""Pages written from definitions: one for every cause of the catalogue, one for every number that decides."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.criterion import listed
+from casid.errors import CasidError
+from casid.model import causes  # noqa: F401  fills the register
+from casid.model.effect import KINDS, Kind
+from problems.blind.case import Hidden
+from problems.blind.do328 import fly
+
+RESULTS = Path(__file__).resolve().parent.parent / "problems" / "blind" / "results.csv"
+DEG = np.pi / 180.0
+# An example of each kind on the Do 328: target, value, term, further parameters, onset [s]
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "actuator_lag": {"target": "delta_e", "value": 0.15},
+    "input_delay": {"target": "delta_e", "value": 0.08},
+    "rate_limit": {"target": "delta_a", "value": 0.08},
+    "dead_zone": {"target": "delta_e", "value": 0.006},
+    "backlash": {"target": "delta_r", "value": 0.01},
+    "effectiveness_change": {"target": "delta_a", "value": -0.5, "onset": 8.0},
+    "sensor_bias": {"target": "q", "value": 0.4 * DEG},
+    "sensor_scale": {"target": "alpha", "value": 0.1},
+    "sensor_delay": {"target": "beta", "value": 0.1},
+    "sensor_lag": {"target": "alpha", "value": 0.15},
+    "vane_position": {"target": "alpha", "value": 5.0},
+    "accelerometer_position": {"target": "x", "value": 2.0},
+    "cg_offset": {"target": "x", "value": 0.2},
+    "mass": {"target": "", "value": 1000.0},
+    "inertia": {"target": "Ixz", "value": 8000.0},
+    "thrust_line": {"target": "", "value": 0.3},
+    "thrust_asymmetry": {"target": "", "value": 0.1},
+    "aero_term": {"target": "Cm", "value": 2.0, "term": "alpha^2"},
+    "unsteady_aero": {"target": "Cm", "value": -6.0},
+    "wind_shear": {"target": "x", "value": 0.6, "onset": 8.0},
+    "gust": {"target": "z", "value": 4.0, "onset": 8.0, "parameters": {"length": 1.5}},
+}
+SHOWN = {"V": ("m/s", 1.0), "alpha": ("deg", 1 / DEG), "q": ("deg/s", 1 / DEG), "az": ("m/s²", 1.0)} | {
+    "beta": ("deg", 1 / DEG),
+    "p": ("deg/s", 1 / DEG),
+    "r": ("deg/s", 1 / DEG),
+    "ay": ("m/s²", 1.0),
+}
+
+
+def write(folder: Path) -> None:
+    """Write all pages below `folder`; pictures that are there already are kept."""
+    (folder / "causes").mkdir(parents=True, exist_ok=True)
+    blind = list(csv.DictReader(RESULTS.open(encoding="utf-8")))
+    for kind in KINDS.values():
+        picture = _picture(kind.kind, folder / "causes")
+        (folder / "causes" / f"{kind.kind}.md").write_text(_cause_page(kind, picture, blind), encoding="utf-8")
+    names = "\n".join(sorted(KINDS))
+    (folder / "causes" / "index.md").write_text(
+        "# The causes\n\nEvery way in which reality may differ from the aircraft file that casid can name.\n\n"
+        f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n",
+        encoding="utf-8",
+    )
+    (folder / "criteria.md").write_text("\n".join(_criteria_page()), encoding="utf-8")
+
+
+def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) -> str:
+    targets = ", ".join(f"`{t}`" for t in kind.targets) if kind.targets else "none"
+    sentence = kind.sentence.replace("{", "*").replace("}", "*")
+    lines = [
+        f"# `{kind.kind}`",
+        "",
+        f"> {sentence}",
+        "",
+        f"- Value: {kind.quantity}, in {_unit(kind.unit)}.",
+        f"- Targets: {targets}{', joined with +' if kind.joined else ''}.",
+    ]
+    if kind.make.__doc__:
+        lines += ["", " ".join(kind.make.__doc__.split())]
+    if picture:
+        lines += ["", "## Its fingerprint on the Do 328", "", f"![{kind.kind}]({picture})", ""]
+        lines += ["What the instruments read with it, less what they read without it, in the same flight."]
+    lines += ["", "## In blind tests", "", *_rates(kind.kind, blind)]
+    return "\n".join(lines) + "\n"
+
+
+def _unit(unit: str) -> str:
+    return unit.replace("{channel}", "the unit of the channel").replace("{term}", "the unit of the term") or "1"
+
+
+def _rates(kind: str, blind: list[dict[str, str]]) -> list[str]:
+    """How often it was found first when it was hidden alone, what was named instead, and the smallest size found."""
+    own = [row for row in blind if row["case"] == kind and row["size"] == "1.0"]
+    if not own:
+        return ["No campaign has hidden this kind yet."]
+    right = [row for row in own if row["first"] == "True"]
+    instead = Counter(name for row in own if row["first"] != "True" for name in _kinds(row["causes"]))
+    lines = [f"Hidden alone in {len(own)} flights of JSBSim and of the Do 328: named first in {len(right)}."]
+    if instead:
+        lines += ["", "Named instead: " + ", ".join(f"`{k}` ({n})" for k, n in instead.most_common(4)) + "."]
+    missed = sum(not row["causes"] for row in own)
+    if missed:
+        lines += ["", f"Nothing was named in {missed}."]
+    sizes: dict[str, list[float]] = {}
+    for row in right:
+        found = re.match(rf"{kind}\(([^)]*)\) (-?[\d.e+-]+)", row["hidden"])
+        if found:
+            sizes.setdefault(found[1], []).append(abs(float(found[2])))
+    if sizes:
+        lines += ["", "| target | smallest size found |", "|---|---|"]
+        lines += [f"| `{t or '-'}` | {min(values):.3g} |" for t, values in sorted(sizes.items())]
+    return lines
+
+
+def _kinds(named: str) -> Iterator[str]:
+    yield from (name.split("(")[0].strip() for name in named.split(";") if name.strip())
+
+
+def _picture(kind: str, folder: Path) -> str | None:
+    """What the cause does to the readings of one flight."""
+    if kind not in EXAMPLES:
+        return None
+    file = folder / f"{kind}.svg"
+    if not file.exists():
+        example = EXAMPLES[kind]
+        t = np.arange(0.0, 16.0, 0.005)
+        moves = {name: size * _doublet(t, at) for name, (size, at) in _MOVES.items()} | {"throttle": 0.0 * t}
+        hidden = Hidden(
+            kind=kind,
+            target=example["target"],
+            value=example["value"],
+            term=example.get("term"),
+            records=("m1",),
+            onset_s={"m1": example["onset"]} if "onset" in example else {},
+            parameters=example.get("parameters", {}),
+        )
+        try:
+            without, with_it = fly("m1", t, moves), fly("m1", t, moves, [hidden])
+        except CasidError:
+            return None
+        _draw(t, {name: with_it[name] - without[name] for name in SHOWN}, file)
+    return file.name
+
+
+_MOVES = {"delta_e": (0.03, 1.0), "delta_a": (0.05, 5.0), "delta_r": (0.05, 9.0)}
+
+
+def _doublet(t: np.ndarray, at: float) -> np.ndarray:
+    return np.where((t >= at) & (t < at + 1.0), 1.0, np.where((t >= at + 1.0) & (t < at + 2.0), -1.0, 0.0))
+
+
+def _draw(t: np.ndarray, change: dict[str, np.ndarray], file: Path) -> None:
+    figure, axes = plt.subplots(4, 2, figsize=(8.0, 5.2), sharex=True, layout="constrained")
+    for axis, (name, (unit, factor)) in zip(axes.T.flat, SHOWN.items(), strict=True):
+        values = factor * change[name]
+        axis.plot(t, values, color="#0b5fa5", linewidth=1.2)
+        axis.axhline(0.0, color="0.7", linewidth=0.6)
+        axis.set_ylabel(f"{name} [{unit}]")
+        room = max(float(np.abs(values).max()), 1e-3)
+        axis.set_ylim(-1.15 * room, 1.15 * room)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    figure.savefig(file)
+    plt.close(figure)
+
+
+def _criteria_page() -> Iterator[str]:
+    yield "# Every number that decides"
+    yield ""
+    yield "Vary one with `casid diagnose --criteria my.toml`, or `cs.diagnose(..., criteria=...)`."
+    yield ""
+    yield "| name | value | unit | meaning | evidence |"
+    yield "|---|---|---|---|---|"
+    for one in listed(Criteria()):
+        cells = (f"`{one.name}`", one.value, one.unit or "1", one.meaning, one.evidence)
+        yield "| " + " | ".join(str(cell).replace("|", "/").replace("\n", " ") for cell in cells) + " |"
