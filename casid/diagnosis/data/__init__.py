@@ -1,1 +1,1 @@
-"""Faults of the data that channels show together."""
+"""Faults of the data, before anything is believed: signs, units, swaps, frozen, clipped and held channels."""

@@ -1,0 +1,163 @@
+"""What the levels of channels say: gravity, lift against weight, the standard atmosphere, the trim of the file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from scipy import special
+
+from casid.diagnosis.data.criteria import CRITERIA, DataCriteria
+from casid.diagnosis.data.reading import Read
+from casid.diagnosis.data.relations import RELATIONS, Relation
+from casid.model.aircraft import Aircraft
+
+_LEAST = -60.0  # log likelihood below which a level is impossible anyhow
+_MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
+_LEVEL_BANK = 0.5  # rad
+_USUAL_V = 100.0  # m/s
+
+
+def _normal(x: float, sigma: float) -> float:
+    return max(-0.5 * (x / sigma) ** 2, _LEAST) if math.isfinite(x) else _LEAST
+
+
+def _ratio(value: float, expected: float, sigma: float) -> float:
+    """Log likelihood of a positive quantity that should be as expected."""
+    return _normal(math.log(value / expected), sigma) if value > 0.0 < expected else _LEAST
+
+
+def _mean(record: Read, name: str) -> float:
+    at = record.known(name)
+    return float(np.mean(record.value(name)[at])) if at.any() else 0.0
+
+
+def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """The mean force along the vertical carries the aircraft, but for the change of its rate of climb."""
+    phi, theta = c.value("phi"), c.value("theta")
+    at = c.known("az", "ax", "phi", "theta")
+    up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
+    sigma = math.hypot(criteria.load_factor, criteria.climb / (g * c.duration))
+    return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma) if at.any() else 0.0
+
+
+def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """theta - alpha is the climb angle."""
+    at = c.known("theta", "alpha", "phi") & (np.abs(c.value("phi")) < _LEVEL_BANK)
+    if at.sum() < 20:
+        return 0.0
+    path = float(np.mean((c.value("theta") - c.value("alpha"))[at]))
+    if not c.has("altitude", "V"):
+        return _normal(path, criteria.path_unknown)
+    climb = float(np.clip(_slope(c, "altitude") / max(_mean(c, "V"), 1.0), -1.0, 1.0))
+    return _normal(path - math.asin(climb), criteria.path_known)
+
+
+def _slope(c: Read, name: str) -> float:
+    at = c.known(name)
+    return float(np.mean(c.rate(name)[at])) if at.any() else 0.0
+
+
+def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """rho V^2 S CL / 2 of the file carries what the accelerometer feels."""
+    if aircraft is None:
+        return 0.0
+    names = ("CL_0", "CL_alpha", 1.0) if aircraft.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
+    if not {names[0], names[1]} <= aircraft.derivatives.keys():
+        return 0.0
+    zero, slope = (names[2] * aircraft.derivatives[name] for name in names[:2])
+    alpha, V, rho = _mean(c, "alpha"), _mean(c, "V"), _mean(c, "rho")
+    lift, wanted = zero + slope * alpha, -_mean(c, "az") * aircraft.mass / (0.5 * rho * V**2 * aircraft.area or 1.0)
+    doubt = math.sqrt((criteria.lift * zero) ** 2 + (criteria.lift * slope * alpha) ** 2 + (0.02 * slope) ** 2)
+    return _normal(wanted - lift, math.hypot(doubt, criteria.load_factor * abs(lift)))
+
+
+def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[..., float]:
+    def level(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+        expected = aircraft.trim.get(name) if aircraft is not None else None
+        return _ratio(_mean(c, name), expected, sigma(criteria)) if expected else 0.0
+
+    return level
+
+
+def _usual_speed(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    return _ratio(_mean(c, "V"), _USUAL_V, criteria.usual_speed)
+
+
+def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """Density of the standard troposphere at the recorded altitude."""
+    height = min(max(_mean(c, "altitude"), -1000.0), 19000.0)
+    return _ratio(_mean(c, "rho"), standard_density(height), criteria.atmosphere)
+
+
+def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., float]:
+    """A force opposes its flow angle, whatever flies: side force that of sideslip, lift that of attack."""
+
+    def level(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+        at = c.known(force, angle, "V", *(name for name in beside if c.has(name)))
+        if at.sum() < 20:
+            return 0.0
+        others = [c.value(name)[at] for name in beside if c.has(name)]
+        X = np.stack([c.value(angle)[at], *others, np.ones(int(at.sum()))], axis=1)
+        X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
+        y = c.value(force)[at]
+        inverse = np.linalg.pinv(X.T @ X, rcond=1e-10)
+        found = inverse @ X.T @ y
+        every = len(y) / max(c.independent * float(at.mean()), 1.0)
+        scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
+        sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
+        return max(float(special.log_ndtr(sigmas)), _LEAST)
+
+    return level
+
+
+def standard_density(altitude: float) -> float:
+    """Density [kg/m3] of the standard atmosphere up to 20 km (ISO 2533)."""
+    if altitude <= 11000.0:
+        return 1.225 * (1.0 - 2.25577e-5 * altitude) ** 4.2559
+    return 0.36391 * math.exp(-(altitude - 11000.0) / 6341.6)
+
+
+_LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ...] = (
+    (("az", "theta"), ("ax", "ay", "az", "phi", "theta", "t"), _load_factor),
+    (("theta", "alpha"), ("theta", "alpha", "altitude", "V", "t"), _flight_path),
+    (("alpha", "V", "rho", "az"), ("alpha", "V", "rho", "az"), _lift),
+    (("V",), ("V",), _trimmed("V", lambda c: c.trim_speed)),
+    (("V",), ("V",), _usual_speed),
+    (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim_density)),
+    (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.trim_thrust)),
+    (("ay", "beta"), ("ay", "beta", "p", "r", "delta_r"), _slope_of("ay", "beta", ("p", "r", "delta_r"))),
+    (("az", "alpha"), ("az", "alpha", "q", "delta_e"), _slope_of("az", "alpha", ("q", "delta_e"))),
+    (("rho", "altitude"), ("rho", "altitude"), _atmosphere),
+)
+
+
+def level_terms(aircraft: Aircraft | None, gravity: float) -> Iterator[tuple[frozenset[str], Callable[[Read], float]]]:
+    """(channels that enter, log likelihood in a record) of every level."""
+
+    def term(needs: tuple[str, ...], level: Callable[..., float]) -> Callable[[Read], float]:
+        return lambda c: level(c, aircraft, gravity, CRITERIA) if c.has(*needs) else 0.0
+
+    for needs, uses, level in _LEVELS:
+        yield frozenset(uses), term(needs, level)
+    for relation in RELATIONS:
+        if relation.name in _MEANS:
+            yield frozenset((*relation.uses, "t")), _of_means(relation, gravity)
+
+
+def _of_means(relation: Relation, gravity: float) -> Callable[[Read], float]:
+    """The means of both sides differ by biases only; large ones are rare, and not excluded (Student-t, 3)."""
+    sigma = CRITERIA.bias_force if relation.name == "V" else CRITERIA.bias_rate
+
+    def term(c: Read) -> float:
+        if not c.has(*relation.needs):
+            return 0.0
+        at = c.known(*relation.uses)
+        if at.sum() < 20:
+            return 0.0
+        left, right = relation.sides(c, gravity)
+        off = float(np.mean(left[at] - right[at]))
+        return -2.0 * math.log1p((off / sigma) ** 2 / 3.0) if math.isfinite(off) else _LEAST
+
+    return term

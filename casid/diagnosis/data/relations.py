@@ -1,0 +1,206 @@
+"""What channels must have to do with each other, whatever the aerodynamics: kinematics of a rigid body in calm air.
+
+Every relation gives two series that are equal but for the noise of either: the rate of one channel, and what others
+make of it. Flat earth, body axes, 3-2-1 Euler angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from casid.diagnosis.data.reading import Read
+
+Pair = tuple[np.ndarray, np.ndarray]
+ALONG, ACROSS = 8.0, 2.0  # m, 1-sigma of the place of a vane ahead of the c.g. and across
+LATE = 0.05  # s, 1-sigma of the delay of one instrument against another
+_CLOSE = 0.03  # part of a variation that scale errors, lever arms and moving air of healthy records may leave
+_SCALE = 1.25  # an instrument's own scale error is within, so that it is no question of units
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Relation:
+    """needs: channels without which it says nothing; uses: all that enter; sides: the two series of a record; slow:
+    to be seen through the longer window; errors: what ordinary errors of healthy instruments put in, 1-sigma each."""
+
+    name: str
+    needs: tuple[str, ...]
+    uses: tuple[str, ...]
+    sides: Callable[[Read, float], Pair]
+    slow: bool = False
+    errors: Callable[[Read], list[np.ndarray]] = lambda c: []
+
+
+def _bank(c: Read, g: float) -> Pair:
+    phi, theta = c.value("phi"), c.value("theta")
+    return c.rate("phi"), c.value("p") + np.tan(theta) * (c.value("q") * np.sin(phi) + c.value("r") * np.cos(phi))
+
+
+def _pitch(c: Read, g: float) -> Pair:
+    phi = c.value("phi")
+    return c.rate("theta"), c.value("q") * np.cos(phi) - c.value("r") * np.sin(phi)
+
+
+def _heading(c: Read, g: float) -> Pair:
+    phi = c.value("phi")
+    return c.rate("psi"), (c.value("q") * np.sin(phi) + c.value("r") * np.cos(phi)) / np.cos(c.value("theta"))
+
+
+def _gravity(c: Read, g: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Acceleration [m/s2] of the aircraft along body axes: specific force and gravity."""
+    phi, theta = c.value("phi"), c.value("theta")
+    return (
+        c.value("ax") - g * np.sin(theta),
+        c.value("ay") + g * np.sin(phi) * np.cos(theta),
+        c.value("az") + g * np.cos(phi) * np.cos(theta),
+    )
+
+
+def _speed(c: Read, g: float) -> Pair:
+    alpha, beta = c.value("alpha"), c.value("beta")
+    x, y, z = _gravity(c, g)
+    return c.rate("V"), np.cos(beta) * (np.cos(alpha) * x + np.sin(alpha) * z) + np.sin(beta) * y
+
+
+def _attack(c: Read, g: float) -> Pair:
+    alpha, beta = c.value("alpha"), c.value("beta")
+    x, _, z = _gravity(c, g)
+    turned = c.value("q") - np.tan(beta) * (c.value("p") * np.cos(alpha) + c.value("r") * np.sin(alpha))
+    return c.rate("alpha"), turned + (np.cos(alpha) * z - np.sin(alpha) * x) / (c.value("V") * np.cos(beta))
+
+
+def _sideslip(c: Read, g: float) -> Pair:
+    alpha, beta = c.value("alpha"), c.value("beta")
+    x, y, z = _gravity(c, g)
+    turned = c.value("p") * np.sin(alpha) - c.value("r") * np.cos(alpha)
+    across = np.cos(beta) * y - np.sin(beta) * (np.cos(alpha) * x + np.sin(alpha) * z)
+    return c.rate("beta"), turned + across / c.value("V")
+
+
+def _climb(c: Read, g: float) -> Pair:
+    alpha, beta, phi, theta = (c.value(name) for name in ("alpha", "beta", "phi", "theta"))
+    climbing = (
+        np.cos(alpha) * np.cos(beta) * np.sin(theta)
+        - np.sin(beta) * np.sin(phi) * np.cos(theta)
+        - np.sin(alpha) * np.cos(beta) * np.cos(phi) * np.cos(theta)
+    )
+    return c.rate("altitude"), c.value("V") * climbing
+
+
+def _of_rate(rate: str) -> Callable[[Read, float], Pair]:
+    return lambda c, g: (c.rate(rate), c.value(f"{rate}dot"))
+
+
+def _vane(rates: tuple[str, ...]) -> Callable[[Read], list[np.ndarray]]:
+    """Rates of a flow angle that a vane away from the c.g. senses, from rotation that gathers speed."""
+    arms = {"q": ALONG, "r": ALONG, "p": ACROSS}
+    return lambda c: [arms[name] * c.rate(name) / np.maximum(c.value("V"), 1.0) for name in rates if c.has(name)]
+
+
+_ATTITUDE, _RATES, _FORCES = ("phi", "theta"), ("p", "q", "r"), ("ax", "ay", "az")
+RELATIONS: tuple[Relation, ...] = (
+    Relation(name="phi", needs=("phi", "p"), uses=(*_ATTITUDE, *_RATES), sides=_bank),
+    Relation(name="theta", needs=("theta", "q"), uses=("theta", "phi", "q", "r"), sides=_pitch),
+    Relation(name="psi", needs=("psi", "r", "phi"), uses=("psi", *_ATTITUDE, "q", "r"), sides=_heading),
+    *(Relation(name=f"{r}dot", needs=(r, f"{r}dot"), uses=(r, f"{r}dot"), sides=_of_rate(r)) for r in _RATES),
+    Relation(
+        name="V", needs=("V", "ax", "theta"), uses=("V", "alpha", "beta", *_ATTITUDE, *_FORCES), sides=_speed, slow=True
+    ),
+    Relation(
+        name="alpha",
+        needs=("alpha", "q", "az", "V", "theta"),
+        uses=("V", "alpha", "beta", *_RATES, *_ATTITUDE, *_FORCES),
+        sides=_attack,
+        errors=_vane(("q",)),
+    ),
+    Relation(
+        name="beta",
+        needs=("beta", "r", "ay", "V", "phi"),
+        uses=("V", "alpha", "beta", *_RATES, *_ATTITUDE, *_FORCES),
+        sides=_sideslip,
+        errors=_vane(("r", "p")),
+    ),
+    Relation(
+        name="altitude",
+        needs=("altitude", "V", "theta", "alpha"),
+        uses=("altitude", "V", "alpha", "beta", *_ATTITUDE),
+        sides=_climb,
+        slow=True,
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """How two sides agree: their covariance, each without its line, and how many independent samples tell of it."""
+
+    left: float
+    right: float
+    both: float
+    independent: float
+
+    @property
+    def unlike(self) -> float:
+        """What no common signal of equal size explains: generalised variance over that of two unrelated series, from
+        `_CLOSE` to 1.
+
+        Both sides are the same signal with noise of their own (errors in variables): then their covariance lies
+        between zero and the smaller variance. Outside, the nearest such covariance is taken.
+        """
+        best = min(self._at(gain) for gain in self._gains())
+        return float(min(max(best, _CLOSE), 1.0))
+
+    def _gains(self) -> tuple[float, ...]:
+        return (1.0, _SCALE, 1.0 / _SCALE)
+
+    def _at(self, gain: float) -> float:
+        left, right, both = self.left, gain**2 * self.right, gain * self.both
+        if both <= 0.0 or left <= 0.0 or right <= 0.0:
+            return 1.0
+        if both <= min(left, right):
+            return 1.0 - both**2 / (left * right)
+        return (left + right - 2.0 * both) / max(left, right)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the samples, over that of two unrelated series."""
+        return -0.5 * self.independent * float(np.log(self.unlike))
+
+
+def agreement(relation: Relation, record: Read, gravity: float) -> Agreement | None:
+    """How the sides of a relation agree in a record; None where it lacks a channel."""
+    if not record.has(*relation.needs):
+        return None
+    at = record.known(*relation.uses)
+    if at.sum() < 20:
+        return None
+    rate, made = relation.sides(record, gravity)
+    late = LATE * np.gradient(rate, record.step)
+    rate, made, *errors = (_without_line(side[at]) for side in (rate, made, late, *relation.errors(record)))
+    rate = _without_errors(rate, made, np.stack(errors, axis=1), int(at.sum() / max(record.independent, 1.0)) + 1)
+    (left, both), (_, right) = np.cov(np.stack([rate, made]))
+    if not np.isfinite([left, right, both]).all():
+        return None
+    return Agreement(
+        left=float(left), right=float(right), both=float(both), independent=record.independent * float(at.mean())
+    )
+
+
+def _without_errors(rate: np.ndarray, made: np.ndarray, errors: np.ndarray, every: int) -> np.ndarray:
+    """The one side with the ordinary errors, of their prior sizes, that bring it nearest to the other.
+
+    `every` samples are one independent one."""
+    if not np.isfinite(errors).all():
+        return rate
+    left = rate - made
+    noise = max(float(np.var(left)), _CLOSE * float(np.var(rate)), 1e-300) * every
+    size = np.linalg.solve(errors.T @ errors / noise + np.eye(errors.shape[1]), errors.T @ left / noise)
+    return rate - errors @ size
+
+
+def _without_line(series: np.ndarray) -> np.ndarray:
+    """A series without its mean and slope: the biases of instruments, and their drift."""
+    x = np.linspace(-1.0, 1.0, len(series))
+    return series - series.mean() - x * (x @ series) / (x @ x)

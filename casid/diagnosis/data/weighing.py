@@ -1,0 +1,200 @@
+"""The alternatives compete: how much better does each explain what channels must have to do with each other?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.data.alternatives import Alternative, alternatives
+from casid.diagnosis.data.criteria import CRITERIA
+from casid.diagnosis.data.levels import level_terms
+from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
+from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
+from casid.diagnosis.data.response import Response
+from casid.diagnosis.data.smooth import QUICK, SLOW, Smooth, smooth
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+from casid.signals import SURFACES
+
+_MOST = 8  # faults of one set of records
+_STRETCH = 1.3  # factor between rates from which time may be stretched
+_TELLING = 0.7  # what is unlike, up to which a relation tells of time
+
+Term = Callable[[Read], float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Weighed:
+    """An alternative that the data prefer.
+
+    records    that have it
+    log_odds   posterior, against the records as they stand
+    rivals     other explanations that these data cannot tell from it
+    """
+
+    alternative: Alternative
+    records: tuple[str, ...]
+    log_odds: float
+    rivals: tuple[str, ...]
+
+    @property
+    def alone(self) -> bool:
+        return not self.rivals
+
+
+class Weighing:
+    """Records under readings, and the gain of every alternative to them."""
+
+    def __init__(self, records: Sequence[Record], aircraft: Aircraft | None) -> None:
+        self._aircraft = aircraft
+        self._gravity = aircraft.gravity if aircraft is not None else 9.80665
+        self._quick = [smooth(record, QUICK) for record in records]
+        self._slow = [smooth(record, SLOW) for record in records]
+        self.names = [record.name for record in records]
+        self.readings: list[Reading] = [AS_RECORDED for _ in records]
+        self._terms = self._all_terms()
+        self._response = Response(aircraft) if aircraft is not None else None
+
+    def _all_terms(self) -> list[tuple[frozenset[str], bool, Term]]:
+        """(channels that enter, seen slowly, log likelihood)."""
+
+        def of(relation: Relation) -> Term:
+            def term(read: Read) -> float:
+                found = agreement(relation, read, self._gravity)
+                return found.log_likelihood if found is not None else 0.0
+
+            return term
+
+        dynamic = [(frozenset((*r.uses, "t")), r.slow, of(r)) for r in RELATIONS]
+        return [*dynamic, *((uses, False, term) for uses, term in level_terms(self._aircraft, self._gravity))]
+
+    def _read(self, j: int, slow: bool, reading: Reading) -> Read:
+        return Read((self._slow if slow else self._quick)[j], reading)
+
+    def found(self) -> list[Weighed]:
+        """The faults that the records show, most telling first; each is corrected before the next is sought."""
+        found: list[Weighed] = []
+        for _ in range(_MOST):
+            best = self._best([self._gains(a) for a in self._outputs()])
+            if best is None:
+                break
+            found.append(best)
+            self._take(best)
+        if self._response is None:
+            return found
+        for _ in range(_MOST):
+            best = self._best(self._response_gains())
+            if best is None:
+                break
+            found.append(best)
+            self._take(best)
+        return found
+
+    def _take(self, best: Weighed) -> None:
+        for j, name in enumerate(self.names):
+            if name in best.records:
+                self.readings[j] = self.readings[j].then(best.alternative.reading)
+
+    def _outputs(self) -> list[Alternative]:
+        channels = {name for one in self._quick for name in one.values}
+        return [a for a in alternatives(channels, self._stretched()) if not a.channels & set(SURFACES)]
+
+    def _stretched(self) -> float | None:
+        """The factor on time that makes rates of rotation what the gyros say, when they agree on one."""
+        factors = []
+        for j in range(len(self.names)):
+            for relation in RELATIONS[:6]:
+                seen = agreement(relation, self._read(j, relation.slow, self.readings[j]), self._gravity)
+                if seen is None or seen.both <= 0.0:
+                    continue
+                if 1.0 - seen.both**2 / (seen.left * seen.right) < _TELLING:
+                    factors.append(0.5 * np.log(seen.left / seen.right))
+        if len(factors) < 2:
+            return None
+        middle, spread = float(np.median(factors)), float(np.median(np.abs(factors - np.median(factors))))
+        return float(np.exp(middle)) if abs(middle) > np.log(_STRETCH) and spread < 0.1 else None
+
+    def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
+        """Log likelihood ratio of an alternative in every record."""
+        concerned = [(slow, term) for uses, slow, term in self._terms if uses & alternative.channels]
+        gains = []
+        for j in range(len(self.names)):
+            if not _there(self._quick[j], alternative):
+                gains.append(0.0)
+                continue
+            other = self.readings[j].then(alternative.reading)
+            gain = 0.0
+            for slow, term in concerned:
+                gain += term(self._read(j, slow, other)) - term(self._read(j, slow, self.readings[j]))
+            gains.append(gain)
+        return alternative, gains
+
+    def _response_gains(self) -> list[tuple[Alternative, list[float]]]:
+        assert self._response is not None
+        reads = [self._read(j, False, reading) for j, reading in enumerate(self.readings)]
+        channels = {name for one in self._quick for name in one.values}
+        able = [a for a in alternatives(channels) if a.channels and a.channels <= set(SURFACES)]
+        return self._response.gains(reads, able)
+
+    def _best(self, gains: Sequence[tuple[Alternative, list[float]]]) -> Weighed | None:
+        """The alternative with the largest posterior odds, in the records that do not contradict it."""
+        scored = sorted(
+            ((self._total(per_record), a, self._concerned(per_record)) for a, per_record in gains),
+            key=lambda row: -row[0],
+        )
+        if not scored or scored[0][0] + CRITERIA.fault < CRITERIA.said:
+            return None
+        top, alternative, records = scored[0]
+        rivals = tuple(
+            described(a) for total, a, _ in scored[1:] if total > top - CRITERIA.alone and not _same(a, alternative)
+        )
+        return Weighed(alternative=alternative, records=records, log_odds=top + CRITERIA.fault, rivals=rivals)
+
+    def _total(self, gains: Sequence[float]) -> float:
+        return sum(gains) if min(gains) > CRITERIA.against else sum(g for g in gains if g > 0.0)
+
+    def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
+        everywhere = min(gains) > CRITERIA.against
+        return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > -CRITERIA.against)
+
+
+def _there(record: Smooth, alternative: Alternative) -> bool:
+    return all(name in record for name in alternative.reading.channels)
+
+
+def _same(one: Alternative, other: Alternative) -> bool:
+    """Whether two alternatives take the same channels by nearly the same factors."""
+    if one.kind != other.kind or one.reading.source or other.reading.source:
+        return False
+    a, b = one.reading.factor, other.reading.factor
+    if one.reading.time != 1.0 or other.reading.time != 1.0:
+        return abs(np.log(one.reading.time / other.reading.time)) < 0.1
+    return a.keys() == b.keys() and all(a[n] * b[n] > 0.0 and abs(np.log(a[n] / b[n])) < 0.1 for n in a)
+
+
+def described(alternative: Alternative) -> str:
+    """An alternative in a few words."""
+    if alternative.kind == "data_swap":
+        return f"{alternative.target.replace('+', ' and ')} interchanged"
+    if alternative.kind == "data_sign":
+        return f"{alternative.target} reversed"
+    return f"{alternative.target.replace('+', ', ')} in {alternative.unit or 'another unit'}"
+
+
+def with_readings(record: Record, reading: Reading) -> Record:
+    """The record as a reading takes it."""
+    if reading == AS_RECORDED:
+        return record
+    changed = {
+        name: reading.factor.get(name, 1.0) * record[reading.source.get(name, name)]
+        for name in reading.channels
+        if reading.source.get(name, name) in record
+    }
+    t = record.t * reading.time if reading.time != 1.0 else record.t
+    return replace(record.with_channels(**changed), t=t)
+
+
+def corrected_by(readings: Mapping[str, Reading], record: Record) -> Record:
+    return with_readings(record, readings.get(record.name, AS_RECORDED))

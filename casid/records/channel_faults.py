@@ -1,0 +1,343 @@
+"""What one channel shows alone: frozen stretches, held values, rails, isolated outliers, codes for "no value".
+
+Every judgement is one of exact repeats or of single samples; what moves slowly is nobody's fault here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from casid.records.checks import INPUTS
+from casid.records.record import Record
+
+_FEWEST = 60  # finite samples from which a channel is judged
+_LEVELS = 20  # distinct values below which a channel is of steps
+_SLOWER, _STAIRCASE = 1.5, 0.4  # own sampling interval over the record's; part of a record in runs: a slower recorder
+_ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
+_EDGE = 8  # samples at either end of a part in which filters leave artefacts
+_GAP = 1.5  # sampling intervals that are a gap in time
+_OF_RANGE = 0.2  # of the range of an input: a smaller outlier may be a command
+_COMPANIONS: tuple[frozenset[str], ...] = (
+    frozenset(("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
+    frozenset(("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What decides, each with its reason in `evidence`."""
+
+    chance: float = field(
+        default=1e-4,
+        metadata={
+            "unit": "1",
+            "meaning": "expected number of runs as long, or longer, in a healthy channel of this length",
+            "evidence": "one false alarm in 10 000 channels, were repeats independent",
+        },
+    )
+    frozen_s: float = field(
+        default=3.0,
+        metadata={
+            "unit": "s",
+            "meaning": "a run as long, or one to the end of the record, is a frozen channel; a shorter one a held value",
+            "evidence": "a recorder that loses a message holds it for some periods; longer is another fault",
+        },
+    )
+    held_s: float = field(
+        default=0.15,
+        metadata={
+            "unit": "s",
+            "meaning": "shorter runs are left alone",
+            "evidence": "a hold of 0.15 s moves a short period of 1 Hz by less than its noise in 15 channels of ATTAS",
+        },
+    )
+    rail: int = field(
+        default=6,
+        metadata={
+            "unit": "samples",
+            "meaning": "fewest samples at exactly the largest (or smallest) value of a clipped channel",
+            "evidence": "the crest of a quantised motion has one run of a few; see also `crowded`",
+        },
+    )
+    crowded: float = field(
+        default=6.0,
+        metadata={
+            "unit": "1",
+            "meaning": "samples at a rail over samples at a level near it",
+            "evidence": "a crest of a sine in 16 levels has 2.4 times as many samples as the mean of the next five",
+        },
+    )
+    spike: float = field(
+        default=9.0,
+        metadata={
+            "unit": "sigma",
+            "meaning": "distance of an isolated outlier from the cubic through its neighbours",
+            "evidence": "the largest of 210 channels of clean real flights is 7.6",
+        },
+    )
+    code: float = field(
+        default=10.0,
+        metadata={
+            "unit": "1",
+            "meaning": "distance of a code from the median, over the range of nine tenths of the samples",
+            "evidence": "a rudder kick of 1 s in 25 s of rest reaches 4, and it has no edges",
+        },
+    )
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChannelFault:
+    """A fault of one channel in one record: samples that are not to be believed.
+
+    kind     data_stuck, data_dropout, data_clipped or data_spikes
+    at       (N,) True at the samples concerned
+    value    level at which it rests (the rail, the frozen value); None of outliers and of several holds
+    """
+
+    kind: str
+    target: str
+    record: str
+    at: np.ndarray
+    value: float | None = None
+
+    def intervals(self, t: np.ndarray) -> list[tuple[float, float]]:
+        """Begin and end [s] of every stretch of samples concerned."""
+        return [(float(t[first]), float(t[last])) for first, last in stretches(self.at)]
+
+
+def stretches(at: np.ndarray) -> list[tuple[int, int]]:
+    """First and last sample of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault]:
+    """The faults that channels of a record show by themselves, in the order in which they are to be taken out."""
+    found: list[ChannelFault] = []
+    parts = _unbroken(record)
+    for name, values in record.channels.items():
+        if np.isfinite(values).sum() < _FEWEST or name == "rho" or _rests(values):
+            continue
+        slow = update_interval(record, name) > _SLOWER * record.dt
+        wild = _codes(values, limits)
+        if not slow:
+            wild = wild | _spikes(np.where(wild, np.nan, values), parts, limits, least=_OF_RANGE if name in INPUTS else 0)
+        if wild.any():
+            found.append(ChannelFault(kind="data_spikes", target=name, record=record.name, at=wild))
+        if name in INPUTS:
+            continue  # a surface rests, and has stops
+        clean = np.where(wild, np.nan, values)
+        rail = _rails(clean, limits)
+        if rail is not None:
+            level, at = rail
+            found.append(ChannelFault(kind="data_clipped", target=name, record=record.name, at=at, value=level))
+            clean = np.where(at, np.nan, clean)
+        found += _held(record, name, clean, limits)
+    return found
+
+
+def _unbroken(record: Record) -> list[slice]:
+    """Parts of the record between gaps in its time."""
+    gaps = np.flatnonzero(np.diff(record.t) > _GAP * record.dt) + 1
+    edges = [0, *gaps.tolist(), len(record)]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def without_faults(record: Record, faults: Iterable[ChannelFault]) -> Record:
+    """The record with samples of outputs that are not to be believed missing, and those of inputs interpolated."""
+    changed: dict[str, np.ndarray] = {}
+    for fault in faults:
+        if fault.record != record.name:
+            continue
+        values = np.where(fault.at, np.nan, changed.get(fault.target, record[fault.target]))
+        if fault.target in INPUTS:
+            good = np.isfinite(values)
+            values = np.interp(record.t, record.t[good], values[good])
+        changed[fault.target] = values
+    return record.with_channels(**changed) if changed else record
+
+
+def constant_in_one(records: Sequence[Record]) -> list[ChannelFault]:
+    """Outputs that do not move throughout a record though they do in others, and what belongs to them moves in it."""
+    found = []
+    for record in records:
+        for name, values in record.channels.items():
+            if name in INPUTS or not _rests(values):
+                continue
+            others = [other for other in records if other is not record and name in other]
+            beside = next((group for group in _COMPANIONS if name in group), frozenset())
+            moving = any(n in record and n != name and not _rests(record[n]) for n in beside)
+            if moving and any(not _rests(other[name]) for other in others):
+                at = np.isfinite(values)
+                level = float(values[at][0])
+                found.append(ChannelFault(kind="data_stuck", target=name, record=record.name, at=at, value=level))
+    return found
+
+
+def _rests(values: np.ndarray) -> bool:
+    good = values[np.isfinite(values)]
+    return len(good) > 0 and float(np.ptp(good)) == 0.0
+
+
+def runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(first sample, number of samples) of every stretch of equal values; missing samples are stretches of one."""
+    new = np.concatenate([[True], values[1:] != values[:-1]])
+    first = np.flatnonzero(new)
+    return first, np.diff(np.concatenate([first, [len(values)]]))
+
+
+def update_interval(record: Record, name: str) -> float:
+    """Median time [s] between the samples of a channel that are new: its own rate, where it is slower than the record."""
+    values = record[name]
+    first, _ = runs(values)
+    fresh = first[np.isfinite(values[first])]
+    return float(np.median(np.diff(record.t[fresh]))) if len(fresh) > 10 else math.nan
+
+
+def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> list[ChannelFault]:
+    """Runs of equal values that are too long to be chance, with a jump behind them: held; or to the end: frozen."""
+    first, length = runs(values)
+    if len(first) < 10:
+        return []
+    shortest = max(5.0, 3.0 * float(np.median(length)), limits.held_s / record.dt)
+    long_ones = length > shortest
+    rest = length[~long_ones]
+    repeats = (float(np.sum(rest - 1)) + 1.0) / (float(np.sum(rest)) + 2.0)
+    needed = max(shortest, 1.0 + (math.log(len(values)) - math.log(limits.chance)) / -math.log(repeats))
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    held, frozen, level = np.zeros(len(values), dtype=bool), np.zeros(len(values), dtype=bool), None
+    for begin, count in zip(first[long_ones].tolist(), length[long_ones].tolist(), strict=True):
+        end, seconds = begin + count, (count - 1) * record.dt
+        ends = end >= len(values)
+        jumps = ends or not np.isfinite(values[end]) or abs(values[end] - values[begin]) > 3.0 * step
+        if count < needed or not jumps or (begin == 0 and _all_rest(record, name, end)):
+            continue
+        if seconds >= limits.frozen_s or (ends and seconds >= 1.0):
+            frozen[begin + 1 : end], level = True, float(values[begin])
+        elif not ends:
+            held[begin + 1 : end] = True
+    if held.mean() > _STAIRCASE:  # a channel of a slower recorder
+        held[:] = False
+    found = [(kind, at) for kind, at in (("data_stuck", frozen), ("data_dropout", held)) if at.any()]
+    return [
+        ChannelFault(kind=kind, target=name, record=record.name, at=at, value=level if kind == "data_stuck" else None)
+        for kind, at in found
+    ]
+
+
+def _all_rest(record: Record, name: str, end: int) -> bool:
+    """Whether most other outputs rest, too, up to a sample: a simulation that begins in trim."""
+    others = [v[:end] for n, v in record.channels.items() if n not in INPUTS and n != name]
+    resting = [_rests(v) for v in others]
+    return bool(resting) and float(np.mean(resting)) > 0.5
+
+
+def _rails(values: np.ndarray, limits: Limits) -> tuple[float, np.ndarray] | None:
+    """(level, samples) of a channel that sticks to its largest, its smallest or both values."""
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    if len(levels) < _LEVELS:
+        return None
+    gaps = np.diff(levels)
+    quantum = float(gaps[gaps > _ROUNDING * (levels[-1] - levels[0])].min())
+    found, at = None, np.zeros(len(values), dtype=bool)
+    for edge, near in ((0, slice(1, 8)), (-1, slice(-8, -1))):
+        here = values == levels[edge]
+        begins = stretches(here)
+        crowded = counts[edge] >= max(limits.rail, limits.crowded * counts[near].mean())
+        began = len(begins) == 1 and begins[0][0] == 0
+        if crowded and not began and _has_corners(values, begins, quantum):
+            found, at = float(levels[edge]), at | here
+    return None if found is None else (found, at)
+
+
+def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: float) -> bool:
+    """Whether a channel leaves its longest plateau faster than a parabola whose crest is that long in its resolution."""
+    first, last = max(plateaus, key=lambda plateau: plateau[1] - plateau[0])
+    if last - first < 1 and len(plateaus) < 3 * LIMITS.rail:
+        return False
+    half, outside = 0.5 * (last - first + 1), [k for k in (first - 3, last + 3) if 0 <= k < len(values)]
+    drops = [abs(values[k] - values[first]) for k in outside if np.isfinite(values[k])]
+    return bool(drops) and float(np.mean(drops)) > 4.0 * quantum * ((half + 3.0) / half) ** 2
+
+
+_CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0
+_WINDOW, _NEAR = 25, 12  # samples on either side that tell what is usual
+
+
+def _spikes(values: np.ndarray, parts: Sequence[slice], limits: Limits, least: float) -> np.ndarray:
+    """Single samples far from the cubic through their neighbours, which agree among each other, and farther than what
+    is usual near them; `least` as a part of the range of nine tenths of the samples."""
+    low, high = np.nanquantile(values, (0.05, 0.95))
+    at = np.zeros(len(values), dtype=bool)
+    for part in parts:
+        good = np.arange(len(values))[part]
+        good = good[np.isfinite(values[good])]
+        if len(good) >= _FEWEST:
+            at[good] = _isolated(values[good], limits.spike, least * (high - low))
+    return at
+
+
+def _isolated(series: np.ndarray, sigmas: float, least: float) -> np.ndarray:
+    at, series = np.zeros(len(series), dtype=bool), series.copy()
+    steps = np.abs(np.diff(series))
+    resolution = float(steps[steps > 0.0].min()) if (steps > 0.0).any() else 0.0
+    for _ in range(len(series) // 10):
+        off = series[2:-2] - np.convolve(series, _CUBIC, mode="valid")
+        size = np.abs(off)
+        floor = max(0.5 * 1.4826 * float(np.median(size)), resolution)
+        far = size > np.maximum(sigmas * np.maximum(1.4826 * _local_median(size), floor), least)
+        far &= np.abs(series[3:-1] - series[1:-3]) < 0.4 * size
+        far[: _EDGE - 2], far[2 - _EDGE :] = False, False
+        for k in np.flatnonzero(far)[np.argsort(-size[far])]:
+            beside = size[max(0, k - _NEAR) : max(0, k - 2)], size[k + 3 : k + 1 + _NEAR]
+            if size[k] > 3.0 * max(float(np.quantile(one, 0.9)) for one in beside if len(one)):
+                at[k + 2] = True
+                series[k + 2] -= off[k]
+                break
+        else:
+            break
+    return at
+
+
+def _local_median(size: np.ndarray) -> np.ndarray:
+    """(N,) median over a window, stepwise: one for every half window."""
+    blocks = max(1, len(size) // _WINDOW)
+    edges = np.linspace(0, len(size), blocks + 1).astype(int)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    medians = [
+        float(np.median(size[max(0, a - _WINDOW) : b + _WINDOW])) for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    return np.interp(np.arange(len(size)), middle, medians)
+
+
+def _codes(values: np.ndarray, limits: Limits) -> np.ndarray:
+    """Values far from all others with an edge on both sides: -999, 9999 and the like."""
+    good = values[np.isfinite(values)]
+    low, middle, high = np.quantile(good, (0.05, 0.5, 0.95))
+    far = np.abs(values - middle) > limits.code * max(high - low, 1e-300)
+    at = np.zeros(len(values), dtype=bool)
+    if high == low or not far.any():
+        return at
+    for first, last in stretches(far):
+        inside = values[first : last + 1]
+        sides = [values[k] for k in (first - 1, last + 1) if 0 <= k < len(values) and np.isfinite(values[k])]
+        edges = all(abs(inside[0] - side) > 0.5 * limits.code * (high - low) for side in sides)
+        at[first : last + 1] = edges and np.ptp(inside) <= 1e-9 * abs(inside[0])
+    return at
+
+
+def by_kind(faults: Iterable[ChannelFault]) -> Mapping[tuple[str, str], list[ChannelFault]]:
+    """Faults of one kind and channel, of all records, together."""
+    table: dict[tuple[str, str], list[ChannelFault]] = {}
+    for fault in faults:
+        table.setdefault((fault.kind, fault.target), []).append(fault)
+    return table
