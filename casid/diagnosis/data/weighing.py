@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,7 +53,8 @@ class Weighing:
         self._quick = [smooth(record, QUICK) for record in records]
         self._slow = [smooth(record, SLOW) for record in records]
         self.names = [record.name for record in records]
-        self.readings: list[Reading] = [AS_RECORDED for _ in records]
+        self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
+        self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
         self._terms = self._all_terms()
         self._response = Response(aircraft) if aircraft is not None else None
 
@@ -96,6 +97,8 @@ class Weighing:
         for j, name in enumerate(self.names):
             if name in best.records:
                 self.readings[j] = self.readings[j].then(best.alternative.reading)
+                if best.alone:
+                    self.trusted[j] = self.trusted[j].then(best.alternative.reading)
 
     def _outputs(self) -> list[Alternative]:
         channels = {name for one in self._quick for name in one.values}
@@ -194,7 +197,3 @@ def with_readings(record: Record, reading: Reading) -> Record:
     }
     t = record.t * reading.time if reading.time != 1.0 else record.t
     return replace(record.with_channels(**changed), t=t)
-
-
-def corrected_by(readings: Mapping[str, Reading], record: Record) -> Record:
-    return with_readings(record, readings.get(record.name, AS_RECORDED))

@@ -1,0 +1,155 @@
+"""The check of flight data before anything is believed: what is wrong with records, and the records as they should be.
+
+First what one channel shows alone (`records.channel_faults`), whose samples are left out; then what channels show
+together, by physics that needs no aerodynamics, where alternatives to the records as they stand compete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from casid.diagnosis.data import words
+from casid.diagnosis.data.finding import Finding, Handled
+from casid.diagnosis.data.weighing import Weighed, Weighing, with_readings
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.native.threads import single_threaded
+from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults
+from casid.records.channel_table import ChannelRow, as_text, channel_table
+from casid.records.checks import INPUTS
+from casid.records.record import Record
+from casid.signals import unit_of
+
+_FILE = "file_sign"  # an alternative that is no fault of the data
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DataFindings:
+    """What is wrong with flight data.
+
+    findings   faults, those of channels alone first
+    records    as they should be: signs, units and swaps corrected, samples that are not to be believed missing
+    recorded   as they were given
+    table      every channel of the records as they were given, in units that a person reads
+    """
+
+    findings: tuple[Finding, ...]
+    records: tuple[Record, ...]
+    recorded: tuple[Record, ...]
+    table: tuple[ChannelRow, ...]
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.findings
+
+    @property
+    def reported(self) -> tuple[Finding, ...]:
+        """Faults that could neither be corrected nor left out."""
+        return tuple(one for one in self.findings if one.handled == "reported")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The findings as in diagnosis.json, and the channel table."""
+        return {
+            "records": [record.name for record in self.recorded],
+            "data": [one.to_dict() for one in self.findings],
+            "channels": {row.name: row.to_dict() for row in self.table},
+        }
+
+    def __str__(self) -> str:
+        suspected: dict[str, list[str]] = {}
+        for one in self.findings:
+            for name in one.target.split("+"):
+                suspected.setdefault(name, []).append(one.kind.removeprefix("data_"))
+        text = as_text(self.table, {name: ", ".join(kinds) for name, kinds in suspected.items()})
+        said = [f"- {one.sentence}" for one in self.findings] or ["Nothing is wrong with these data, as far as they tell."]
+        return "\n".join([text, "", *said])
+
+    def plot(self) -> Any:
+        """A figure of every channel that is suspected, as recorded and as it should be."""
+        from casid.report.check_figures import check_figure  # the report draws, and is above this room
+
+        return check_figure(self)
+
+
+@single_threaded()
+def check(records: Sequence[Record] | Record, aircraft: Aircraft | None = None, *, undo: bool = False) -> DataFindings:
+    """What is wrong with flight data, before anything is believed.
+
+    records   of one set of instruments: what is in one and not in the others shows the better
+    aircraft  brings in weight, trim and the signs of responses to surfaces; without it these are not checked
+    undo      findings are only told, and `records` stay as they are
+
+    A sign, a unit or a swap is corrected when one explanation alone fits; else it is reported with its rivals. Frozen,
+    held, clipped and outlying samples become missing; outliers in inputs are interpolated.
+    """
+    given = (records,) if isinstance(records, Record) else tuple(records)
+    if not given:
+        raise InputError("no record was given to be checked; expected at least one")
+    faults = [fault for record in given for fault in channel_faults(record)] + constant_in_one(given)
+    kept = tuple(without_faults(record, faults) for record in given)
+    weighing = Weighing(kept, aircraft)
+    weighed = weighing.found()
+    alone = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
+    together = [_of_alternative(one, len(given), undo) for one in weighed if one.alternative.kind != _FILE]
+    if not undo:
+        kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
+    return DataFindings(
+        findings=(*alone, *together),
+        records=given if undo else tuple(_noted(record, (*alone, *together)) for record in kept),
+        recorded=given,
+        table=channel_table(given),
+    )
+
+
+def _noted(record: Record, findings: Sequence[Finding]) -> Record:
+    """The record with what was found in it among its notes."""
+    said = tuple(one.sentence for one in findings if record.name in one.records)
+    return replace(record, notes=(*record.notes, *said)) if said else record
+
+
+def _of_channel(
+    key: tuple[str, str], faults: Sequence[ChannelFault], records: Sequence[Record], undo: bool
+) -> Finding:
+    kind, target = key
+    t = {record.name: record.t for record in records}
+    level = faults[0].value
+    share = float(np.mean(np.concatenate([fault.at for fault in faults])))
+    names = tuple(fault.record for fault in faults)
+    stands = f" at {level:.4g} {unit_of(target)}" if level is not None else ""
+    sentence = words.of_channel(kind, target, names, len(names) == len(records) > 1, share, stands)
+    handled: Handled = "reported" if undo else "corrected" if target in INPUTS else "excluded"
+    if handled != "excluded":
+        sentence = sentence.replace("are left out", "are interpolated" if handled == "corrected" else "are not believed")
+    return Finding(
+        kind=kind,
+        target=target,
+        records=names,
+        intervals_s={fault.record: tuple(fault.intervals(t[fault.record])) for fault in faults},
+        value=level,
+        unit=unit_of(target) if level is not None else None,
+        handled=handled,
+        sentence=sentence,
+    )
+
+
+def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
+    one = weighed.alternative
+    handled: Handled = "corrected" if weighed.alone and not undo else "reported"
+    every = len(weighed.records) == count > 1
+    sentence = words.of_alternative(one.kind, one.target, one.value, one.unit, weighed.records, every)
+    return Finding(
+        kind=one.kind,
+        target=one.target,
+        records=weighed.records,
+        value=one.value,
+        unit="1" if one.value is not None else None,
+        handled=handled,
+        sentence=sentence + words.handled_as(one.kind, one.value, weighed.rivals, undo),
+    )
+
+

@@ -1,0 +1,64 @@
+"""What is said of faults of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from casid.signals import CHANNELS, label_of, unit_of
+
+_LABELS = {"t": "time"}
+
+
+def named(target: str) -> str:
+    """Labels of the channels of a target, `pitch angle and bank angle`."""
+    labels = [_LABELS.get(name, label_of(name)) for name in target.split("+")]
+    return labels[0] if len(labels) == 1 else f"{', '.join(labels[:-1])} and {labels[-1]}"
+
+
+def _where(records: Sequence[str], every: bool) -> str:
+    return "every record" if every else ", ".join(records)
+
+
+def of_channel(kind: str, target: str, records: Sequence[str], every: bool, share: float, level: str) -> str:
+    """A fault that one channel shows alone; `share` of the samples of the records concerned, `level` of a rail."""
+    where, part = _where(records, every), f"{100.0 * share:.2g} % of its samples"
+    label = named(target)
+    if kind == "data_stuck":
+        return f"The recorded {label} is frozen{level} in {where}: {part} are left out."
+    if kind == "data_dropout":
+        return f"The recorded {label} holds its last value now and then in {where}: {part} are left out."
+    if kind == "data_clipped":
+        return f"The recorded {label} is at a rail{level} in {where}: {part} are left out."
+    return f"The recorded {label} has isolated outliers in {where}: {part} are left out."
+
+
+def of_alternative(
+    kind: str, target: str, value: float | None, unit: str | None, records: Sequence[str], every: bool
+) -> str:
+    """A sign, a unit or a swap, as a statement."""
+    where, label = _where(records, every), named(target)
+    plural = "+" in target
+    if kind == "data_sign":
+        return f"The recorded {label} has the wrong sign in {where}"
+    if kind == "data_swap":
+        return f"The records of {label} are interchanged in {where}"
+    if target == "t":
+        stands = f"in {unit}" if unit and "SI" not in unit else f"off by a factor of {1.0 / (value or 1.0):.3g}"
+        return f"The time is {stands} in {where}"
+    si = unit_of(target.split("+", 1)[0]) if target.split("+", 1)[0] in CHANNELS else "SI"
+    stands = f"{'are' if plural else 'is'} in {unit}, not in {si}" if unit else "have another unit"
+    if unit and unit.startswith("SI"):
+        other = unit.rsplit(" ", 1)[-1]
+        stands = f"{'are' if plural else 'is'} {1.0 / (value or 1.0):.3g} times too large: {si} taken for {other}"
+    return f"The recorded {label} {stands} in {where}"
+
+
+def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bool) -> str:
+    """What was done about it."""
+    if rivals:
+        return f"; or else {' or '.join(rivals[:3])}: these data cannot tell, and nothing was changed."
+    if undone:
+        return "; nothing was changed, as asked."
+    if kind == "data_swap":
+        return "; they were changed back."
+    return f"; it was multiplied by {value:.4g}."

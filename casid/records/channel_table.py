@@ -1,0 +1,99 @@
+"""What every channel of some records is like, in units that a person reads: the table that a check prints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from casid.records.channel_faults import update_interval
+from casid.records.noise import pooled_sigma
+from casid.records.record import Record
+from casid.signals import CHANNELS, unit_of
+
+_GAP = 1.5  # sampling intervals
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelRow:
+    """One channel of all records.
+
+    unit                 of the numbers: degrees for radians, else SI
+    least, median, most  over all records; NaN of a channel without a sample
+    noise                1-sigma of the white noise that its high band shows; NaN when that does not tell
+    rate_hz              at which new samples come
+    missing              part of the samples that are missing
+    records              how many have it
+    """
+
+    name: str
+    unit: str
+    least: float
+    median: float
+    most: float
+    noise: float
+    rate_hz: float
+    missing: float
+    records: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers by name; what is not known is null."""
+        return {
+            key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in vars(self).items()
+        }
+
+
+def channel_table(records: Sequence[Record]) -> tuple[ChannelRow, ...]:
+    """A row for every channel that a record has, in the order of the vocabulary."""
+    named = {name for record in records for name in record.channels}
+    order = [name for name in CHANNELS if name in named] + sorted(named - CHANNELS.keys())
+    return tuple(_row(name, [record for record in records if name in record]) for name in order)
+
+
+def _row(name: str, records: Sequence[Record]) -> ChannelRow:
+    series = [record[name] for record in records]
+    values = np.concatenate(series)
+    good = values[np.isfinite(values)]
+    unit = unit_of(name)
+    shown = unit.replace("rad", "deg")
+    factor = math.degrees(1.0) if shown != unit else 1.0
+    least, median, most = factor * np.quantile(good, (0.0, 0.5, 1.0)) if len(good) else (math.nan,) * 3
+    intervals = [update_interval(record, name) for record in records]
+    known = [interval for interval in intervals if math.isfinite(interval)]
+    return ChannelRow(
+        name=name,
+        unit=shown,
+        least=float(least),
+        median=float(median),
+        most=float(most),
+        noise=factor * pooled_sigma(series),
+        rate_hz=1.0 / float(np.median(known)) if known else math.nan,
+        missing=1.0 - len(good) / len(values),
+        records=len(records),
+    )
+
+
+def gaps(record: Record) -> list[tuple[float, float]]:
+    """Stretches [s] in which rows are missing."""
+    steps = np.diff(record.t)
+    return [(float(record.t[k]), float(record.t[k + 1])) for k in np.flatnonzero(steps > _GAP * record.dt)]
+
+
+def as_text(rows: Sequence[ChannelRow], suspicion: Mapping[str, str]) -> str:
+    """The table with what is suspected of every channel."""
+    head = ("channel", "unit", "min", "median", "max", "noise", "rate Hz", "missing", "suspicion")
+    table = [head]
+    for row in rows:
+        numbers = (row.least, row.median, row.most, row.noise, row.rate_hz)
+        cells = [f"{value:.4g}" if math.isfinite(value) else "-" for value in numbers]
+        missing = f"{100.0 * row.missing:.1f} %" if row.missing else ""
+        table.append((row.name, row.unit, *cells, missing, suspicion.get(row.name, "")))
+    widths = [max(len(line[i]) for line in table) for i in range(len(head))]
+    lines = []
+    for line in table:
+        cells = [cell.rjust(w) if 2 <= i <= 7 else cell.ljust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
