@@ -18,10 +18,12 @@ from casid.records.record import Record
 _FEWEST = 60  # finite samples from which a channel is judged
 _LEVELS = 20  # distinct values below which a channel is of steps
 _SLOWER, _STAIRCASE = 1.5, 0.4  # own sampling interval over the record's; part of a record in runs: a slower recorder
+_REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
+_NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _GAP = 1.5  # sampling intervals that are a gap in time
-_OF_RANGE = 0.2  # of the range of an input: a smaller outlier may be a command
+_OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
 _COMPANIONS: tuple[frozenset[str], ...] = (
     frozenset(("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
     frozenset(("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
@@ -44,7 +46,7 @@ class Limits:
         default=3.0,
         metadata={
             "unit": "s",
-            "meaning": "a run as long, or one to the end of the record, is a frozen channel; a shorter one a held value",
+            "meaning": "a run as long, or one to the end of the record, is frozen; a shorter one a held value",
             "evidence": "a recorder that loses a message holds it for some periods; longer is another fault",
         },
     )
@@ -65,7 +67,7 @@ class Limits:
         },
     )
     crowded: float = field(
-        default=6.0,
+        default=10.0,
         metadata={
             "unit": "1",
             "meaning": "samples at a rail over samples at a level near it",
@@ -73,11 +75,11 @@ class Limits:
         },
     )
     spike: float = field(
-        default=9.0,
+        default=10.0,
         metadata={
             "unit": "sigma",
-            "meaning": "distance of an isolated outlier from the cubic through its neighbours",
-            "evidence": "the largest of 210 channels of clean real flights is 7.6",
+            "meaning": "distance of an isolated outlier from the cubic through its neighbours, in scatters of that",
+            "evidence": "none in 220 channels of clean real flights",
         },
     )
     code: float = field(
@@ -126,22 +128,36 @@ def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault
     for name, values in record.channels.items():
         if np.isfinite(values).sum() < _FEWEST or name == "rho" or _rests(values):
             continue
-        slow = update_interval(record, name) > _SLOWER * record.dt
-        wild = _codes(values, limits)
-        if not slow:
-            wild = wild | _spikes(np.where(wild, np.nan, values), parts, limits, least=_OF_RANGE if name in INPUTS else 0)
-        if wild.any():
-            found.append(ChannelFault(kind="data_spikes", target=name, record=record.name, at=wild))
-        if name in INPUTS:
-            continue  # a surface rests, and has stops
-        clean = np.where(wild, np.nan, values)
-        rail = _rails(clean, limits)
-        if rail is not None:
-            level, at = rail
-            found.append(ChannelFault(kind="data_clipped", target=name, record=record.name, at=at, value=level))
-            clean = np.where(at, np.nan, clean)
-        found += _held(record, name, clean, limits)
+        faults, clean = _of_levels(record, name, values, limits)
+        if update_interval(record, name) <= _SLOWER * record.dt:
+            wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else 0.0)
+            faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
+        for kind, at in faults.items():
+            if at.any():
+                level = float(values[at][0]) if kind in ("data_stuck", "data_clipped") else None
+                found.append(ChannelFault(kind=kind, target=name, record=record.name, at=at, value=level))
     return found
+
+
+def _of_levels(
+    record: Record, name: str, values: np.ndarray, limits: Limits
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Kind -> samples of what an output repeats, and codes of any channel; and the values without these."""
+    codes = _codes(values, limits)
+    clean = np.where(codes, np.nan, values)
+    found = {"data_spikes": codes}
+    if name in INPUTS:
+        return found, clean  # a surface rests, and has stops
+    rail = _rails(clean, limits)
+    frozen, held = _held(record, name, np.where(rail, np.nan, clean), limits)
+    if rail.any():
+        edges = np.isin(clean, (np.nanmin(clean), np.nanmax(clean))) & (frozen | held)
+        rail, frozen, held = rail | edges, frozen & ~edges, held & ~edges
+        if len(stretches(rail)) == 1 and len(stretches(held)) > 1:
+            rail, held = np.zeros_like(rail), held | rail  # one of the holds was at the crest
+    found |= {"data_clipped": rail, "data_stuck": frozen, "data_dropout": held}
+    beside = np.convolve(rail | frozen | held, np.ones(5), mode="same") > 0.5
+    return found, np.where(beside, np.nan, clean)
 
 
 def _unbroken(record: Record) -> list[slice]:
@@ -195,43 +211,52 @@ def runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_interval(record: Record, name: str) -> float:
-    """Median time [s] between the samples of a channel that are new: its own rate, where it is slower than the record."""
+    """Median time [s] between the new samples of a channel, whose own rate may be slower than the record."""
     values = record[name]
     first, _ = runs(values)
     fresh = first[np.isfinite(values[first])]
     return float(np.median(np.diff(record.t[fresh]))) if len(fresh) > 10 else math.nan
 
 
-def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> list[ChannelFault]:
-    """Runs of equal values that are too long to be chance, with a jump behind them: held; or to the end: frozen."""
+def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of runs of equal values that are too long to be chance: frozen, long or to the end; held, with a jump
+    behind them."""
     first, length = runs(values)
+    frozen, held = np.zeros(len(values), dtype=bool), np.zeros(len(values), dtype=bool)
     if len(first) < 10:
-        return []
+        return frozen, held
     shortest = max(5.0, 3.0 * float(np.median(length)), limits.held_s / record.dt)
     long_ones = length > shortest
     rest = length[~long_ones]
     repeats = (float(np.sum(rest - 1)) + 1.0) / (float(np.sum(rest)) + 2.0)
-    needed = max(shortest, 1.0 + (math.log(len(values)) - math.log(limits.chance)) / -math.log(repeats))
+    many = length[long_ones] if repeats < _NEVER else length[long_ones][:0]
+    needed = max(shortest, _improbable(many, len(values), max(repeats, _REPEATS), limits.chance))
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    held, frozen, level = np.zeros(len(values), dtype=bool), np.zeros(len(values), dtype=bool), None
     for begin, count in zip(first[long_ones].tolist(), length[long_ones].tolist(), strict=True):
         end, seconds = begin + count, (count - 1) * record.dt
         ends = end >= len(values)
         jumps = ends or not np.isfinite(values[end]) or abs(values[end] - values[begin]) > 3.0 * step
+        jumps = jumps or repeats < _NEVER
         if count < needed or not jumps or (begin == 0 and _all_rest(record, name, end)):
             continue
         if seconds >= limits.frozen_s or (ends and seconds >= 1.0):
-            frozen[begin + 1 : end], level = True, float(values[begin])
+            frozen[begin + 1 : end] = True
         elif not ends:
             held[begin + 1 : end] = True
     if held.mean() > _STAIRCASE:  # a channel of a slower recorder
         held[:] = False
-    found = [(kind, at) for kind, at in (("data_stuck", frozen), ("data_dropout", held)) if at.any()]
-    return [
-        ChannelFault(kind=kind, target=name, record=record.name, at=at, value=level if kind == "data_stuck" else None)
-        for kind, at in found
-    ]
+    return frozen, held
+
+
+def _improbable(many: np.ndarray, samples: int, repeats: float, chance: float) -> float:
+    """Length from which a run is less probable than `chance` when samples repeat by themselves with a probability of
+    `repeats`; of `many` runs together each may be shorter."""
+    needed = 1.0 + (math.log(samples) - math.log(chance)) / -math.log(repeats)
+    for count, one in enumerate(sorted(many.tolist(), reverse=True), start=1):
+        least = 1.0 + (math.log(samples) - math.log(chance) / count) / -math.log(repeats)
+        needed = min(needed, one) if one >= least else needed
+    return needed
 
 
 def _all_rest(record: Record, name: str, end: int) -> bool:
@@ -241,29 +266,33 @@ def _all_rest(record: Record, name: str, end: int) -> bool:
     return bool(resting) and float(np.mean(resting)) > 0.5
 
 
-def _rails(values: np.ndarray, limits: Limits) -> tuple[float, np.ndarray] | None:
-    """(level, samples) of a channel that sticks to its largest, its smallest or both values."""
+def _rails(values: np.ndarray, limits: Limits) -> np.ndarray:
+    """Samples at which a channel sticks to its largest, its smallest or both values."""
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    at = np.zeros(len(values), dtype=bool)
     if len(levels) < _LEVELS:
-        return None
+        return at
     gaps = np.diff(levels)
     quantum = float(gaps[gaps > _ROUNDING * (levels[-1] - levels[0])].min())
-    found, at = None, np.zeros(len(values), dtype=bool)
     for edge, near in ((0, slice(1, 8)), (-1, slice(-8, -1))):
         here = values == levels[edge]
         begins = stretches(here)
         crowded = counts[edge] >= max(limits.rail, limits.crowded * counts[near].mean())
-        began = len(begins) == 1 and begins[0][0] == 0
+        began = len(begins) == 1 and (begins[0][0] == 0 or begins[0][1] == len(values) - 1)
         if crowded and not began and _has_corners(values, begins, quantum):
-            found, at = float(levels[edge]), at | here
-    return None if found is None else (found, at)
+            at |= here
+    return at
 
 
 def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: float) -> bool:
-    """Whether a channel leaves its longest plateau faster than a parabola whose crest is that long in its resolution."""
+    """Whether a channel leaves its longest plateau faster than a parabola with such a crest in its resolution."""
     first, last = max(plateaus, key=lambda plateau: plateau[1] - plateau[0])
     if last - first < 1 and len(plateaus) < 3 * LIMITS.rail:
         return False
+    quick = float(np.nanquantile(np.abs(np.diff(values)), 0.95))
+    exits = [abs(values[b + 1] - values[b]) for _, b in plateaus if b + 1 < len(values) and np.isfinite(values[b + 1])]
+    if exits and float(np.median(exits)) > 2.0 * quick:
+        return False  # it was held there, and has moved on
     half, outside = 0.5 * (last - first + 1), [k for k in (first - 3, last + 3) if 0 <= k < len(values)]
     drops = [abs(values[k] - values[first]) for k in outside if np.isfinite(values[k])]
     return bool(drops) and float(np.mean(drops)) > 4.0 * quantum * ((half + 3.0) / half) ** 2
@@ -295,7 +324,8 @@ def _isolated(series: np.ndarray, sigmas: float, least: float) -> np.ndarray:
         size = np.abs(off)
         floor = max(0.5 * 1.4826 * float(np.median(size)), resolution)
         far = size > np.maximum(sigmas * np.maximum(1.4826 * _local_median(size), floor), least)
-        far &= np.abs(series[3:-1] - series[1:-3]) < 0.4 * size
+        before, after = series[2:-2] - series[1:-3], series[2:-2] - series[3:-1]
+        far &= (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.6 * size)
         far[: _EDGE - 2], far[2 - _EDGE :] = False, False
         for k in np.flatnonzero(far)[np.argsort(-size[far])]:
             beside = size[max(0, k - _NEAR) : max(0, k - 2)], size[k + 3 : k + 1 + _NEAR]

@@ -41,9 +41,7 @@ class ChannelRow:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers by name; what is not known is null."""
-        return {
-            key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in vars(self).items()
-        }
+        return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in vars(self).items()}
 
 
 def channel_table(records: Sequence[Record]) -> tuple[ChannelRow, ...]:
@@ -85,7 +83,7 @@ def gaps(record: Record) -> list[tuple[float, float]]:
 def as_text(rows: Sequence[ChannelRow], suspicion: Mapping[str, str]) -> str:
     """The table with what is suspected of every channel."""
     head = ("channel", "unit", "min", "median", "max", "noise", "rate Hz", "missing", "suspicion")
-    table = [head]
+    table: list[tuple[str, ...]] = [head]
     for row in rows:
         numbers = (row.least, row.median, row.most, row.noise, row.rate_hz)
         cells = [f"{value:.4g}" if math.isfinite(value) else "-" for value in numbers]
@@ -94,6 +92,9 @@ def as_text(rows: Sequence[ChannelRow], suspicion: Mapping[str, str]) -> str:
     widths = [max(len(line[i]) for line in table) for i in range(len(head))]
     lines = []
     for line in table:
-        cells = [cell.rjust(w) if 2 <= i <= 7 else cell.ljust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))]
+        cells = [
+            cell.rjust(w) if 2 <= i <= 7 else cell.ljust(w)
+            for i, (cell, w) in enumerate(zip(line, widths, strict=True))
+        ]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)

@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.diagnosis.data import words
 from casid.diagnosis.data.finding import Finding, Handled
-from casid.diagnosis.data.weighing import Weighed, Weighing, with_readings
+from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.native.threads import single_threaded
@@ -23,8 +23,6 @@ from casid.records.channel_table import ChannelRow, as_text, channel_table
 from casid.records.checks import INPUTS
 from casid.records.record import Record
 from casid.signals import unit_of
-
-_FILE = "file_sign"  # an alternative that is no fault of the data
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,14 +64,10 @@ class DataFindings:
             for name in one.target.split("+"):
                 suspected.setdefault(name, []).append(one.kind.removeprefix("data_"))
         text = as_text(self.table, {name: ", ".join(kinds) for name, kinds in suspected.items()})
-        said = [f"- {one.sentence}" for one in self.findings] or ["Nothing is wrong with these data, as far as they tell."]
+        said = [f"- {one.sentence}" for one in self.findings] or [
+            "Nothing is wrong with these data, as far as they tell."
+        ]
         return "\n".join([text, "", *said])
-
-    def plot(self) -> Any:
-        """A figure of every channel that is suspected, as recorded and as it should be."""
-        from casid.report.check_figures import check_figure  # the report draws, and is above this room
-
-        return check_figure(self)
 
 
 @single_threaded()
@@ -95,7 +89,7 @@ def check(records: Sequence[Record] | Record, aircraft: Aircraft | None = None, 
     weighing = Weighing(kept, aircraft)
     weighed = weighing.found()
     alone = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
-    together = [_of_alternative(one, len(given), undo) for one in weighed if one.alternative.kind != _FILE]
+    together = [_of_alternative(one, len(given), undo) for one in weighed]
     if not undo:
         kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     return DataFindings(
@@ -112,9 +106,7 @@ def _noted(record: Record, findings: Sequence[Finding]) -> Record:
     return replace(record, notes=(*record.notes, *said)) if said else record
 
 
-def _of_channel(
-    key: tuple[str, str], faults: Sequence[ChannelFault], records: Sequence[Record], undo: bool
-) -> Finding:
+def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: Sequence[Record], undo: bool) -> Finding:
     kind, target = key
     t = {record.name: record.t for record in records}
     level = faults[0].value
@@ -124,7 +116,9 @@ def _of_channel(
     sentence = words.of_channel(kind, target, names, len(names) == len(records) > 1, share, stands)
     handled: Handled = "reported" if undo else "corrected" if target in INPUTS else "excluded"
     if handled != "excluded":
-        sentence = sentence.replace("are left out", "are interpolated" if handled == "corrected" else "are not believed")
+        sentence = sentence.replace(
+            "are left out", "are interpolated" if handled == "corrected" else "are not believed"
+        )
     return Finding(
         kind=kind,
         target=target,
@@ -149,7 +143,6 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
         value=one.value,
         unit="1" if one.value is not None else None,
         handled=handled,
-        sentence=sentence + words.handled_as(one.kind, one.value, weighed.rivals, undo),
+        sentence=sentence + words.handled_as(one.kind, one.value, [described(r) for r in weighed.rivals], undo),
+        indistinguishable_from=tuple({"kind": r.kind, "target": r.target} for r in weighed.rivals),
     )
-
-

@@ -50,7 +50,9 @@ class DataCriteria:
     slope: float = _number(
         0.3, "1", "part of a force's variation that its slope over a flow angle is told against at least", "lags, gusts"
     )
-    bias_rate: float = _number(0.01, "rad/s", "1-sigma of what the biases leave of a mean rate", "raw Twin Otter: 0.019")
+    bias_rate: float = _number(
+        0.01, "rad/s", "1-sigma of what the biases leave of a mean rate", "raw Twin Otter: 0.019"
+    )
     bias_force: float = _number(
         0.5, "m/s2", "1-sigma of what the biases leave of a mean acceleration", "raw Twin Otter: 1.1"
     )

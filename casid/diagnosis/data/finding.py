@@ -19,6 +19,7 @@ class Finding:
     value, std    its size with 1-sigma in `unit`, where it has one: the factor of a wrong unit
     handled       "excluded": these samples take no part; "corrected": the data are judged as they should read;
                   "reported": neither can be done, so that nothing which rests on them can be judged
+    indistinguishable_from  kind and target of other faults that explain these data as well
     """
 
     kind: str
@@ -30,6 +31,7 @@ class Finding:
     unit: str | None = None
     handled: Handled
     sentence: str
+    indistinguishable_from: tuple[Mapping[str, str], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `data` in diagnosis.json."""
@@ -43,4 +45,5 @@ class Finding:
             "unit": self.unit,
             "handled": self.handled,
             "sentence": self.sentence,
+            "indistinguishable_from": [dict(one) for one in self.indistinguishable_from],
         }

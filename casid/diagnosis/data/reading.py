@@ -63,7 +63,7 @@ class Read:
 
     def known(self, *names: str) -> np.ndarray:
         """(N,) whether the samples of all of the recorded ones among `names` are there."""
-        sources = [self._reading.source.get(name, name) for name in names]
+        sources = {self._reading.source.get(name, name) for name in names} | set(names)  # as many as before a swap
         masks = [self._record.known[source] for source in sources if source in self._record]
         return np.logical_and.reduce(masks) if masks else np.ones(len(self._record.t), dtype=bool)
 

@@ -6,7 +6,7 @@ make of it. Flat earth, body axes, 3-2-1 Euler angles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from casid.diagnosis.data.reading import Read
 Pair = tuple[np.ndarray, np.ndarray]
 ALONG, ACROSS = 8.0, 2.0  # m, 1-sigma of the place of a vane ahead of the c.g. and across
 LATE = 0.05  # s, 1-sigma of the delay of one instrument against another
-_CLOSE = 0.03  # part of a variation that scale errors, lever arms and moving air of healthy records may leave
+CLOSE = 0.03  # part of a variation that scale errors, lever arms and moving air of healthy records may leave
 _SCALE = 1.25  # an instrument's own scale error is within, so that it is no question of units
 
 
@@ -144,13 +144,13 @@ class Agreement:
     @property
     def unlike(self) -> float:
         """What no common signal of equal size explains: generalised variance over that of two unrelated series, from
-        `_CLOSE` to 1.
+        `CLOSE` to 1.
 
         Both sides are the same signal with noise of their own (errors in variables): then their covariance lies
         between zero and the smaller variance. Outside, the nearest such covariance is taken.
         """
         best = min(self._at(gain) for gain in self._gains())
-        return float(min(max(best, _CLOSE), 1.0))
+        return float(min(max(best, CLOSE), 1.0))
 
     def _gains(self) -> tuple[float, ...]:
         return (1.0, _SCALE, 1.0 / _SCALE)
@@ -195,7 +195,7 @@ def _without_errors(rate: np.ndarray, made: np.ndarray, errors: np.ndarray, ever
     if not np.isfinite(errors).all():
         return rate
     left = rate - made
-    noise = max(float(np.var(left)), _CLOSE * float(np.var(rate)), 1e-300) * every
+    noise = max(float(np.var(left)), CLOSE * float(np.var(rate)), 1e-300) * every
     size = np.linalg.solve(errors.T @ errors / noise + np.eye(errors.shape[1]), errors.T @ left / noise)
     return rate - errors @ size
 

@@ -6,10 +6,13 @@ explanation that needs derivatives far from the file pays for it, be it the reco
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
+from scipy import special
 
 from casid.diagnosis.data.alternatives import Alternative
 from casid.diagnosis.data.criteria import CRITERIA
@@ -19,6 +22,8 @@ from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
+_PART = 0.2  # of a derivative of the file that is there at least, with its sign
+_IMPOSSIBLE = -40.0  # log probability below which nothing is told apart
 _LEAST = 0.1  # of a coefficient's variation: what a linear model of constant derivatives leaves at least
 _NEEDED: Mapping[str, tuple[str, ...]] = {
     "Cl": ("p",),
@@ -32,16 +37,30 @@ _UNSTEADY = ("alphadot", "betadot")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Column:
-    """One coefficient of all records: measured values and, by parameter, its regressors, without their means."""
+class _Squares:
+    """Sums over samples: of the measured coefficient y and its regressors X, without their means."""
 
-    coefficient: str
-    names: tuple[str, ...]
-    terms: tuple[str, ...]
-    prior: np.ndarray
-    y: np.ndarray
-    record: np.ndarray  # index of the record of every sample
-    X: np.ndarray
+    samples: int
+    yy: float
+    Xy: np.ndarray
+    XX: np.ndarray
+
+    def __add__(self, other: _Squares) -> _Squares:
+        return _Squares(
+            samples=self.samples + other.samples,
+            yy=self.yy + other.yy,
+            Xy=self.Xy + other.Xy,
+            XX=self.XX + other.XX,
+        )
+
+    @property
+    def left(self) -> float:
+        """Variance that free derivatives leave."""
+        explained = float(self.Xy @ np.linalg.pinv(self.XX, rcond=1e-10, hermitian=True) @ self.Xy)
+        return max(self.yy - explained, 0.0) / self.samples
+
+
+Parts = Mapping[str, _Squares]
 
 
 class Response:
@@ -49,113 +68,116 @@ class Response:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
+        self._rows = _rows(aircraft)
 
-    def gains(
-        self, records: Sequence[Read], able: Sequence[Alternative]
-    ) -> list[tuple[Alternative, list[float]]]:
+    def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
         """Log likelihood ratio in every record of the alternatives for surfaces, beside those of the file's signs.
 
-        Records share the derivatives; the gain of an alternative in one record is what it gains there alone, or
-        with all others, whichever tells of it. An error of sign in the file is an alternative that no reading makes.
+        Records share the derivatives, so an alternative is judged in the set of records that gains most by it. An
+        error of sign in the file is an alternative that no reading makes.
         """
-        reads = [c for c in records if c.has("V", "rho") and any(c.has(s) for s in SURFACES)]
-        if not reads:
+        there = {n for c in records for n in ("alpha", "beta", "p", "q", "r", *SURFACES) if c.has(n)}
+        plain = [self._parts(record, Reading(), there) for record in records]
+        noise = self._noise(plain)
+        if not noise:
             return []
-        everywhere = range(len(records))
-        plain = self._columns(records, {})
-        floor = {c: self._noise([self._columns(records, {})[c], *self._each(records, able, c)]) for c in plain}
-        base = self._evidence(plain, floor)
         found = []
         for alternative in able:
-            together = self._evidence(self._columns(records, dict.fromkeys(everywhere, alternative.reading)), floor)
-            alone = [
-                self._evidence(self._columns(records, {j: alternative.reading}), floor) - base for j in everywhere
-            ]
-            total = together - base
-            rest = max(alone)
-            if len(records) > 1 and rest > total:
-                found.append((alternative, alone))
-            else:
-                found.append((alternative, [total / len(records)] * len(records)))
-        return [*found, *self._file_signs(plain, floor, base, len(records))]
+            other = [self._parts(record, alternative.reading, there) for record in records]
+            floor = {c: min(noise[c], sigma) for c, sigma in self._noise(other).items()}
+            for j in range(len(records)):
+                one = [*plain[:j], other[j], *plain[j + 1 :]]
+                floor = {c: min(floor[c], sigma) for c, sigma in self._noise(one).items()}
+            found.append((alternative, self._in_records(plain, other, floor)))
+        return [*found, *self._file_signs(plain, noise)]
 
-    def _each(self, records: Sequence[Read], able: Sequence[Alternative], coefficient: str) -> list[_Column]:
+    def _in_records(self, plain: Sequence[Parts], other: Sequence[Parts], noise: Mapping[str, float]) -> list[float]:
+        """Gain of other parts in the set of records that gains most, shared among them: all, or grown one by one."""
+        base = self._evidence(plain, noise)
+
+        def gain(chosen: Sequence[int]) -> float:
+            return self._evidence([other[j] if j in chosen else plain[j] for j in range(count)], noise) - base
+
+        count = len(plain)
+        best, most = list(range(count)), gain(range(count))
+        grown: list[int] = []
+        reached = 0.0
+        for _ in range(count - 1):
+            trials = {j: gain([*grown, j]) for j in range(count) if j not in grown}
+            j = max(trials, key=lambda one: trials[one])
+            if trials[j] <= reached:
+                break
+            grown, reached = [*grown, j], trials[j]
+        if reached > most:
+            best, most = grown, reached
+        return [most / len(best) if j in best else min(-most, 0.0) for j in range(count)]
+
+    def _file_signs(self, plain: Sequence[Parts], noise: Mapping[str, float]) -> list[tuple[Alternative, list[float]]]:
         found = []
-        for alternative in able:
-            for which in (dict.fromkeys(range(len(records)), alternative.reading), {0: alternative.reading}):
-                columns = self._columns(records, which)
-                if coefficient in columns:
-                    found.append(columns[coefficient])
+        for coefficient, sigma in noise.items():
+            names, terms, prior = self._rows[coefficient]
+            squares = _together(plain, coefficient)
+            base = _log_evidence(squares, terms, prior, sigma)
+            for i, (name, term) in enumerate(zip(names, terms, strict=True)):
+                if term in SURFACES:
+                    flipped = np.where(np.arange(len(prior)) == i, -prior, prior)
+                    gain = _log_evidence(squares, terms, flipped, sigma) - base
+                    alternative = Alternative(kind="file_sign", target=name, reading=Reading())
+                    found.append((alternative, [gain / len(plain)] * len(plain)))
         return found
 
-    def _file_signs(
-        self, plain: Mapping[str, _Column], floor: Mapping[str, float], base: float, count: int
-    ) -> list[tuple[Alternative, list[float]]]:
-        found = []
-        for coefficient, column in plain.items():
-            for i, (name, term) in enumerate(zip(column.names, column.terms, strict=True)):
-                if term not in SURFACES or column.prior[i] == 0.0:
-                    continue
-                prior = column.prior.copy()
-                prior[i] = -prior[i]
-                gain = _log_evidence(column, prior, floor[coefficient]) - _log_evidence(
-                    column, column.prior, floor[coefficient]
-                )
-                alternative = Alternative(kind="file_sign", target=name, reading=Reading())
-                found.append((alternative, [gain / count] * count))
-        return found
-
-    def _columns(self, records: Sequence[Read], readings: Mapping[int, Reading]) -> dict[str, _Column]:
-        """Coefficient -> column, of all records that can tell of it, some of them with other surfaces."""
-        by_coefficient: dict[str, list[tuple[int, np.ndarray, np.ndarray]]] = {}
-        rows = _rows(self._aircraft)
-        for j, record in enumerate(records):
-            if not record.has("V", "rho"):
-                continue
-            regressors = _regressors(record, self._aircraft, readings.get(j))
-            measured = _measured(record, self._aircraft)
-            every = max(1, round(len(record.value("V")) / record.independent))
-            for coefficient, (_, terms, _) in rows.items():
-                if not record.has(*_NEEDED[coefficient]):
-                    continue
-                X = np.stack([parse_term(t).evaluate(regressors) * np.ones(len(measured[coefficient])) for t in terms], 1)
-                at = np.flatnonzero(record.known("V", *_NEEDED[coefficient], "alpha", "beta"))[::every]
-                y, X = measured[coefficient][at], X[at]
-                by_coefficient.setdefault(coefficient, []).append((j, y - y.mean(), X - X.mean(axis=0)))
+    def _parts(self, record: Read, reading: Reading, there: Collection[str]) -> dict[str, _Squares]:
+        """Coefficient -> sums over a record, of the coefficients that it can tell of. What other records have and it
+        has not must not enter there."""
+        if not record.has("V", "rho"):
+            return {}
+        regressors = _regressors(record, self._aircraft, reading)
+        measured = _measured(record, self._aircraft)
+        every = max(1, round(len(record.value("V")) / record.independent))
         found = {}
-        for coefficient, parts in by_coefficient.items():
-            names, terms, prior = rows[coefficient]
-            found[coefficient] = _Column(
-                coefficient=coefficient,
-                names=names,
-                terms=terms,
-                prior=prior,
-                y=np.concatenate([y for _, y, _ in parts]),
-                record=np.concatenate([np.full(len(y), j) for j, y, _ in parts]),
-                X=np.concatenate([X for _, _, X in parts]),
-            )
-        return {c: column for c, column in found.items() if np.std(column.y) > 0.0 and np.isfinite(column.X).all()}
+        for coefficient, (_, terms, _) in self._rows.items():
+            entering = {n for term in terms for n, _ in parse_term(term).factors}
+            if not record.has(*_NEEDED[coefficient], *(entering & set(there))):
+                continue
+            columns = [parse_term(t).evaluate(regressors) * np.ones(len(measured[coefficient])) for t in terms]
+            at = np.flatnonzero(record.known("V", *_NEEDED[coefficient], *entering))[::every]
+            y, X = measured[coefficient][at], np.stack(columns, axis=1)[at]
+            if len(at) < 2 * len(terms) or not (np.isfinite(X).all() and np.isfinite(y).all() and np.ptp(y) > 0.0):
+                continue
+            y, X = y - y.mean(), X - X.mean(axis=0)
+            found[coefficient] = _Squares(samples=len(y), yy=float(y @ y), Xy=X.T @ y, XX=X.T @ X)
+        return found
 
-    def _noise(self, columns: Sequence[_Column]) -> float:
-        """1-sigma of what is left with free derivatives, by the best of the alternatives."""
-        left = []
-        for column in columns:
-            free = np.linalg.lstsq(column.X, column.y, rcond=1e-8)[0]
-            left.append(float(np.std(column.y - column.X @ free)))
-        return max(min(left), _LEAST * float(np.std(columns[0].y)))
+    def _noise(self, parts: Sequence[Parts]) -> dict[str, float]:
+        """1-sigma of what is left with free derivatives."""
+        known = {c for one in parts for c in one}
+        sums = {c: _together(parts, c) for c in known}
+        return {c: float(np.sqrt(max(s.left, _LEAST**2 * s.yy / s.samples))) for c, s in sums.items()}
 
-    def _evidence(self, columns: Mapping[str, _Column], noise: Mapping[str, float]) -> float:
-        return sum(_log_evidence(column, column.prior, noise[c]) for c, column in columns.items() if c in noise)
+    def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float]) -> float:
+        return sum(_log_evidence(_together(parts, c), *self._rows[c][1:], sigma) for c, sigma in noise.items())
 
 
-def _log_evidence(column: _Column, prior: np.ndarray, noise: float) -> float:
-    """Log marginal likelihood of a coefficient, derivatives about `prior`, up to what all alternatives share."""
-    spread = CRITERIA.derivative * np.abs(column.prior)
-    off = (column.y - column.X @ prior) / noise
-    A = column.X * spread / noise
-    M = np.eye(A.shape[1]) + A.T @ A
-    b = A.T @ off
-    return -0.5 * float(off @ off - b @ np.linalg.solve(M, b)) - 0.5 * float(np.linalg.slogdet(M)[1])
+def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
+    return reduce(add, (one[coefficient] for one in parts if coefficient in one))
+
+
+def _log_evidence(squares: _Squares, terms: Sequence[str], prior: np.ndarray, noise: float) -> float:
+    """Log marginal likelihood of a coefficient, up to what all alternatives share.
+
+    Derivatives are about `prior`; those of surfaces are not of the other sign, nor less than `_PART` of it."""
+    spread = CRITERIA.derivative * np.abs(prior)
+    off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
+    b = spread * (squares.Xy - squares.XX @ prior) / noise**2
+    inverse = np.linalg.inv(np.eye(len(prior)) + spread[:, None] * squares.XX * spread / noise**2)
+    shift = inverse @ b
+    evidence = -0.5 * float(off / noise**2 - shift @ b) + 0.5 * float(np.linalg.slogdet(inverse)[1])
+    for i, term in enumerate(terms):
+        if term in SURFACES:
+            above = (1.0 - _PART) / CRITERIA.derivative
+            posterior = (above + np.sign(prior[i]) * shift[i]) / np.sqrt(inverse[i, i])
+            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), _IMPOSSIBLE)
+    return evidence
 
 
 def _rows(aircraft: Aircraft) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], np.ndarray]]:
@@ -172,9 +194,8 @@ def _rows(aircraft: Aircraft) -> dict[str, tuple[tuple[str, ...], tuple[str, ...
     }
 
 
-def _regressors(c: Read, aircraft: Aircraft, reading: Reading | None) -> dict[str, np.ndarray]:
+def _regressors(c: Read, aircraft: Aircraft, reading: Reading) -> dict[str, np.ndarray]:
     V = np.maximum(c.value("V"), 1.0)
-    reading = reading or Reading()
     surfaces = {s: reading.factor.get(s, 1.0) * c.value(reading.source.get(s, s)) for s in SURFACES}
     found = {
         "alpha": c.value("alpha"),

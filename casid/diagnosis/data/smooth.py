@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+
 from casid.records.checks import INPUTS
 from casid.records.record import Record
 
-QUICK, SLOW = 0.5, 2.0  # s: windows of rates of rotation, and of what gravity and drag change
-_FEWEST, _PARTS = 7, 8  # samples of a window; windows in a record
+QUICK, SLOW = 0.5, 4.0  # s: windows of rates of rotation, and of what gravity and drag change
+_FEWEST, _PARTS = 7, 6  # samples of a window; windows in a record
 _PER_WINDOW = 6  # instants kept
 _KNOWN = 0.5  # of a window's samples must be there
 _ANGLES = ("psi",)

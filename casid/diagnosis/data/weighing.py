@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,18 +12,20 @@ from casid.diagnosis.data.alternatives import Alternative, alternatives
 from casid.diagnosis.data.criteria import CRITERIA
 from casid.diagnosis.data.levels import level_terms
 from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
-from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
+from casid.diagnosis.data.relations import CLOSE, RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
 from casid.diagnosis.data.smooth import QUICK, SLOW, Smooth, smooth
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from casid.signals import SURFACES
 
+_OF_THE_FILE = ("file_sign",)
 _MOST = 8  # faults of one set of records
+_HOPELESS = -20.0  # log likelihood ratio at which the rest is not computed
 _STRETCH = 1.3  # factor between rates from which time may be stretched
 _TELLING = 0.7  # what is unlike, up to which a relation tells of time
 
-Term = Callable[[Read], float]
+Term = Callable[[Read], float | None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,7 +40,7 @@ class Weighed:
     alternative: Alternative
     records: tuple[str, ...]
     log_odds: float
-    rivals: tuple[str, ...]
+    rivals: tuple[Alternative, ...]
 
     @property
     def alone(self) -> bool:
@@ -56,15 +59,16 @@ class Weighing:
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
         self._terms = self._all_terms()
+        self._present: dict[tuple[int, int], tuple[float, float]] = {}
         self._response = Response(aircraft) if aircraft is not None else None
 
     def _all_terms(self) -> list[tuple[frozenset[str], bool, Term]]:
         """(channels that enter, seen slowly, log likelihood)."""
 
         def of(relation: Relation) -> Term:
-            def term(read: Read) -> float:
+            def term(read: Read) -> float | None:
                 found = agreement(relation, read, self._gravity)
-                return found.log_likelihood if found is not None else 0.0
+                return found.log_likelihood if found is not None else None
 
             return term
 
@@ -85,15 +89,29 @@ class Weighing:
             self._take(best)
         if self._response is None:
             return found
-        for _ in range(_MOST):
-            best = self._best(self._response_gains())
+        settled: set[str] = set()
+        for _ in SURFACES:
+            best = self._best([(a, g) for a, g in self._response_gains() if not _surfaces_of(a) & settled])
             if best is None:
                 break
-            found.append(best)
-            self._take(best)
+            settled |= _surfaces_of(best.alternative)
+            if best.alternative.kind in _OF_THE_FILE:
+                best = self._or_else_the_record(best)
+            if best is not None:
+                found.append(best)
+                self._take(best)
         return found
 
+    def _or_else_the_record(self, best: Weighed) -> Weighed | None:
+        """What contradicts the file may be a fault of the records, when these explain it as well."""
+        faults = [one for one in best.rivals if one.kind not in _OF_THE_FILE]
+        if not faults:
+            return None
+        rivals = (best.alternative, *(one for one in best.rivals if one is not faults[0]))
+        return replace(best, alternative=faults[0], rivals=rivals)
+
     def _take(self, best: Weighed) -> None:
+        self._present.clear()
         for j, name in enumerate(self.names):
             if name in best.records:
                 self.readings[j] = self.readings[j].then(best.alternative.reading)
@@ -121,18 +139,33 @@ class Weighing:
 
     def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
         """Log likelihood ratio of an alternative in every record."""
-        concerned = [(slow, term) for uses, slow, term in self._terms if uses & alternative.channels]
+        concerned = [(i, slow, term) for i, (uses, slow, term) in enumerate(self._terms) if uses & alternative.channels]
         gains = []
         for j in range(len(self.names)):
-            if not _there(self._quick[j], alternative):
-                gains.append(0.0)
-                continue
-            other = self.readings[j].then(alternative.reading)
-            gain = 0.0
-            for slow, term in concerned:
-                gain += term(self._read(j, slow, other)) - term(self._read(j, slow, self.readings[j]))
-            gains.append(gain)
+            here = [(slow, term, *self._as_read(i, j)) for i, slow, term in concerned]
+            gains.append(self._gain(j, alternative, here) if _there(self._quick[j], alternative) else 0.0)
         return alternative, gains
+
+    def _as_read(self, i: int, j: int) -> tuple[float, float]:
+        """Log likelihood of a term in a record as it is read now, and what any reading could add to it."""
+        if (i, j) not in self._present:
+            uses, slow, term = self._terms[i]
+            read = self._read(j, slow, self.readings[j])
+            now = term(read)
+            most = -0.5 * read.independent * math.log(CLOSE) if i < len(RELATIONS) else 0.0
+            self._present[i, j] = (0.0, 0.0) if now is None else (now, most - now)
+        return self._present[i, j]
+
+    def _gain(self, j: int, alternative: Alternative, terms: Sequence[tuple[bool, Term, float, float]]) -> float:
+        """Log likelihood ratio in one record; of a hopeless alternative, a bound of it."""
+        other = self.readings[j].then(alternative.reading)
+        gain, hope = 0.0, sum(room for *_, room in terms)
+        for slow, term, now, room in terms:
+            hope -= room
+            gain += (term(self._read(j, slow, other)) or 0.0) - now
+            if gain + hope < _HOPELESS:
+                return gain + hope
+        return gain
 
     def _response_gains(self) -> list[tuple[Alternative, list[float]]]:
         assert self._response is not None
@@ -150,9 +183,7 @@ class Weighing:
         if not scored or scored[0][0] + CRITERIA.fault < CRITERIA.said:
             return None
         top, alternative, records = scored[0]
-        rivals = tuple(
-            described(a) for total, a, _ in scored[1:] if total > top - CRITERIA.alone and not _same(a, alternative)
-        )
+        rivals = tuple(a for total, a, _ in scored[1:] if total > top - CRITERIA.alone and not _same(a, alternative))
         return Weighed(alternative=alternative, records=records, log_odds=top + CRITERIA.fault, rivals=rivals)
 
     def _total(self, gains: Sequence[float]) -> float:
@@ -161,6 +192,13 @@ class Weighing:
     def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
         everywhere = min(gains) > CRITERIA.against
         return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > -CRITERIA.against)
+
+
+def _surfaces_of(alternative: Alternative) -> set[str]:
+    """Surfaces that an alternative concerns, be it of the records or of the file."""
+    if alternative.kind in _OF_THE_FILE:
+        return {surface for surface in SURFACES if alternative.target.endswith(surface)}
+    return set(alternative.channels)
 
 
 def _there(record: Smooth, alternative: Alternative) -> bool:
@@ -181,6 +219,8 @@ def described(alternative: Alternative) -> str:
     """An alternative in a few words."""
     if alternative.kind == "data_swap":
         return f"{alternative.target.replace('+', ' and ')} interchanged"
+    if alternative.kind in _OF_THE_FILE:
+        return f"{alternative.target} of the aircraft file has the wrong sign"
     if alternative.kind == "data_sign":
         return f"{alternative.target} reversed"
     return f"{alternative.target.replace('+', ', ')} in {alternative.unit or 'another unit'}"

@@ -1,0 +1,55 @@
+"""What a check made of a hidden fault."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from casid.diagnosis.data.finding import Finding
+from problems.faults.fault import DataFault
+
+OUTCOMES: tuple[str, ...] = ("found", "in its set", "refused", "missed", "wrong", "quiet", "false alarm")
+RIGHT: tuple[str, ...] = ("found", "in its set", "refused", "quiet")
+_ALIKE = ({"data_stuck", "data_dropout"},)  # a long hold is a short freeze
+
+
+def score(fault: DataFault | None, findings: Sequence[Finding]) -> str:
+    """One of OUTCOMES.
+
+    found       kind, target and records are right, the factor within 10 %, and it was handled
+    in its set  it was reported with rivals, one of which (or itself) it is
+    refused     something was reported at the right channel, nothing was changed
+    wrong       anything was corrected or left out that had no fault, or called by another name
+    """
+    if fault is None:
+        return "false alarm" if findings else "quiet"
+    if not findings:
+        return "missed"
+    handled = [one for one in findings if one.handled != "reported"]
+    strange = [one for one in handled if not _names(fault, one)]
+    if strange:
+        return "wrong"
+    covered = {name for one in handled for name in one.target.split("+")}
+    if covered >= set(fault.channels) and all(set(one.records) <= set(fault.records) for one in handled):
+        return "found" if {r for one in handled for r in one.records} == set(fault.records) else "wrong"
+    sets = [pair for one in findings for pair in _set_of(one)]
+    if any(kind == fault.kind and target == fault.target for kind, target in sets):
+        return "in its set"
+    touched = {name for one in findings for name in one.target.split("+")}
+    if covered:
+        return "in its set" if covered & set(fault.channels) else "wrong"
+    return "refused" if touched & set(fault.channels) else "wrong"
+
+
+def _names(fault: DataFault, finding: Finding) -> bool:
+    """Whether a finding is the fault, or its part at one of its channels."""
+    alike = finding.kind == fault.kind or any({finding.kind, fault.kind} <= kinds for kinds in _ALIKE)
+    inside = set(finding.target.split("+")) <= set(fault.channels)
+    if fault.kind == "data_unit" and finding.value is not None and fault.value is not None:
+        return alike and inside and abs(finding.value / fault.value - 1.0) < 0.1
+    return alike and inside
+
+
+def _set_of(finding: Finding) -> Iterable[tuple[str, str]]:
+    yield finding.kind, finding.target
+    for other in finding.indistinguishable_from:
+        yield str(other["kind"]), str(other["target"])
