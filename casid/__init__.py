@@ -91,6 +91,11 @@ _ROOMS = {
         "design_input",
         "standard_3211",
     ),
+    "casid.diagnosis.data.check": (
+        "DataFindings",
+        "check",
+    ),
+    "casid.diagnosis.data.finding": ("Finding",),
     "casid.diagnosis.diagnose": ("diagnose",),
     "casid.diagnosis.result": (
         "Cause",

@@ -1,5 +1,8 @@
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
+from casid.diagnosis.data.check import DataFindings as DataFindings
+from casid.diagnosis.data.check import check as check
+from casid.diagnosis.data.finding import Finding as Finding
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.errors import CasidError, EstimationError, InputError
@@ -48,6 +51,7 @@ __all__ = [
     "Collocation",
     "ColumnMap",
     "CombinedError",
+    "DataFindings",
     "Diagnosis",
     "EffectValue",
     "EquationError",
@@ -55,6 +59,7 @@ __all__ = [
     "EstimationError",
     "Experiment",
     "FilterFit",
+    "Finding",
     "Fit",
     "GaussNewton",
     "Identifiability",
@@ -80,6 +85,7 @@ __all__ = [
     "Trim",
     "aircraft_model",
     "bootstrap",
+    "check",
     "define_model",
     "define_regression",
     "design_input",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from casid.diagnosis.criterion import Criterion, Value, listed, number, overridden
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.numerics import Numerics
 from casid.errors import InputError
@@ -306,6 +307,7 @@ class Criteria:
     80.0
     """
 
+    data: DataCriteria = DataCriteria()
     noise: NoiseCriteria = NoiseCriteria()
     input_timing: InputTimingCriteria = InputTimingCriteria()
     prior: PriorCriteria = PriorCriteria()

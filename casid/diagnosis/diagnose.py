@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.data.check import check
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.explanations.by_score import Begun, by_score
@@ -60,6 +61,7 @@ def diagnose(
     criteria: Criteria | None = None,
     *,
     naming: Literal["rules", "score"] = "rules",
+    as_recorded: bool = False,
 ) -> Diagnosis:
     """Diagnose an aircraft file on flight records.
 
@@ -78,6 +80,8 @@ def diagnose(
     naming
         How causes are named: by rules about gains, or by the score, in which explanations compete as wholes and have
         probabilities.
+    as_recorded
+        The data stay as they were recorded: faults are told, and neither corrected nor left out.
 
     Raises
     ------
@@ -88,7 +92,8 @@ def diagnose(
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     stages, criteria = Stages(report), criteria or Criteria()
     stages.begin("reading the records")
-    fitted, held = split(records, hold_out, criteria.held_out)
+    checked = check((*records, *hold_out), aircraft, undo=as_recorded, criteria=criteria.data)
+    fitted, held = split(checked.records[: len(records)], checked.records[len(records) :], criteria.held_out)
     flight = prepare(aircraft, fitted, criteria)
     flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
     known = attached_effects(flight)
@@ -147,7 +152,7 @@ def diagnose(
         verdict=verdict,
         sentence=sentence,
         not_judged=(),
-        data=(),
+        data=checked.findings,
         contradicted=against,
         aircraft=aircraft,
         extended_aircraft=extended_file,

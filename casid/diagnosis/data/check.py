@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from casid.diagnosis.data import words
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.finding import Finding, Handled
 from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError
@@ -71,12 +72,19 @@ class DataFindings:
 
 
 @single_threaded()
-def check(records: Sequence[Record] | Record, aircraft: Aircraft | None = None, *, undo: bool = False) -> DataFindings:
+def check(
+    records: Sequence[Record] | Record,
+    aircraft: Aircraft | None = None,
+    *,
+    undo: bool = False,
+    criteria: DataCriteria | None = None,
+) -> DataFindings:
     """What is wrong with flight data, before anything is believed.
 
     records   of one set of instruments: what is in one and not in the others shows the better
     aircraft  brings in weight, trim and the signs of responses to surfaces; without it these are not checked
     undo      findings are only told, and `records` stay as they are
+    criteria  by which it decides; by default those of `DataCriteria()`
 
     A sign, a unit or a swap is corrected when one explanation alone fits; else it is reported with its rivals. Frozen,
     held, clipped and outlying samples become missing; outliers in inputs are interpolated.
@@ -86,7 +94,7 @@ def check(records: Sequence[Record] | Record, aircraft: Aircraft | None = None, 
         raise InputError("no record was given to be checked; expected at least one")
     faults = [fault for record in given for fault in channel_faults(record)] + constant_in_one(given)
     kept = tuple(without_faults(record, faults) for record in given)
-    weighing = Weighing(kept, aircraft)
+    weighing = Weighing(kept, aircraft, criteria or DataCriteria())
     weighed = weighing.found()
     alone = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     together = [_of_alternative(one, len(given), undo) for one in weighed]

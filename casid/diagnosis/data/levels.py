@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy import special
 
-from casid.diagnosis.data.criteria import CRITERIA, DataCriteria
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
 from casid.model.aircraft import Aircraft
@@ -133,22 +133,24 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
 )
 
 
-def level_terms(aircraft: Aircraft | None, gravity: float) -> Iterator[tuple[frozenset[str], Callable[[Read], float]]]:
+def level_terms(
+    aircraft: Aircraft | None, gravity: float, criteria: DataCriteria
+) -> Iterator[tuple[frozenset[str], Callable[[Read], float]]]:
     """(channels that enter, log likelihood in a record) of every level."""
 
     def term(needs: tuple[str, ...], level: Callable[..., float]) -> Callable[[Read], float]:
-        return lambda c: level(c, aircraft, gravity, CRITERIA) if c.has(*needs) else 0.0
+        return lambda c: level(c, aircraft, gravity, criteria) if c.has(*needs) else 0.0
 
     for needs, uses, level in _LEVELS:
         yield frozenset(uses), term(needs, level)
     for relation in RELATIONS:
         if relation.name in _MEANS:
-            yield frozenset((*relation.uses, "t")), _of_means(relation, gravity)
+            yield frozenset((*relation.uses, "t")), _of_means(relation, gravity, criteria)
 
 
-def _of_means(relation: Relation, gravity: float) -> Callable[[Read], float]:
+def _of_means(relation: Relation, gravity: float, criteria: DataCriteria) -> Callable[[Read], float]:
     """The means of both sides differ by biases only; large ones are rare, and not excluded (Student-t, 3)."""
-    sigma = CRITERIA.bias_force if relation.name == "V" else CRITERIA.bias_rate
+    sigma = criteria.bias_force if relation.name == "V" else criteria.bias_rate
 
     def term(c: Read) -> float:
         if not c.has(*relation.needs):

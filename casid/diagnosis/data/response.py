@@ -15,7 +15,7 @@ import numpy as np
 from scipy import special
 
 from casid.diagnosis.data.alternatives import Alternative
-from casid.diagnosis.data.criteria import CRITERIA
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read, Reading
 from casid.model.aircraft import Aircraft
 from casid.model.path import aerodynamic_parameters, speed_of_sound
@@ -66,8 +66,8 @@ Parts = Mapping[str, _Squares]
 class Response:
     """The response that an aircraft file predicts, and what records say of it."""
 
-    def __init__(self, aircraft: Aircraft) -> None:
-        self._aircraft = aircraft
+    def __init__(self, aircraft: Aircraft, criteria: DataCriteria) -> None:
+        self._aircraft, self._doubt = aircraft, criteria.derivative
         self._rows = _rows(aircraft)
 
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
@@ -117,11 +117,11 @@ class Response:
         for coefficient, sigma in noise.items():
             names, terms, prior = self._rows[coefficient]
             squares = _together(plain, coefficient)
-            base = _log_evidence(squares, terms, prior, sigma)
+            base = _log_evidence(squares, terms, prior, sigma, self._doubt)
             for i, (name, term) in enumerate(zip(names, terms, strict=True)):
                 if term in SURFACES:
                     flipped = np.where(np.arange(len(prior)) == i, -prior, prior)
-                    gain = _log_evidence(squares, terms, flipped, sigma) - base
+                    gain = _log_evidence(squares, terms, flipped, sigma, self._doubt) - base
                     alternative = Alternative(kind="file_sign", target=name, reading=Reading())
                     found.append((alternative, [gain / len(plain)] * len(plain)))
         return found
@@ -155,18 +155,21 @@ class Response:
         return {c: float(np.sqrt(max(s.left, _LEAST**2 * s.yy / s.samples))) for c, s in sums.items()}
 
     def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float]) -> float:
-        return sum(_log_evidence(_together(parts, c), *self._rows[c][1:], sigma) for c, sigma in noise.items())
+        return sum(
+            _log_evidence(_together(parts, c), *self._rows[c][1:], sigma, self._doubt) for c, sigma in noise.items()
+        )
 
 
 def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
     return reduce(add, (one[coefficient] for one in parts if coefficient in one))
 
 
-def _log_evidence(squares: _Squares, terms: Sequence[str], prior: np.ndarray, noise: float) -> float:
+def _log_evidence(squares: _Squares, terms: Sequence[str], prior: np.ndarray, noise: float, doubt: float) -> float:
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
-    Derivatives are about `prior`; those of surfaces are not of the other sign, nor less than `_PART` of it."""
-    spread = CRITERIA.derivative * np.abs(prior)
+    Derivatives are about `prior`, within a part of it, `doubt`. Those of surfaces are not of the other sign, nor less
+    than `_PART` of it."""
+    spread = doubt * np.abs(prior)
     off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
     b = spread * (squares.Xy - squares.XX @ prior) / noise**2
     inverse = np.linalg.inv(np.eye(len(prior)) + spread[:, None] * squares.XX * spread / noise**2)
@@ -174,7 +177,7 @@ def _log_evidence(squares: _Squares, terms: Sequence[str], prior: np.ndarray, no
     evidence = -0.5 * float(off / noise**2 - shift @ b) + 0.5 * float(np.linalg.slogdet(inverse)[1])
     for i, term in enumerate(terms):
         if term in SURFACES:
-            above = (1.0 - _PART) / CRITERIA.derivative
+            above = (1.0 - _PART) / doubt
             posterior = (above + np.sign(prior[i]) * shift[i]) / np.sqrt(inverse[i, i])
             evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), _IMPOSSIBLE)
     return evidence

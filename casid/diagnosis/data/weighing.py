@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.data.alternatives import Alternative, alternatives
-from casid.diagnosis.data.criteria import CRITERIA
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.levels import level_terms
 from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
 from casid.diagnosis.data.relations import CLOSE, RELATIONS, Relation, agreement
@@ -50,7 +50,8 @@ class Weighed:
 class Weighing:
     """Records under readings, and the gain of every alternative to them."""
 
-    def __init__(self, records: Sequence[Record], aircraft: Aircraft | None) -> None:
+    def __init__(self, records: Sequence[Record], aircraft: Aircraft | None, criteria: DataCriteria) -> None:
+        self._criteria = criteria
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else 9.80665
         self._quick = [smooth(record, QUICK) for record in records]
@@ -60,7 +61,7 @@ class Weighing:
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
         self._terms = self._all_terms()
         self._present: dict[tuple[int, int], tuple[float, float]] = {}
-        self._response = Response(aircraft) if aircraft is not None else None
+        self._response = Response(aircraft, criteria) if aircraft is not None else None
 
     def _all_terms(self) -> list[tuple[frozenset[str], bool, Term]]:
         """(channels that enter, seen slowly, log likelihood)."""
@@ -73,7 +74,10 @@ class Weighing:
             return term
 
         dynamic = [(frozenset((*r.uses, "t")), r.slow, of(r)) for r in RELATIONS]
-        return [*dynamic, *((uses, False, term) for uses, term in level_terms(self._aircraft, self._gravity))]
+        return [
+            *dynamic,
+            *((uses, False, term) for uses, term in level_terms(self._aircraft, self._gravity, self._criteria)),
+        ]
 
     def _read(self, j: int, slow: bool, reading: Reading) -> Read:
         return Read((self._slow if slow else self._quick)[j], reading)
@@ -180,18 +184,20 @@ class Weighing:
             ((self._total(per_record), a, self._concerned(per_record)) for a, per_record in gains),
             key=lambda row: -row[0],
         )
-        if not scored or scored[0][0] + CRITERIA.fault < CRITERIA.said:
+        if not scored or scored[0][0] + self._criteria.fault < self._criteria.said:
             return None
         top, alternative, records = scored[0]
-        rivals = tuple(a for total, a, _ in scored[1:] if total > top - CRITERIA.alone and not _same(a, alternative))
-        return Weighed(alternative=alternative, records=records, log_odds=top + CRITERIA.fault, rivals=rivals)
+        rivals = tuple(
+            a for total, a, _ in scored[1:] if total > top - self._criteria.alone and not _same(a, alternative)
+        )
+        return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
 
     def _total(self, gains: Sequence[float]) -> float:
-        return sum(gains) if min(gains) > CRITERIA.against else sum(g for g in gains if g > 0.0)
+        return sum(gains) if min(gains) > self._criteria.against else sum(g for g in gains if g > 0.0)
 
     def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
-        everywhere = min(gains) > CRITERIA.against
-        return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > -CRITERIA.against)
+        everywhere = min(gains) > self._criteria.against
+        return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > -self._criteria.against)
 
 
 def _surfaces_of(alternative: Alternative) -> set[str]:

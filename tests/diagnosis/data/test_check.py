@@ -1,0 +1,127 @@
+"""The check of flight data. Truth: the fault that was put into flights of the Do 328 with noise, and real flights that
+have none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.diagnosis.data.finding import Finding
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+from problems.blind.sets import fly_set
+from problems.faults.fault import DataFault, with_fault
+from problems.faults.flights import REAL, real_flight
+from problems.faults.score import score
+
+DEG = float(np.pi / 180.0)
+BOTH = ("m1", "m2")
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[Aircraft, tuple[Record, ...]]:
+    one = fly_set("do328", "clean-1", 1)
+    return one.aircraft, one.records[:2]
+
+
+def hold(*starts: float, seconds: float = 0.5) -> dict[str, tuple[tuple[float, float], ...]]:
+    return {"m1": tuple((start, start + seconds) for start in starts)}
+
+
+FAULTS = [
+    DataFault(kind="data_sign", target="q", records=("m1",)),
+    DataFault(kind="data_sign", target="az", records=BOTH),
+    DataFault(kind="data_sign", target="ay", records=BOTH),
+    DataFault(kind="data_sign", target="delta_e", records=("m1",)),
+    DataFault(kind="data_unit", target="V", records=BOTH, value=1852.0 / 3600.0),
+    DataFault(kind="data_unit", target="V", records=BOTH, value=0.3048),
+    DataFault(kind="data_unit", target="q", records=BOTH, value=DEG),
+    DataFault(kind="data_unit", target="p+q+r", records=BOTH, value=DEG),
+    DataFault(kind="data_unit", target="ax+ay+az", records=BOTH, value=9.80665),
+    DataFault(kind="data_unit", target="rho", records=BOTH, value=515.3788184),
+    DataFault(kind="data_unit", target="thrust", records=BOTH, value=1000.0),
+    DataFault(kind="data_unit", target="delta_e", records=BOTH, value=DEG),
+    DataFault(kind="data_unit", target="t", records=BOTH, value=5.0),
+    DataFault(kind="data_unit", target="t", records=BOTH, value=1e-3),
+    DataFault(kind="data_swap", target="alpha+beta", records=BOTH),
+    DataFault(kind="data_swap", target="p+r", records=("m2",)),
+    DataFault(kind="data_swap", target="delta_a+delta_r", records=BOTH),
+    DataFault(kind="data_stuck", target="beta", records=("m1",), intervals={"m1": ((-1.0, 99.0),)}),
+    DataFault(kind="data_dropout", target="V+alpha+beta", records=("m1",), intervals=hold(3.0, 8.0, 12.0, 19.0)),
+    DataFault(kind="data_clipped", target="q", records=("m1",), value=0.5),
+    DataFault(kind="data_spikes", target="az", records=("m1",), value=0.01),
+    DataFault(kind="data_spikes", target="ax", records=("m1",), value=0.003, term="code"),
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f"{f.kind}-{f.target}-{f.value}-{len(f.records)}")
+def test_every_fault_is_found_and_mended(fault: DataFault, flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """Named, in the right records, and nothing else; what was corrected is what was flown."""
+    aircraft, records = flown
+    checked = cs.check(with_fault(fault, records, seed=3), aircraft)
+    assert score(fault, checked.findings) == "found", checked
+    if fault.kind in ("data_sign", "data_unit", "data_swap"):
+        for mended, healthy in zip(checked.records, records, strict=True):
+            for name in ("t", *healthy.channels):
+                assert np.allclose(mended[name], healthy[name], rtol=0.11 if fault.target == "t" else 1e-9, atol=1e-9)
+
+
+def test_a_surface_against_one_derivative_of_the_file_is_told_with_its_rival(
+    flown: tuple[Aircraft, tuple[Record, ...]],
+) -> None:
+    """When the aileron is reversed in every record, and the file knows what it does from one derivative alone, record
+    and file are as likely to be wrong: nothing is changed."""
+    aircraft, records = flown
+    alone = aircraft.with_derivatives({"Cn_delta_a": 0.0, "CY_delta_a": 0.0})
+    fault = DataFault(kind="data_sign", target="delta_a", records=BOTH)
+    checked = cs.check(with_fault(fault, records, seed=3), alone)
+    (finding,) = checked.findings
+    assert finding.handled == "reported"
+    told = [(finding.kind, finding.target), *((r["kind"], r["target"]) for r in finding.indistinguishable_from)]
+    assert ("data_sign", "delta_a") in told and ("file_sign", "Cl_delta_a") in told
+    assert np.array_equal(checked.records[0]["delta_a"], -records[0]["delta_a"])
+
+
+def test_undone_the_records_stay_as_they_are(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    aircraft, records = flown
+    given = with_fault(DataFault(kind="data_sign", target="q", records=BOTH), records, seed=3)
+    checked = cs.check(given, aircraft, undo=True)
+    assert [one.handled for one in checked.findings] == ["reported"]
+    assert all(a is b for a, b in zip(checked.records, given, strict=True))
+
+
+def test_clean_flights_keep_quiet(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    aircraft, records = flown
+    checked = cs.check(records, aircraft)
+    assert checked.clean and "Nothing is wrong" in str(checked)
+    assert set(checked.to_dict()["channels"]) >= {"V", "alpha", "delta_e"}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_flights_keep_quiet(name: str, flight_data) -> None:
+    """ATTAS, HFB-320, and the corrected records of a Twin Otter and a Tu-144."""
+    flight = real_flight(name, flight_data.parent)
+    assert not cs.check(flight.records, flight.aircraft).findings
+
+
+def test_without_an_aircraft_and_with_few_channels_nothing_is_made_up(
+    flown: tuple[Aircraft, tuple[Record, ...]],
+) -> None:
+    _, records = flown
+    few = [Record(name=r.name, t=r.t, channels={n: r[n] for n in ("delta_e", "q", "theta")}) for r in records]
+    assert not cs.check(few).findings
+    turned = [r.with_channels(q=np.degrees(r["q"])) for r in few]
+    assert kinds(cs.check(turned).findings) == [("data_unit", "q")]
+
+
+def kinds(findings: Sequence[Finding]) -> list[tuple[str, str]]:
+    return [(one.kind, one.target) for one in findings]
+
+
+def test_nothing_to_check_is_an_input_error() -> None:
+    with pytest.raises(InputError, match="no record was given"):
+        cs.check([])

@@ -1,0 +1,112 @@
+"""What one channel shows alone. Truth: the fault that was put into a motion whose every sample is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from casid.records.channel_faults import channel_faults, constant_in_one, without_faults
+from casid.records.channel_table import as_text, channel_table
+from casid.records.record import Record
+
+T = np.arange(1001) / 50.0
+AT = np.arange(len(T))
+
+
+def motion(noise: float = 0.002, quantum: float = 0.0, seed: int = 1) -> np.ndarray:
+    """A damped oscillation of 0.1 rad after 4 s, with noise, in steps of a quantum."""
+    rng = np.random.default_rng(seed)
+    x = 0.1 * np.exp(-0.15 * (T - 4.0)) * np.sin(2.0 * (T - 4.0)) * (T > 4.0) + noise * rng.standard_normal(len(T))
+    return np.round(x / quantum) * quantum if quantum else x
+
+
+def record(values: np.ndarray, name: str = "beta", label: str = "m") -> Record:
+    return Record(name=label, t=T, channels={"delta_r": motion(seed=5), name: values, "r": motion(seed=6)})
+
+
+def found(values: np.ndarray) -> dict[str, np.ndarray]:
+    return {fault.kind: fault.at for fault in channel_faults(record(values)) if fault.target == "beta"}
+
+
+@pytest.mark.parametrize(
+    ("noise", "quantum"), [(0.002, 0.0), (0.0, 0.0), (0.0005, 0.001), (0.0, 0.005), (0.002, 0.0002)]
+)
+def test_a_healthy_channel_keeps_quiet(noise: float, quantum: float) -> None:
+    """Whether it has noise or none, and fine or coarse steps, in which it rests for seconds."""
+    assert not found(motion(noise, quantum))
+
+
+def test_held_values_are_a_dropout_and_nothing_else() -> None:
+    x, held = motion(), np.zeros(len(T), dtype=bool)
+    for start in (220, 400, 700):
+        held[start + 1 : start + 26] = True
+    faults = found(x[np.maximum.accumulate(np.where(held, 0, AT))])
+    assert set(faults) == {"data_dropout"}
+    assert (faults["data_dropout"] == held).all()
+
+
+@pytest.mark.parametrize("start", [300, 850])
+def test_a_value_that_rests_to_the_end_is_stuck(start: int) -> None:
+    x = motion()
+    x[start:] = x[start]
+    faults = found(x)
+    assert set(faults) == {"data_stuck"}
+    assert faults["data_stuck"][start + 1 :].all()
+
+
+def test_rails_on_both_sides_are_clipping() -> None:
+    x = np.clip(motion(), -0.05, 0.06)
+    faults = found(x)
+    assert set(faults) == {"data_clipped"}
+    assert (faults["data_clipped"] == ((x == -0.05) | (x == 0.06))).all()
+
+
+@pytest.mark.parametrize("size", [0.08, -999.0, 9999.0])
+def test_isolated_outliers_and_codes_are_found_exactly(size: float) -> None:
+    x, at = motion(), np.zeros(len(T), dtype=bool)
+    at[[40, 333, 512, 777, 900]] = True
+    x[at] = x[at] + size if abs(size) < 1.0 else size
+    faults = found(x, "ay")
+    assert set(faults) == {"data_spikes"}
+    assert (faults["data_spikes"] == at).all()
+
+
+def test_a_staircase_of_a_slower_recorder_is_no_fault() -> None:
+    """1 Hz beside 50 Hz."""
+    assert not found(motion()[AT // 50 * 50])
+    row = next(row for row in channel_table([record(motion()[AT // 50 * 50])]) if row.name == "beta")
+    assert row.rate_hz == pytest.approx(1.0)
+
+
+def test_surfaces_may_rest_and_outliers_in_them_are_interpolated() -> None:
+    x = np.where((T > 5.0) & (T < 8.0), 0.05, 0.0)
+    x[700] = 0.3
+    whole = Record(name="m", t=T, channels={"delta_e": x, "q": motion()})
+    faults = channel_faults(whole)
+    assert [(fault.kind, fault.target) for fault in faults] == [("data_spikes", "delta_e")]
+    assert without_faults(whole, faults)["delta_e"][700] == 0.0
+
+
+def test_outputs_that_are_not_to_be_believed_become_missing() -> None:
+    x = motion()
+    x[333] = -999.0
+    whole = record(x, "ay")
+    mended = without_faults(whole, channel_faults(whole))
+    assert np.flatnonzero(np.isnan(mended["ay"])).tolist() == [333]
+
+
+def test_a_channel_that_rests_in_one_record_of_several_is_stuck_there() -> None:
+    frozen, healthy = record(np.full(len(T), 0.01), label="m1"), record(motion(), label="m2")
+    assert [(f.kind, f.target, f.record) for f in constant_in_one([frozen, healthy])] == [("data_stuck", "beta", "m1")]
+    assert not constant_in_one([frozen])  # one record alone may not have measured it
+
+
+def test_the_table_is_in_degrees() -> None:
+    row = next(row for row in channel_table([record(np.radians(np.linspace(-2.0, 3.0, len(T))))]) if row.name == "beta")
+    assert (row.unit, row.least, row.median, row.most) == (
+        "deg",
+        pytest.approx(-2.0),
+        pytest.approx(0.5),
+        pytest.approx(3.0),
+    )
+    assert "suspect" in as_text([row], {"beta": "suspect"})
