@@ -129,7 +129,7 @@ def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault
         if np.isfinite(values).sum() < _FEWEST or name == "rho" or _rests(values):
             continue
         faults, clean = _of_levels(record, name, values, limits)
-        if update_interval(record, name) <= _SLOWER * record.dt:
+        if not update_interval(record, name) > _SLOWER * record.dt:
             wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else 0.0)
             faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
         for kind, at in faults.items():

@@ -24,16 +24,18 @@ def record(values: np.ndarray, name: str = "beta", label: str = "m") -> Record:
     return Record(name=label, t=T, channels={"delta_r": motion(seed=5), name: values, "r": motion(seed=6)})
 
 
-def found(values: np.ndarray) -> dict[str, np.ndarray]:
-    return {fault.kind: fault.at for fault in channel_faults(record(values)) if fault.target == "beta"}
+def found(values: np.ndarray, name: str = "beta") -> dict[str, np.ndarray]:
+    return {fault.kind: fault.at for fault in channel_faults(record(values, name)) if fault.target == name}
 
 
-@pytest.mark.parametrize(
-    ("noise", "quantum"), [(0.002, 0.0), (0.0, 0.0), (0.0005, 0.001), (0.0, 0.005), (0.002, 0.0002)]
-)
+HEALTHY = [(0.002, 0.0), (0.0, 0.0), (0.0005, 0.001), (0.0, 0.005), (0.002, 0.0002)]
+
+
+@pytest.mark.parametrize(("noise", "quantum"), HEALTHY)
 def test_a_healthy_channel_keeps_quiet(noise: float, quantum: float) -> None:
     """Whether it has noise or none, and fine or coarse steps, in which it rests for seconds."""
-    assert not found(motion(noise, quantum))
+    channels = {name: motion(noise, quantum, seed) for seed, name in enumerate(("delta_r", "beta", "r"))}
+    assert not channel_faults(Record(name="m", t=T, channels=channels))
 
 
 def test_held_values_are_a_dropout_and_nothing_else() -> None:
