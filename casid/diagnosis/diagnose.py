@@ -119,7 +119,7 @@ def diagnose(
             given=given,
             held_given=held_given,
         )
-        return by_score(aircraft, start, held, stages)
+        return replace(by_score(aircraft, start, held, stages), data=checked.findings)
     begun, by_rules = _named(begun, found, known, report)
     stages.begin("held-out records")
     kept = _kept(held, begun, by_rules)
