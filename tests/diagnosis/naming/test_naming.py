@@ -46,7 +46,7 @@ from problems.do328 import do328
 class Judge:
     """`Screen` of one slot with unit information, without small terms."""
 
-    price = 0.0
+    price, criteria = 0.0, Criteria()
 
     def __init__(self, records: int) -> None:
         self.covariance, self.newton = np.eye(1), np.zeros(1)
