@@ -16,6 +16,7 @@ from casid.model.aerodynamics import Aerodynamics
 from casid.model.aircraft_file import number, number_table, numbers, toml_text
 from casid.model.aircraft_parts import EffectValue, Inertia
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
+from casid.model.daveml import fields_of_daveml
 from casid.model.effect import KINDS
 from casid.model.jsbsim import JsbsimAerodynamics, fields_of_jsbsim
 from casid.model.tables import Table
@@ -207,6 +208,32 @@ class Aircraft:
             For a function or property that cannot be had without JSBSim.
         """
         return cls(**fields_of_jsbsim(path, held))
+
+    @classmethod
+    def from_daveml(
+        cls, aerodynamics: str | Path, inertia: str | Path, held: Mapping[str, float] = MappingProxyType({})
+    ) -> Aircraft:
+        """The aircraft of two DAVE-ML files (ANSI/AIAA S-119): its aerodynamics, and its mass properties.
+
+        Parameters
+        ----------
+        aerodynamics, inertia : path
+            The files; variables are known by the names of the standard.
+        held : mapping of str to float
+            Values of inputs that no record has, by varID, in the units of the file.
+
+        Returns
+        -------
+        Aircraft
+            In body axes, with derivatives of zero, increments on top of what the file has. Surfaces have the signs that
+            the file gives them; moments are about the centre of mass.
+
+        Raises
+        ------
+        InputError
+            For what cannot be read, an unknown unit, or an input that no record has and that is not held.
+        """
+        return cls(**fields_of_daveml(aerodynamics, inertia, held))
 
     @classmethod
     def read(cls, path: str | Path) -> Aircraft:

@@ -8,14 +8,25 @@ from typing import Any
 
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
-from casid.model.aircraft_file import check_keys, number, number_table, quoted, shown, subtable, text
+from casid.model.aircraft_file import check_keys, number, number_table, numbers, quoted, shown, subtable, text
 from casid.model.aircraft_parts import INERTIAS, EffectValue, Inertia
+from casid.model.daveml import DaveAerodynamics, dave_aerodynamics
 from casid.model.jsbsim import JsbsimAerodynamics, aerodynamics_of
 from casid.model.tables import read_tables, written_table
 
 POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
 _SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "effects")
-_AERODYNAMICS = ("force_axes", "relative_uncertainty", "derivatives", "terms", "tables", "jsbsim", "held")
+_AERODYNAMICS = (
+    "force_axes",
+    "relative_uncertainty",
+    "derivatives",
+    "terms",
+    "tables",
+    "jsbsim",
+    "daveml",
+    "held",
+    "cm",
+)
 _LENGTHS = ("moment_length", "rate_length")
 _EFFECT_KEYS = (
     "kind",
@@ -41,7 +52,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     check_keys(propulsion, ("thrust_line_z", "engine_y"), "[propulsion]")
     check_keys(sensors, (*POSITIONS, "noise"), "[sensors]")
     check_keys(aerodynamics, _AERODYNAMICS, "[aerodynamics]")
-    if not set(aerodynamics) & {"derivatives", "tables", "jsbsim"}:
+    if not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
         raise InputError("[aerodynamics]: 'derivatives' is missing; add it")
     inertia = subtable(general, "inertia", "[aircraft]")
     check_keys(inertia, INERTIAS, "[aircraft] inertia", INERTIAS)
@@ -69,13 +80,17 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
 
 def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
     """The aerodynamics of another simulation's file that [aerodynamics] names, relative to the `folder` of this one."""
-    if "jsbsim" not in table:
-        if "held" in table:
-            raise InputError("[aerodynamics]: 'held' is of properties of a JSBSim file; give jsbsim = \"plane.xml\"")
+    where = "[aerodynamics]"
+    named = [key for key in ("jsbsim", "daveml") if key in table]
+    if len(named) != 1:
+        if named or "held" in table or "cm" in table:
+            raise InputError(f'{where}: name one file beside held and cm: jsbsim = "plane.xml" or daveml = "plane.dml"')
         return None
-    held = number_table(table.get("held", {}), "[aerodynamics] held")
-    axes = text(table.get("force_axes", "wind"), "[aerodynamics] force_axes")
-    return aerodynamics_of(folder / text(table["jsbsim"], "[aerodynamics] jsbsim"), held, axes)
+    path = folder / text(table[named[0]], f"{where} {named[0]}")
+    held = number_table(table.get("held", {}), f"{where} held")
+    if "daveml" in table:
+        return dave_aerodynamics(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
+    return aerodynamics_of(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
 
 
 def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,4 +158,6 @@ def _written_own(aerodynamics: Aerodynamics | None) -> dict[str, Any]:
         return {}
     if isinstance(aerodynamics, JsbsimAerodynamics):
         return {"jsbsim": aerodynamics.path, "held": dict(aerodynamics.held)}
+    if isinstance(aerodynamics, DaveAerodynamics):
+        return {"daveml": aerodynamics.path, "cm": aerodynamics.cm, "held": dict(aerodynamics.held)}
     raise InputError("its aerodynamics are a Python function, which a file cannot hold; keep the Aircraft in Python")

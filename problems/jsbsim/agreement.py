@@ -113,16 +113,20 @@ def _surfaces(delta_e: float, delta_a: float, delta_r: float) -> dict[str, float
 def put(one: Rig, rng: np.random.Generator) -> dict[str, float]:
     """Bring JSBSim into a random state with random surfaces; returns the surfaces."""
     fdm = one.fdm
+    speed, alpha, beta = rng.uniform(150.0, 600.0), rng.uniform(-0.15, 0.3), rng.uniform(-0.2, 0.2)
     drawn = {
         "h-sl-ft": rng.uniform(6000.0, 30000.0),
-        "vt-fps": rng.uniform(150.0, 600.0),
-        "alpha-rad": rng.uniform(-0.15, 0.3),
-        "beta-rad": rng.uniform(-0.2, 0.2),
         "phi-rad": rng.uniform(-0.8, 0.8),
+        "theta-rad": rng.uniform(-0.5, 0.5),
+        "psi-true-rad": 0.0,
+        "u-fps": speed * np.cos(alpha) * np.cos(beta),
+        "v-fps": speed * np.sin(beta),
+        "w-fps": speed * np.sin(alpha) * np.cos(beta),
         "p-rad_sec": rng.uniform(-0.5, 0.5),
         "q-rad_sec": rng.uniform(-0.3, 0.3),
         "r-rad_sec": rng.uniform(-0.3, 0.3),
     }
+    fdm.reset_to_initial_conditions(0)
     for name, value in drawn.items():
         fdm[f"ic/{name}"] = value
     fdm.run_ic()
@@ -134,8 +138,10 @@ def put(one: Rig, rng: np.random.Generator) -> dict[str, float]:
     for name, value in one.own.held:
         fdm[name] = value
     _put_static(one, surfaces)
+    if abs(fdm["velocities/vt-fps"] - speed) > 1e-6 * speed:
+        raise InputError(f"JSBSim does not take the speed of {speed:.1f} ft/s: {fdm['velocities/vt-fps']:.1f} ft/s")
     fdm.suspend_integration()
-    for _ in range(12):  # what depends on the rates of the flow angles settles
+    for _ in range(6):  # what depends on the rates of the flow angles settles
         fdm.run()
     fdm.resume_integration()
     return surfaces

@@ -1,0 +1,204 @@
+"""An aircraft of DAVE-ML files as the fields of `Aircraft`: aerodynamics from one, mass properties from another.
+
+Names, units and axes are the standard's (ANSI/AIAA S-119). Surfaces have the signs that the file gives them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import casadi as ca
+
+from casid.errors import InputError, unknown
+from casid.model.aircraft_file import number
+from casid.model.aircraft_parts import Inertia
+from casid.model.daveml.functions import DaveFile, Values, dave_file
+from casid.model.jsbsim.aircraft import INCREMENTS
+
+_FT, _SLUG, _LB = 0.3048, 14.593902937206364, 0.45359237
+# unit of a file -> its size in SI and radians
+_UNITS = MappingProxyType(
+    {
+        "nd": 1.0,
+        "ft": _FT,
+        "m": 1.0,
+        "ft2": _FT**2,
+        "m2": 1.0,
+        "ft_s": _FT,
+        "m_s": 1.0,
+        "deg": math.pi / 180.0,
+        "rad": 1.0,
+        "deg_s": math.pi / 180.0,
+        "rad_s": 1.0,
+        "slug": _SLUG,
+        "kg": 1.0,
+        "lbm": _LB,
+        "slugft2": _SLUG * _FT**2,
+        "kgm2": 1.0,
+    }
+)
+# input of the standard -> (quantities of `Aircraft.aerodynamics`, rate lengths) -> SI
+_INPUTS: Mapping[str, Callable[[Any, Any], Any]] = MappingProxyType(
+    {
+        "trueAirspeed": lambda s, own: s.airspeed,
+        "mach": lambda s, own: s.mach,
+        "angleOfAttack": lambda s, own: s.alpha,
+        "angleOfSideslip": lambda s, own: s.beta,
+        "bodyAngularRate_Roll": lambda s, own: s.p * s.airspeed / own.lateral,
+        "bodyAngularRate_Pitch": lambda s, own: s.q * s.airspeed / own.pitch,
+        "bodyAngularRate_Yaw": lambda s, own: s.r * s.airspeed / own.lateral,
+        "elevatorDeflection": lambda s, own: s.delta_e,
+        "aileronDeflection": lambda s, own: s.delta_a,
+        "rudderDeflection": lambda s, own: s.delta_r,
+    }
+)
+_FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
+_MOMENTS = tuple(f"aeroBodyMomentCoefficient_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
+_ARM = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
+_INERTIA = MappingProxyType(
+    {
+        "Ixx": "bodyMomentOfInertia_Roll",
+        "Iyy": "bodyMomentOfInertia_Pitch",
+        "Izz": "bodyMomentOfInertia_Yaw",
+        "Ixz": "bodyProductOfInertia_ZX",
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaveAerodynamics:
+    """Aerodynamics of a DAVE-ML file.
+
+    path, text   the file;  held  pairs of varID and value, in the unit of the file, of inputs that no record has
+    cm           centre of mass [m] from the moment reference centre of the file, body axes
+    lateral, pitch   rate lengths [m];  span, chord  [m] of its coefficients
+    """
+
+    path: str
+    text: str = field(repr=False)
+    cm: tuple[float, float, float]
+    lateral: float
+    pitch: float
+    held: tuple[tuple[str, float], ...] = ()
+
+    def __call__(self, s: Any) -> dict[str, Any]:
+        """Body-axes coefficients about the centre of mass. Raises InputError."""
+        file = dave_file(self.text)
+        given: dict[str, Any] = dict(self.held)
+        for name, varid in file.names.items():
+            if varid in file.inputs and varid not in given:
+                if name not in _INPUTS:
+                    raise InputError(
+                        f"{self.path}: input '{name}' is in no record; hold it: held = {{\"{varid}\": 0.0}}"
+                    )
+                given[varid] = ca.SX(_INPUTS[name](s, self)) / _unit(file, varid)
+        try:
+            look = file.values({name: ca.SX(value) for name, value in given.items()})
+            fx, fy, fz, roll, pitch, yaw = (look(_varid(file, name)) for name in (*_FORCES, *_MOMENTS))
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+        b, c = 2.0 * self.lateral, 2.0 * self.pitch
+        x, y, z = self.cm
+        return {
+            "CX": fx,
+            "CY": fy,
+            "CZ": fz,
+            "Cl": roll - (y * fz - z * fy) / b,
+            "Cm": pitch - (z * fx - x * fz) / c,
+            "Cn": yaw - (x * fy - y * fx) / b,
+        }
+
+
+def fields_of_daveml(aerodynamics: str | Path, inertia: str | Path, held: Mapping[str, float]) -> dict[str, Any]:
+    """Fields of `Aircraft`, with zero increments for derivatives. Raises InputError for what cannot be read."""
+    mass = _read(inertia)
+    try:
+        given = {v: number(held[v], f"held: '{v}'") for v in mass.inputs if v in held}
+        look = mass.values({name: ca.SX(value) for name, value in given.items()})
+        tensor = {name: _si(mass, look, standard) for name, standard in _INERTIA.items()}
+        weight = _si(mass, look, "totalMass")
+        cm = tuple(_si(mass, look, name) for name in _ARM)
+    except InputError as error:
+        raise InputError(f"{inertia}: {error}") from None
+    own = dave_aerodynamics(aerodynamics, cm, {name: value for name, value in held.items() if name not in given})
+    body = {"CL": "CZ", "CD": "CX"}
+    return {
+        "name": Path(aerodynamics).stem,
+        "mass": weight,
+        "inertia": Inertia(**tensor),
+        "area": _reference(own, "referenceWingArea"),
+        "moment_length_lateral": 2.0 * own.lateral,
+        "moment_length_pitch": 2.0 * own.pitch,
+        "rate_length_lateral": own.lateral,
+        "rate_length_pitch": own.pitch,
+        "force_axes": "body",
+        "derivatives": {f"{body.get(c, c)}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
+        "aerodynamics": own,
+    }
+
+
+def dave_aerodynamics(
+    path: str | Path, cm: tuple[float, ...], held: Mapping[str, float] = MappingProxyType({})
+) -> DaveAerodynamics:
+    """The aerodynamics of a file, moments about a centre of mass [m] from its reference. Raises InputError."""
+    file = _read(path)
+    for name in held:
+        if name not in file.inputs:
+            raise unknown("input", name, file.inputs, f"{path}: held")
+    if len(cm) != 3:
+        raise InputError(f"{path}: the centre of mass must be three numbers, got {len(cm)}")
+    try:
+        look = file.values({})
+        span, chord = (_si(file, look, name) for name in ("referenceWingSpan", "referenceWingChord"))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return DaveAerodynamics(
+        path=str(Path(path).resolve()),
+        text=_text(path),
+        cm=(cm[0], cm[1], cm[2]),
+        lateral=span / 2.0,
+        pitch=chord / 2.0,
+        held=tuple(sorted((name, number(value, f"held: '{name}'")) for name, value in held.items())),
+    )
+
+
+def _reference(own: DaveAerodynamics, name: str) -> float:
+    file = dave_file(own.text)
+    return _si(file, file.values({}), name)
+
+
+def _text(path: str | Path) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+
+
+def _read(path: str | Path) -> DaveFile:
+    try:
+        return dave_file(_text(path))
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+def _varid(file: DaveFile, name: str) -> str:
+    if name not in file.names:
+        raise unknown("variable", name, file.names)
+    return file.names[name]
+
+
+def _unit(file: DaveFile, varid: str) -> float:
+    if file.units[varid] not in _UNITS:
+        raise unknown(f"unit of '{varid}'", file.units[varid], _UNITS)
+    return _UNITS[file.units[varid]]
+
+
+def _si(file: DaveFile, look: Values, name: str) -> float:
+    """A constant of the file in SI."""
+    varid = _varid(file, name)
+    return float(ca.evalf(ca.SX(look(varid)))) * _unit(file, varid)

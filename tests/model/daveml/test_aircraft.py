@@ -1,0 +1,188 @@
+"""DAVE-ML files (ANSI/AIAA S-119): the F-16 of NASA's check cases by its own static shots, and a small file."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import casid as cs
+from casid.errors import InputError
+from casid.model.daveml.functions import dave_file
+
+MATH = '<math xmlns="http://www.w3.org/1998/Math/MathML">{}</math>'
+AERO = """<?xml version="1.0"?>
+<DAVEfunc xmlns="http://daveml.org/2010/DAVEML">
+  <variableDef name="trueAirspeed" varID="vt" units="m_s"><isInput/></variableDef>
+  <variableDef name="angleOfAttack" varID="al" units="deg"><isInput/></variableDef>
+  <variableDef name="bodyAngularRate_Pitch" varID="q" units="deg_s"><isInput/></variableDef>
+  <variableDef name="elevatorDeflection" varID="de" units="rad"><isInput/></variableDef>
+  {more}
+  <variableDef name="referenceWingChord" varID="c" units="m" initialValue="2.0"/>
+  <variableDef name="referenceWingSpan" varID="b" units="m" initialValue="10.0"/>
+  <variableDef name="referenceWingArea" varID="S" units="m2" initialValue="20.0"/>
+  <variableDef name="aeroBodyForceCoefficient_X" varID="cx" units="nd" initialValue="-0.02"/>
+  <variableDef name="aeroBodyForceCoefficient_Y" varID="cy" units="nd" initialValue="0.0"/>
+  <variableDef name="aeroBodyForceCoefficient_Z" varID="cz" units="nd"/>
+  <variableDef name="aeroBodyMomentCoefficient_Roll" varID="cl" units="nd" initialValue="0.0"/>
+  <variableDef name="aeroBodyMomentCoefficient_Pitch" varID="cm" units="nd">
+    <calculation>{math}</calculation></variableDef>
+  <variableDef name="aeroBodyMomentCoefficient_Yaw" varID="cn" units="nd" initialValue="0.0"/>
+  <breakpointDef bpID="A"><bpVals>-10, 0, 20</bpVals></breakpointDef>
+  <breakpointDef bpID="E"><bpVals>-0.4 0.4</bpVals></breakpointDef>
+  <function name="CZ"><independentVarRef varID="de" extrapolate="{beyond}"/>
+    <independentVarRef varID="al" extrapolate="{beyond}"/>
+    <dependentVarRef varID="cz"/><functionDefn><griddedTableDef>
+      <breakpointRefs><bpRef bpID="E"/><bpRef bpID="A"/></breakpointRefs>
+      <dataTable>0.9, 0.1, -1.5, <!-- the last breakpoint changes most rapidly --> 0.7, -0.1, -1.9</dataTable>
+    </griddedTableDef></functionDefn></function>
+</DAVEfunc>
+"""
+INERTIA = """<DAVEfunc xmlns="http://daveml.org/2010/DAVEML">
+  <variableDef name="totalMass" varID="m" units="kg" initialValue="1000"/>
+  <variableDef name="bodyMomentOfInertia_Roll" varID="ixx" units="kgm2" initialValue="1000"/>
+  <variableDef name="bodyMomentOfInertia_Pitch" varID="iyy" units="kgm2" initialValue="2000"/>
+  <variableDef name="bodyMomentOfInertia_Yaw" varID="izz" units="kgm2" initialValue="2500"/>
+  <variableDef name="bodyProductOfInertia_ZX" varID="izx" units="kgm2" initialValue="80"/>
+  <variableDef name="bodyPositionOfCmWrtMrc_X" varID="dx" units="m" initialValue="0.2"/>
+  <variableDef name="bodyPositionOfCmWrtMrc_Y" varID="dy" units="m" initialValue="0"/>
+  <variableDef name="bodyPositionOfCmWrtMrc_Z" varID="dz" units="m" initialValue="0"/>
+</DAVEfunc>
+"""
+SQUARE = "<apply><times/><cn>2</cn><ci>al</ci><ci>al</ci></apply>"
+
+
+@pytest.fixture
+def f16(flight_data: Path) -> Path:
+    """Folder with the DAVE-ML files of the F-16."""
+    for folder in (flight_data / "f16", flight_data.parent / "f16"):
+        if (folder / "F16_aero.dml").is_file():
+            return folder
+    pytest.skip("no F-16: its DAVE-ML files are in nasa/simupy-flight, folder f16 beside the flight records")
+
+
+def written(folder: Path, math: str = SQUARE, more: str = "", beyond: str = "neither") -> tuple[Path, Path]:
+    aero, inertia = folder / "plane.dml", folder / "inertia.dml"
+    aero.write_text(AERO.format(math=MATH.format(math), more=more, beyond=beyond))
+    inertia.write_text(INERTIA)
+    return aero, inertia
+
+
+@pytest.mark.parametrize("name", ["F16_aero.dml", "F16_prop.dml"])
+def test_static_shots_within_their_tolerances(f16: Path, name: str) -> None:
+    """Every output of every check case that NASA put into its file."""
+    file = dave_file((f16 / name).read_text())
+    shots = file.shots()
+    assert len(shots) == {"F16_aero.dml": 16, "F16_prop.dml": 9}[name]
+    for shot, inputs, outputs in shots:
+        look = file.values({file.names[key]: ca.SX(value) for key, value in inputs.items()})
+        for key, (value, tolerance) in outputs.items():
+            found = float(ca.evalf(ca.SX(look(file.names[key]))))
+            assert abs(found - value) <= tolerance, (shot, key)
+
+
+def test_forces_of_nasas_trimmed_flight(f16: Path) -> None:
+    """In the four seconds before its altitude step, NASA's simulation of check case 13.1 logs forces and moments but no
+    surfaces: three surfaces explain all six of them."""
+    file, ft = dave_file((f16 / "F16_aero.dml").read_text()), 0.3048
+    s = {name: ca.SX.sym(name) for name in ("vt", "alpha", "beta", "p", "q", "r", "el", "ail", "rdr")}
+    look = file.values(s)
+    outputs = ca.vertcat(*(look(name) for name in ("cx", "cy", "cz", "cl", "cm", "cn")))
+    aerodynamics = ca.Function("aerodynamics", list(s.values()), [outputs])
+    with (f16 / "Atmos_13p1_sim_02.csv").open() as text:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(text)]
+    for row in rows[10:46:5]:
+        psi, theta, phi = (np.radians(row[f"eulerAngle_deg_{name}"]) for name in ("Yaw", "Pitch", "Roll"))
+        north, east, down = (row[f"feVelocity_ft_s_{axis}"] for axis in "XYZ")
+        u, v, w = body_velocity(np.array([north, east, down]), psi, theta, phi)
+        V = row["trueAirspeed_nmi_h"] * 1852.0 / 3600.0 / ft
+        assert np.linalg.norm([u, v, w]) == pytest.approx(V, rel=1e-6)
+        rates = [np.radians(row[f"bodyAngularRateWrtEi_deg_s_{name}"]) for name in ("Roll", "Pitch", "Yaw")]
+        qS = 0.5 * row["airDensity_slug_ft3"] * V**2 * 300.0
+        force = [row[f"aero_bodyForce_lbf_{axis}"] / qS for axis in "XYZ"]
+        lengths = {"L": 30.0, "M": 11.32, "N": 30.0}
+        moment = [row[f"aero_bodyMoment_ftlbf_{axis}"] / (qS * length) for axis, length in lengths.items()]
+        motion = [V, np.degrees(np.arctan2(w, u)), np.degrees(np.arcsin(v / V)), *rates]
+
+        def misfit(surfaces: np.ndarray, motion: list = motion, logged: tuple = (*force, *moment)) -> np.ndarray:
+            return aerodynamics(*motion, *surfaces).full()[:, 0] - logged
+
+        fit = least_squares(misfit, np.zeros(3), xtol=1e-12, ftol=1e-12)
+        assert np.abs(fit.fun).max() < 1e-4, row["time"]
+
+
+def body_velocity(ned: np.ndarray, psi: float, theta: float, phi: float) -> np.ndarray:
+    c, s = np.cos, np.sin
+    about_z = np.array([[c(psi), s(psi), 0.0], [-s(psi), c(psi), 0.0], [0.0, 0.0, 1.0]])
+    about_y = np.array([[c(theta), 0.0, -s(theta)], [0.0, 1.0, 0.0], [s(theta), 0.0, c(theta)]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c(phi), s(phi)], [0.0, -s(phi), c(phi)]])
+    return about_x @ about_y @ about_z @ ned
+
+
+def test_the_f16_is_an_aircraft(f16: Path) -> None:
+    """Its mass is the 20500 lb that its file says; its c.g. at 25 % of the chord lies 1.132 ft before the reference."""
+    aircraft = cs.Aircraft.from_daveml(f16 / "F16_aero.dml", f16 / "F16_inertia.dml", held={"CG_PCT_MAC": 25.0})
+    assert aircraft.mass == pytest.approx(20500.0 * 0.45359237, rel=1e-5)
+    own = aircraft.aerodynamics
+    assert getattr(own, "cm", None) == pytest.approx((1.132 * 0.3048, 0.0, 0.0))
+    level = cs.trim(aircraft, V=172.0, altitude=3000.0)
+    assert 0.0 < level.alpha < 0.1 and 0.0 < level.thrust < 0.3 * aircraft.mass * 9.80665
+
+
+def test_units_tables_and_the_centre_of_mass(tmp_path: Path) -> None:
+    """Cm = 2 alpha^2 [deg] about the reference; the centre of mass lies 0.2 m before it, so that CZ turns, too."""
+    aero, inertia = written(tmp_path)
+    aircraft = cs.Aircraft.from_daveml(aero, inertia)
+    assert (aircraft.mass, aircraft.inertia.Ixz, aircraft.area) == (1000.0, 80.0, 20.0)
+    own = aircraft.aerodynamics
+    assert own is not None
+    quantities = SimpleNamespace(airspeed=60.0, alpha=np.radians(5.0), q=0.0, delta_e=0.2)
+    found = {name: float(ca.evalf(ca.SX(value))) for name, value in own(quantities).items()}
+    cz = 0.25 * (0.75 * 0.1 + 0.25 * -1.5) + 0.75 * (0.75 * -0.1 + 0.25 * -1.9)
+    assert found["CZ"] == pytest.approx(cz)
+    assert found["Cm"] == pytest.approx(2.0 * 25.0 + 0.2 * cz / 2.0)
+    aircraft.write(tmp_path / "plane.toml")
+    assert cs.Aircraft.read(tmp_path / "plane.toml") == aircraft
+
+
+@pytest.mark.parametrize(
+    ("math", "expected"),
+    [
+        ("<apply><minus/><ci>de</ci></apply>", -0.2),
+        ("<apply><divide/><cn>1</cn><apply><plus/><cn>3</cn><cn>1</cn></apply></apply>", 0.25),
+        ("<apply><power/><cn>2</cn><cn>3</cn></apply>", 8.0),
+        ("<apply><max/><cn>2</cn><apply><abs/><cn>-3</cn></apply></apply>", 3.0),
+        (
+            "<apply><piecewise><piece><cn>1</cn><apply><lt/><ci>al</ci><cn>0</cn></apply></piece>"
+            "<piece><cn>2</cn><apply><lt/><ci>al</ci><cn>9</cn></apply></piece>"
+            "<otherwise><cn>3</cn></otherwise></piecewise></apply>",
+            2.0,
+        ),
+    ],
+)
+def test_operators(tmp_path: Path, math: str, expected: float) -> None:
+    aero, _ = written(tmp_path, math)
+    look = dave_file(aero.read_text()).values({"al": ca.SX(5.0), "de": ca.SX(0.2)})
+    assert float(ca.evalf(ca.SX(look("cm")))) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"math": "<apply><factorial/><ci>al</ci></apply>"}, "<factorial> of 1 arguments is no operator"),
+        ({"math": "<ci>alfa</ci>"}, "unknown variable 'alfa'; did you mean 'al'"),
+        ({"math": "<ci>cm</ci>"}, "'cm' depends on itself"),
+        ({"beyond": "min"}, "one way beyond its table"),
+        ({"more": '<variableDef name="flap" varID="df" units="deg"><isInput/></variableDef>'}, "input 'flap' is in no"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path: Path, changed: dict[str, str], message: str) -> None:
+    aero, inertia = written(tmp_path, **changed)
+    with pytest.raises(InputError, match=message) as caught:
+        cs.aircraft_model(cs.Aircraft.from_daveml(aero, inertia))
+    assert "plane.dml" in str(caught.value) and "\n" not in str(caught.value)
