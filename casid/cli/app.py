@@ -10,6 +10,7 @@ COMMANDS = {
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",
     "identifiability": "casid.cli.identifiability:identifiability",
+    "design": "casid.cli.design:design",
     "convert": "casid.cli.convert:convert",
     "new-aircraft": "casid.cli.new_aircraft:new_aircraft",
     "demo": "casid.cli.diagnose:demo",

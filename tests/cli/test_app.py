@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 
 from casid.cli.app import COMMANDS
 from casid.cli.convert import convert
+from casid.cli.design import design
 from casid.cli.new_aircraft import derivatives_of, inertia_of, new_aircraft
 from casid.cli.options import DEMO
 from casid.cli.run import call, script, status_of
@@ -112,3 +114,24 @@ def test_typical_values_have_the_limits_of_theory() -> None:
     assert derivatives_of(0.3, 1e9)["CL_alpha"] == pytest.approx(2.0 * np.pi)
     Ixx, Iyy, Izz, _ = inertia_of(1000.0, 10.0, 8.0).values()
     assert Ixx + Iyy > Izz > max(Ixx, Iyy) - min(Ixx, Iyy)
+
+
+def test_a_design_beats_the_standard_within_its_limits(tmp_path: Path) -> None:
+    """The designed pulses know more of every derivative in the mean (that is the criterion), and keep the limits."""
+    call(
+        script(design),
+        ["--aircraft", str(DEMO / "aircraft.toml"), "--free", "Cm_*", "--duration", "8", "--out", str(tmp_path)],
+    )
+    designs = json.loads((tmp_path / "design.json").read_text())["designs"]
+    assert designs["pulses4"]["cost"] < designs["3-2-1-1"]["cost"]
+    flown = read_record(tmp_path / "pulses4.csv")
+    assert np.abs(flown["delta_e"] - flown["delta_e"][0]).max() <= np.deg2rad(3.0) * 1.002
+    assert np.abs(flown["alpha"] - flown["alpha"][0]).max() <= np.deg2rad(3.0) * 1.002
+
+
+def test_a_design_needs_a_trim_point(tmp_path: Path) -> None:
+    text = (DEMO / "aircraft.toml").read_text().replace("V = 95.038\n", "")
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(InputError, match="needs V"):
+        call(script(design), ["--aircraft", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")])
+    assert not (tmp_path / "out").exists()
