@@ -17,12 +17,13 @@ from pathlib import Path
 import pytest
 
 import casid
+from casid.views import VIEWS, view
 
 REPO = Path(__file__).resolve().parent.parent
 MAX_LINES = 400
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "arguments", "signals"}
+_CORE = {"errors", "arguments", "signals", "views"}
 _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
@@ -30,6 +31,7 @@ _USERS = _ENGINE | {"diagnosis", "campaign", "report", "cli", "casid"}
 LAYERS: dict[str, set[str]] = {
     "errors": set(),
     "arguments": {"errors"},
+    "views": set(),
     "signals": {"errors"},
     "native": {"errors"},
     "records": _CORE,
@@ -126,6 +128,15 @@ def test_imports_point_down(path: Path) -> None:
 def test_every_form_of_import_is_seen(source: str, package: str, expected: str) -> None:
     """The rules above hold only if no spelling of an import escapes them (forms of the Python reference, 7.11)."""
     assert [module for _, module in imported_modules(source, package)] == [expected]
+
+
+def test_views_are_the_only_way_up() -> None:
+    """Modules are imported by name by the front door, for views, and for extras; every view exists."""
+    files = (path for path in sources("casid") if "import_module(" in path.read_text(encoding="utf-8"))
+    calls = {str(path.relative_to(REPO)) for path in files}
+    assert calls <= {"casid/__init__.py", "casid/views.py", "casid/records/arrays.py"}
+    for name in VIEWS:
+        assert callable(view(name)), name
 
 
 def test_matplotlib_stays_in_the_report() -> None:

@@ -6,13 +6,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from casid.errors import unknown
 from casid.estimation.problem import Problem
+from casid.estimation.remarks import remarks
 from casid.estimation.uncertainty import Uncertainty
+from casid.views import view
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from casid.model.simulate import Simulation
+    from casid.records.record import Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +48,7 @@ class ChannelFit:
     samples: int
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class StateHistory:
     """trajectory (N, states) at the record's samples; nodes (M, states), the starts of the segments, at node_times."""
 
@@ -47,8 +56,11 @@ class StateHistory:
     nodes: np.ndarray
     node_times: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"<StateHistory: {self.trajectory.shape[0]} samples of {self.trajectory.shape[1]} states>"
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Fit:
     """Result of `solve`.
 
@@ -186,15 +198,64 @@ class Fit:
             },
             "noise": {name: number(v) for name, v in self.noise.items()},
             "channels": channels,
+            "remarks": list(self.remarks),
         }
 
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person should know besides the status, a sentence each: a channel whose mean explains it better, a
+        parameter three a-priori deviations from the file or of the opposite sign, standard errors of few samples."""
+        return remarks(self)
+
+    def plot(self, record: str | None = None) -> Any:
+        """Measured and predicted channels of a record, by name; default the first.
+
+        Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
+        record that was not fitted.
+        """
+        return view("fit.plot")(self, record)
+
+    def predict(self, record: Record | str | Path, *, window_s: float = 5.0) -> Simulation:
+        """Open-loop simulation of a record, which the fit may never have seen, with the estimates.
+
+        The initial state is fitted to the first `window_s` seconds of what the record measures. Parameters of single
+        records keep their a-priori value in a record that was not fitted. Raises InputError for a record that lacks an
+        input and for a motion that diverges.
+        """
+        return view("fit.predict")(self, record, window_s)
+
+    def to_frame(self) -> DataFrame:
+        """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`."""
+        return view("fit.frame")(self)
+
+    def to_latex(self) -> str:
+        """Estimates as a LaTeX table, for the package booktabs."""
+        return view("fit.latex")(self)
+
+    def _repr_html_(self) -> str:
+        return view("fit.html")(self)
+
+    def __repr__(self) -> str:
+        worst = min(self.channels, key=lambda n: self.channels[n].R2, default="")
+        least = f"; least R2 {self.channels[worst].R2:.3g} ({worst})" if worst else ""
+        said = f"; {len(self.remarks)} remarks" if self.remarks else ""
+        return (
+            f"<Fit of '{self.problem.model.name}': {self.status}; {len(self.values)} parameters{least}{said}; "
+            "print it for the numbers>"
+        )
+
     def __str__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Status, remarks, estimates and channels as text."""
         head = (
             f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
             f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s, cost {self.cost:.6g}"
         )
         width = max(len(name) for name in self.values)
-        lines = [head, "", f"{'parameter':{width}}  {'value':>12} {'std':>10} {'corrected':>10} {'a priori':>12}"]
+        lines = [head, *(f"! {remark}" for remark in self.remarks), ""]
+        lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'corrected':>10} {'a priori':>12}"]
         for name, e in self.parameters.items():
             lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_corrected:10.3g} {e.prior:12.6g}")
         lines += ["", f"{'channel':{width}}  {'rms':>12} {'R2':>10} {'Theil':>10} {'samples':>12}"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from casid.report.style import (
     BASELINE,
@@ -38,12 +39,18 @@ def write_pictures(pictures: Iterable[Picture], folder: Path) -> list[Path]:
 
 
 def histories(
-    record: str, t: np.ndarray, channels: Sequence[str], measured: np.ndarray, curves: Mapping[str, np.ndarray]
+    record: str,
+    t: np.ndarray,
+    channels: Sequence[str],
+    measured: np.ndarray,
+    curves: Mapping[str, np.ndarray],
+    empty: Callable[[float], Figure] = blank,
 ) -> Picture:
-    """Measured (N, channels) and, by label, what models give (N, channels), one panel per channel."""
+    """Measured (N, channels) and, by label, what models give (N, channels), one panel per channel; `empty` makes the
+    figure of a height."""
     with settings():
         rows = -(-len(channels) // 2)
-        figure = blank(1.35 * rows + 0.7)
+        figure = empty(1.35 * rows + 0.7)
         axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
         for i, channel in enumerate(channels):
             ax, (factor, _) = axes.flat[i], channel_scale(channel)

@@ -75,6 +75,13 @@ def blank(height: float) -> Figure:
     return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
+def window(height: float) -> Figure:
+    """As `blank`, in pyplot's care: a notebook shows it, and `plt.show()` opens it."""
+    from matplotlib import pyplot  # here, as it looks for a display
+
+    return pyplot.figure(figsize=(WIDTH, height), layout="constrained")
+
+
 def shown_unit(unit: str) -> tuple[float, str]:
     """(factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
     if unit.startswith("rad"):

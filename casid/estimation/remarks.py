@@ -1,0 +1,61 @@
+"""What a person should know of a fit that its status does not say: channels that it misses, values that contradict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from casid.estimation.cost import EquationError, RangeWeights
+
+if TYPE_CHECKING:
+    from casid.estimation.fit import Fit
+
+_FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
+_SURE = 2.0  # standard errors: the sign is known
+_LOW = 0.95  # of the unbiased standard error
+
+
+def remarks(fit: Fit) -> tuple[str, ...]:
+    """One sentence each, none when all is well: channels that their own mean explains better, parameters three a-priori
+    deviations from the file or of the opposite sign, standard errors that are low for want of samples."""
+    return (*_channels(fit), *_parameters(fit), *_few_samples(fit))
+
+
+def _channels(fit: Fit) -> Iterator[str]:
+    for name, channel in fit.channels.items():
+        if channel.R2 < 0.0:
+            yield f"{name}: R2 is {channel.R2:.2g}, its own mean explains it better than the model"
+        elif math.isnan(channel.R2):
+            yield f"{name}: measured as constant; nothing can be learnt from it"
+
+
+def _parameters(fit: Fit) -> Iterator[str]:
+    known = fit.problem.model.prior_std
+    for name, e in fit.parameters.items():
+        std = known.get(name.split("[")[0], math.inf)
+        far = abs(e.value - e.prior) / std if std > 0.0 else 0.0
+        error = e.std_corrected if math.isfinite(e.std_corrected) else 0.0
+        opposite = e.value * e.prior < 0.0 and abs(e.value) > _SURE * error
+        stated = f" +- {std:.2g}" if math.isfinite(std) else ""
+        numbers = f"{e.value:.4g} +- {error:.2g} against {e.prior:.4g}{stated}"
+        if opposite:
+            yield f"{name}: of the opposite sign of its a-priori value, {numbers}"
+        elif far >= _FAR:
+            yield f"{name}: {far:.1f} a-priori deviations from its a-priori value, {numbers}"
+
+
+def _few_samples(fit: Fit) -> Iterator[str]:
+    """Noise that was estimated is at its maximum of likelihood, which does not count the unknowns."""
+    problem = fit.problem
+    if not (problem.noise is None or isinstance(problem.noise, (str, RangeWeights))):
+        return
+    samples = sum(channel.samples for channel in fit.channels.values())
+    states = 0 if isinstance(problem.cost, EquationError) else len(problem.model.states) * len(problem.records)
+    unknowns = len(fit.values) + states
+    share = math.sqrt(max(1.0 - unknowns / samples, 0.0))
+    if share < _LOW:
+        yield (
+            f"standard errors are about {100.0 * (1.0 - share):.0f} % low: {unknowns} unknowns, {samples} samples, "
+            "and the noise estimated with them"
+        )
