@@ -1,4 +1,4 @@
-"""What rooms above make of a result: it asks for a view by name, and the room is loaded only then.
+"""How a result shows itself: in a line, or by what rooms above make of it, which are loaded only then.
 
 This is the one way up the house: a result knows that it can be drawn, not who draws. `tests/test_house.py` holds it.
 """
@@ -6,6 +6,7 @@ This is the one way up the house: a result knows that it can be drawn, not who d
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any
@@ -27,3 +28,20 @@ def view(name: str) -> Callable[..., Any]:
     """The function that makes a view; its first argument is the result."""
     module, function = VIEWS[name]
     return getattr(import_module(module), function)
+
+
+def brief(self: Any) -> str:
+    """The `repr` of a dataclass with arrays and tables in it, in a few lines: what it has, not all its numbers."""
+    inside = (f"{f.name}={_short(getattr(self, f.name))}" for f in fields(self) if not f.name.startswith("_"))
+    return f"{type(self).__name__}({', '.join(inside)})"
+
+
+def _short(value: Any) -> str:
+    if getattr(value, "shape", ()) != ():
+        return f"<{type(value).__name__} {'x'.join(map(str, value.shape))}>"
+    if isinstance(value, Mapping) and len(value) > 3:
+        return f"<{len(value)} by name: {', '.join(map(str, list(value)[:3]))}, ...>"
+    if isinstance(value, (tuple, list)) and len(value) > 3:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    text = repr(value)
+    return text if len(text) <= 120 and "\n" not in text else f"<{type(value).__name__}>"

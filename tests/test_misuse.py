@@ -147,6 +147,9 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: problem(o, start={"Mq": "a"}), "'Mq' is the text 'a'; expected a finite number"),
     (lambda o: problem(o, start={"Mq": math.nan}), "'Mq' is nan"),
     (lambda o: problem(o, fixed=["Mq"]), "expected a table like"),
+    (lambda o: problem(o, cost="output"), "expected cs.OutputError()"),
+    (lambda o: problem(o, cost=cs.OutputError), "write cost=OutputError()"),
+    (lambda o: problem(o, cost=None), "expected cs.OutputError()"),
     (lambda o: problem(o, noise=0.1), "expected None, a table"),
     (lambda o: problem(o, noise="ful"), "did you mean 'full'"),
     (lambda o: problem(o, noise=np.eye(3)), "expected the covariance (2, 2)"),
@@ -163,7 +166,7 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     # solving, and after it
     (lambda o: cs.solve(o.model), "cs.Problem(model, records, free=[...])"),
     (lambda o: cs.solve(problem(o), cs.MultipleShooting), "write MultipleShooting()"),
-    (lambda o: cs.solve(problem(o), "single"), "expected"),
+    (lambda o: cs.solve(problem(o), "single"), "write cs.MultipleShooting()"),
     (lambda o: cs.solve(problem(o), solver=cs.Ipopt), "write Ipopt()"),
     (lambda o: cs.MultipleShooting(interval=20.5), "expected a whole number"),
     (lambda o: cs.MultipleShooting(process_noise={"q": -1.0}), "expected a positive number"),

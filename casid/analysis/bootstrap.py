@@ -19,6 +19,7 @@ from casid.estimation.solvers.solver import Solver
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
+from casid.views import brief
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
@@ -37,6 +38,8 @@ class Bootstrap:
     values: Mapping[str, float]
     failed: int
     covariance: np.ndarray = field(init=False)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if len(self.estimates) < 2:

@@ -23,6 +23,7 @@ from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.system import Model
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
+from casid.views import brief
 
 _DEFAULT_METHOD = MultipleShooting()
 _INDEX, _STRONG = 10.0, 30.0  # condition index from which collinearity is worth a word, and is strong (Belsley)
@@ -118,6 +119,8 @@ class Identifiability:
     weak: tuple[Direction, ...]
     blends: Mapping[str, Blend]
     excitation: tuple[Excitation, ...]
+
+    __repr__ = brief
 
     @property
     def condition(self) -> float:

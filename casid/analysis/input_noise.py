@@ -42,6 +42,7 @@ from casid.estimation.uncertainty import prior_information, score_pieces
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 from casid.records.noise import pooled_sigma
+from casid.views import brief
 
 _DEFAULT_METHOD = MultipleShooting()
 _ENDLESS = 1e100
@@ -61,6 +62,8 @@ class InputErrors:
     covariance: np.ndarray
     std: Mapping[str, float]
     share: Mapping[str, float]
+
+    __repr__ = brief
 
 
 def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleShooting = _DEFAULT_METHOD) -> InputErrors:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from casid.diagnosis.naming.size import missing_share
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
+from casid.views import view
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 SCHEMA = "casid.diagnosis/2"
 
@@ -170,7 +174,7 @@ class Parameter:
         }
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Diagnosis:
     """The verdict and everything it rests on.
 
@@ -267,6 +271,17 @@ class Diagnosis:
             for name in names
             if name in there
         )
+
+    def __repr__(self) -> str:
+        count = f"{len(self.causes)} causes, {len(self.minor)} minor"
+        return f"<Diagnosis of '{self.aircraft.name}': {self.verdict}; {count}; print it for the words>"
+
+    def _repr_html_(self) -> str:
+        return view("diagnosis.html")(self)
+
+    def to_frame(self) -> DataFrame:
+        """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`."""
+        return view("diagnosis.frame")(self)
 
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]

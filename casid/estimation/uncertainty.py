@@ -26,6 +26,7 @@ from casid.estimation.solvers.point import Linearised, Value
 from casid.estimation.solvers.quadratic import free_directions, inverse_along, jacobi_scale
 from casid.estimation.transcriptions.kernel import whitened
 from casid.native.threads import single_threaded
+from casid.views import brief
 
 _RANK = 1e-12
 
@@ -54,6 +55,8 @@ class Uncertainty:
     value: Value
     linear: Linearised | None
     limit_multipliers: np.ndarray
+
+    __repr__ = brief
 
     @cached_property
     def covariance(self) -> np.ndarray:

@@ -29,6 +29,7 @@ from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.noise import pooled_sigma
+from casid.views import brief
 
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
 _NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost
@@ -56,6 +57,8 @@ class Innovations:
     log_likelihood: float
     samples: int
 
+    __repr__ = brief
+
     @property
     def per_sample(self) -> float:
         """Log likelihood per measured sample."""
@@ -75,6 +78,8 @@ class FilterFit:
     status: str
     iterations: int
     seconds: float
+
+    __repr__ = brief
 
     @property
     def converged(self) -> bool:

@@ -23,6 +23,7 @@ from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS
+from casid.views import brief
 
 AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = {
     "wind": ("CL", "CD", "CY", "Cl", "Cm", "Cn"),
@@ -77,6 +78,8 @@ class Aircraft:
     tables: tuple[Table, ...] = ()
     aerodynamics: Aerodynamics | None = None
     effects: tuple[EffectValue, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         lengths = ("moment_length_lateral", "moment_length_pitch", "rate_length_lateral", "rate_length_pitch")

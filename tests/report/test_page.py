@@ -354,3 +354,13 @@ def test_page_in_a_browser(folder: Path, tmp_path: Path, width: int) -> None:
     sizes = json.loads(root["data-images"] or "[]")
     assert len(sizes) == len(re.findall("<img ", page)) and all(min(size) > 0 for size in sizes)
     assert int(root["data-wide"] or "0") == 0
+
+
+def test_a_diagnosis_becomes_a_data_frame_and_a_notebooks_table(diagnosis: Diagnosis) -> None:
+    table = diagnosis.to_frame()
+    assert len(table) == len(diagnosis.causes) + len(diagnosis.minor)
+    assert table.loc["aero_term(Cm:alpha^2)", "value"] == diagnosis.causes[0].value
+    assert not table.loc["aero_term(Cm:alpha^2)", "minor"]
+    page = diagnosis._repr_html_()
+    assert diagnosis.verdict in page and "aero_term(Cm:alpha^2)" in page
+    assert len(repr(diagnosis)) < 300 and diagnosis.verdict in repr(diagnosis)
