@@ -20,6 +20,7 @@ from casid.diagnosis.flight.view import View
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.json_numbers import plain
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.size import missing_share
@@ -350,7 +351,7 @@ class Diagnosis:
         """Write diagnosis.json whole or not at all."""
         target = Path(path)
         temporary = target.with_suffix(".tmp")
-        temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
+        temporary.write_text(json.dumps(plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
         temporary.replace(target)
 
 
@@ -392,17 +393,3 @@ def _rank(candidate: Candidate) -> dict[str, Any]:
         "std": candidate.std,
         "surviving": candidate.surviving,
     }
-
-
-def _plain(value: Any) -> Any:
-    """Numbers and containers that JSON knows; a number that is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, (bool, str)) or value is None:
-        return value
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    number = float(value)
-    return number if math.isfinite(number) else None
