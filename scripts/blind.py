@@ -38,6 +38,7 @@ from casid.report.confusion import confusion_matrix
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import settings
+from problems.blind.calibration import log_score, reliability, stated
 from problems.blind.case import OUTSIDE, Answer
 from problems.blind.score import NOTHING, UNEXPLAINED, Score, score
 from problems.blind.sets import CASES, REPORTING_FROM, SETS, generate, set_name
@@ -138,7 +139,11 @@ def main() -> None:
         name: score(Answer.read(given.out / "answers" / f"{name}.json"), result) for name, result in found.items()
     }
     command = " ".join(["python scripts/blind.py", *_options(given)])
+    pairs = [pair for name, s in scores.items() for pair in stated(s.answer, found[name])]
     text = page(list(scores.values()), wanted, command, made_with["commit"])
+    if given.naming == "score":
+        score_of_all = f"Log score {log_score(pairs) / len(scores):.2f} nats a set, of all causes; 0 is perfect."
+        text += "\n\n".join(["", "## Probabilities", score_of_all, markdown(reliability(pairs))]) + "\n"
     with whole_folder(given.out) as folder:
         (folder / "blind.md").write_text(text, encoding="utf-8")
         write_lines(folder / "blind.csv", [line(name, s, found[name]) for name, s in scores.items()])

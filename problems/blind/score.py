@@ -67,17 +67,17 @@ def score(answer: Answer, found: Found) -> Score:
         )
     causes, hidden = found["causes"], answer.hidden
     strongest = list(_set(causes[0])) if causes else []
-    first = any(_same(one, other) for one in hidden for other in strongest)
-    own = next((c for c in causes if hidden and _same(hidden[0], c)), None)
+    first = any(same(one, other) for one in hidden for other in strongest)
+    own = next((c for c in causes if hidden and same(hidden[0], c)), None)
     words = [any(_key(o) in OTHER_WORDS.get(h.kind, ()) for h in hidden for o in _set(c)) for c in causes]
     return Score(
         answer=answer,
         verdict=found["verdict"],
         named=_named(hidden, found, first),
         first=first,
-        hits=sum(any(_same(one, other) for c in causes for other in _set(c)) for one in hidden),
+        hits=sum(any(same(one, other) for c in causes for other in _set(c)) for one in hidden),
         same_family=any(_family(o) == _family_of(h) for o in strongest[:1] for h in hidden) or first,
-        wrong=sum(not any(_same(h, o) for h in hidden for o in _set(c)) for c in causes),
+        wrong=sum(not any(same(h, o) for h in hidden for o in _set(c)) for c in causes),
         described=bool(words) and all(words),
         onsets=_onsets(hidden, causes),
         sized=_sized(hidden, own),
@@ -94,7 +94,8 @@ def _key(found: Found) -> tuple[str, str, str | None]:
     return found["kind"], found.get("target") or "", found.get("term")
 
 
-def _same(hidden: Hidden, found: Found) -> bool:
+def same(hidden: Hidden, found: Found) -> bool:
+    """Whether a cause that was found is one that was hidden."""
     kind, target, term = _key(found)
     if kind != hidden.kind:
         return False
@@ -120,7 +121,7 @@ def _named(hidden: tuple[Hidden, ...], found: Found, first: bool) -> str:
         return NOTHING if found["verdict"] == "adequate" else UNEXPLAINED
     strongest = found["causes"][0]
     if first:
-        return next(h.kind for h in hidden for o in _set(strongest) if _same(h, o))
+        return next(h.kind for h in hidden for o in _set(strongest) if same(h, o))
     return ELSEWHERE if any(h.kind == strongest["kind"] for h in hidden) else strongest["kind"]
 
 
@@ -128,7 +129,7 @@ def _onsets(hidden: tuple[Hidden, ...], causes: list[Found]) -> tuple[int, int]:
     """(onsets inside the stated interval, onsets) of hidden events that were named."""
     inside = total = 0
     for one in hidden:
-        cause = next((c for c in causes if _same(one, c)), None)
+        cause = next((c for c in causes if same(one, c)), None)
         if cause is None or not one.onset_s:
             continue
         stated = cause["onset_s"] or {}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from scipy.special import expit
+
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Candidate, screen
@@ -24,6 +26,7 @@ from casid.diagnosis.kinematics.kinematics import Turbulence, still_air
 from casid.diagnosis.result import Diagnosis, Round
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
+from casid.model.causes import turbulence as effect_of_turbulence
 from casid.model.effects import catalogue
 from casid.records.record import Record
 
@@ -47,7 +50,7 @@ class Begun:
 def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: Stages) -> Diagnosis:
     """Name causes by the posterior over explanations, and judge the model that has them on `held` records."""
     criteria = begun.calm.criteria
-    explained, turbulence = _explained(begun, criteria.priors, stages.begin)
+    explained, turbulence, in_air = _explained(begun, criteria.priors, stages.begin)
     reading = Reading(explained=explained, structure=tuple(begun.structure))
     stages.begin("held-out records")
     final, first = reading.fit, explained.first.fit
@@ -56,7 +59,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     stages.begin("verdict")
     causes = tuple(replace(one, held_out_gain=gain) for one in reading.causes)
     if turbulence.named:
-        causes = (turbulence_cause(turbulence, final.flight.aircraft, None), *causes)
+        causes = (replace(turbulence_cause(turbulence, final.flight.aircraft, None), probability=in_air), *causes)
     verdict, sentence = reading.verdict(causes)
     candidates = _ranking(explained)
     before, after = (tuple(missing_inputs(weigh(one, discrepancy=False))) for one in (first, final))
@@ -90,22 +93,22 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
         detectable=smallest_detectable(candidates, criteria.verdict),
         seconds=stages.seconds,
         explanations=reading.explanations,
-        believed=reading.believed,
+        believed=reading.believed | ({effect_of_turbulence("").name: in_air} if begun.turbulence.named else {}),
         entered={one.station: p for one, p in reading.unexplained},
         nothing=explained.posterior.adequate,
     )
 
 
-def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tuple[Explained, Turbulence]:
-    """The posterior in the air that explains more, moving or calm, all else that is wrong being named in either."""
+def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tuple[Explained, Turbulence, float]:
+    """The posterior in the air that explains more, moving or calm, all else that is wrong being named in either; and
+    the probability that it moves."""
     calm = explain(begun.structured, priors, begin)
     if not begun.turbulence.named:
-        return calm, begun.turbulence
+        return calm, begun.turbulence, 0.0
     moving = explain(begun.start, priors, begin)
     kinds = len({e.kind for e in catalogue(begun.calm.flight.aircraft, begun.calm.flight.outputs)})
-    if moving.posterior.best.log + priors.cause(kinds) > calm.posterior.best.log:
-        return moving, begun.turbulence
-    return calm, still_air(begun.calm.flight)
+    in_air = float(expit(moving.posterior.best.log + priors.cause(kinds) - calm.posterior.best.log))
+    return (moving, begun.turbulence, in_air) if in_air > 0.5 else (calm, still_air(begun.calm.flight), in_air)
 
 
 def _ranking(explained: Explained) -> tuple[Candidate, ...]:

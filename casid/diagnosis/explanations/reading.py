@@ -162,7 +162,9 @@ class Reading:
     @property
     def believed(self) -> dict[str, float]:
         """Probability of every cause that may be there at a size that matters."""
-        return {one.name: one.matters for one in self.explained.posterior.causes if one.matters > 1e-4}
+        put_in = {one.name: self._notable(one) for one in self._standing}
+        found = {one.name: one.matters for one in self.explained.posterior.causes} | put_in
+        return {name: min(p, 1.0) for name, p in found.items() if p > 1e-4}
 
     def verdict(self, causes: Sequence[Cause]) -> tuple[str, str]:
         """(verdict, the sentence that opens the report)."""

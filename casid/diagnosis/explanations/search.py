@@ -79,7 +79,7 @@ def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None) ->
     ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
     todo: list[_Wanted] = [(level, (), ones) for level in priors.base]
     if about is not None:
-        todo = [(about.setting.level, (), dict(about.setting.scales))]
+        todo = [(about.setting.level, (), {**ones, **{o: v for o, v in about.setting.scales if o in ones}})]
     gone = _Gone(sums, priors)
     while todo and len(gone.done) < _SETTINGS:
         wanted = todo.pop(0)
