@@ -21,7 +21,6 @@ from casid.model.vocabulary import KINDS
 from casid.records.record import Record
 from problems.blind import do328 as blind_do328
 from problems.blind import jsbsim as blind_jsbsim
-from problems.blind.calibration import log_score, parsed, reliability, stated
 from problems.blind.case import FAMILIES, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
 from problems.blind.manoeuvres import CONTROLS, draw_segments, histories
@@ -383,25 +382,3 @@ def test_script_keeps_seeds_apart(load_script) -> None:
     assert sum(task["case"] == "clean-3" for task in todo.values()) == 2
     with pytest.raises(InputError, match="--kinds"):
         script.tasks(["do328"], range(1, 2), ["nothing"], [1.0], Path("x"))
-
-
-def test_probabilities_are_scored_against_what_was_hidden() -> None:
-    """A lag stated at 0.8 and hidden, a bias at 0.3 and not, and a second hidden cause that was not told: by hand."""
-    lag = Hidden(kind="actuator_lag", target="delta_e", value=0.1, records=RECORDS)
-    term = Hidden(kind="aero_term", target="CL", term="alpha^2", value=1.0, records=RECORDS)
-    told = {"believed": {"actuator_lag(delta_e)": 0.8, "sensor_bias(q)": 0.3}}
-    pairs = stated(answer(lag, term, case="two-1"), told)
-    assert [(one.probability, one.true) for one in pairs] == [(0.8, True), (0.3, False), (1e-4, True)]
-    assert log_score(pairs) == pytest.approx(np.log(0.8) + np.log(0.7) + np.log(1e-4))
-    assert [(row["stated"], row["causes"], row["hidden"]) for row in reliability(pairs)] == [
-        ("0 to 0.1", 1, "1.000"),
-        ("0.1 to 0.5", 1, "0.000"),
-        ("0.5 to 0.9", 1, "1.000"),
-    ]
-
-
-def test_names_of_causes_are_told_apart() -> None:
-    """As `Effect.name` writes them: kind, target, term, variant."""
-    assert parsed("mass") == {"kind": "mass", "target": "", "term": None}
-    assert parsed("aero_term(CL:alpha^2)") == {"kind": "aero_term", "target": "CL", "term": "alpha^2"}
-    assert parsed("unsteady_aero(CY, lagged)") == {"kind": "unsteady_aero", "target": "CY", "term": None}
