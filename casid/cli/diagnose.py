@@ -73,7 +73,7 @@ def diagnose(
     fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [])
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
-    _write(Aircraft.read(aircraft or DEMO / "aircraft.toml"), fitted, held_out, by, out, seed, as_json)
+    _write(aircraft or DEMO / "aircraft.toml", fitted, held_out, by, out, seed, as_json)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -101,7 +101,7 @@ def _flight(patterns: Sequence[str], held: Sequence[str], maps: Sequence[str]) -
 
 
 def _write(
-    aircraft: Aircraft,
+    file: Path,
     fitted: list[Record],
     held_out: list[Record],
     criteria: Criteria,
@@ -109,12 +109,14 @@ def _write(
     seed: int,
     as_json: bool,
 ) -> None:
+    aircraft = Aircraft.read(file)
     made_with = provenance(seed) | {"criteria": criteria.changes}
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         diagnosis = diagnosis_of.diagnose(aircraft, fitted, held_out, report=stage, criteria=criteria)
         stage("report")
         diagnosis.write(folder / "diagnosis.json")
-        diagnosis.extended_aircraft.write(folder / "extended.toml")
+        like = file if file.suffix.lower() == ".toml" else None
+        diagnosis.extended_aircraft.write(folder / "extended.toml", like=like)
         write_provenance(made_with, folder / "run.json")
         started = time.perf_counter()
         write_report(diagnosis, folder, made_with)

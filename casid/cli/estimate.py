@@ -110,7 +110,7 @@ def estimate(
         text = json.dumps(document(given, applied, fit, found), indent=1)
         (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
-        _write_model(file, fit, folder / "model.toml")
+        _write_model(file, fit, folder / "model.toml", aircraft)
         write_pictures(pictures(applied, fit), folder / "figures")
     print(text if as_json else fit)
 
@@ -197,8 +197,9 @@ def pictures(applied: Applied, fit: Fit) -> list[Picture]:
     return drawn
 
 
-def _write_model(aircraft: Aircraft, fit: Fit, path: Path) -> None:
-    """The aircraft file with the estimates; not written when an estimate is not a number."""
+def _write_model(aircraft: Aircraft, fit: Fit, path: Path, original: Path) -> None:
+    """The aircraft file with the estimates and the user's comments; not written when an estimate is not a number."""
     if all(map(math.isfinite, fit.values.values())):
         std = {name: e.std_corrected for name, e in fit.parameters.items()}
-        with_estimates(aircraft, fit.values, std).write(path)
+        like = original if original.suffix.lower() == ".toml" else None
+        with_estimates(aircraft, fit.values, std).write(path, like=like)

@@ -21,6 +21,7 @@ from casid.model.effect import KINDS
 from casid.model.jsbsim import JsbsimAerodynamics, fields_of_jsbsim
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
+from casid.model.toml_comments import with_comments_of
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS
 from casid.views import brief
@@ -250,9 +251,25 @@ class Aircraft:
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
-    def write(self, path: str | Path) -> None:
-        """Write a TOML file from which `read` makes an equal Aircraft; raises InputError when it cannot be written."""
+    def write(self, path: str | Path, *, like: str | Path | None = None) -> None:
+        """Write a TOML file from which `read` makes an equal Aircraft.
+
+        Parameters
+        ----------
+        path
+            The file to write.
+        like
+            An aircraft file whose comments, layout and order the new one keeps, such as the one that was read.
+
+        Raises
+        ------
+        InputError
+            When `path` cannot be written or `like` cannot be read.
+        """
         content = toml_text(sections_of(self))
+        if like is not None:
+            read_toml(like)  # its faults in words
+            content = with_comments_of(Path(like).read_text(encoding="utf-8"), content)
         try:
             Path(path).write_text(content, encoding="utf-8", newline="\n")
         except (OSError, UnicodeEncodeError) as error:

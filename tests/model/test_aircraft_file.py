@@ -2,6 +2,7 @@
 
 import pickle
 import tomllib
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -280,3 +281,17 @@ def test_changes_make_a_new_aircraft(read):
 def test_travels_between_processes(read):
     plane = read(DO328)
     assert pickle.loads(pickle.dumps(plane)) == plane
+
+
+def test_a_new_file_keeps_the_comments_of_the_old(tmp_path):
+    """Comments, order and unchanged lines stay to the letter; the result reads back equal."""
+    commented = "# my plane\n" + DO328.replace("mass = 10500.0", "mass = 10500.0  # weighed in May")
+    (tmp_path / "old.toml").write_text(commented)
+    plane = Aircraft.read(tmp_path / "old.toml")
+    changed = replace(plane, mass=10400.0).with_effects([EffectValue(kind="actuator_lag", target="delta_e", value=0.1)])
+    changed.write(tmp_path / "new.toml", like=tmp_path / "old.toml")
+    new = (tmp_path / "new.toml").read_text()
+    assert Aircraft.read(tmp_path / "new.toml") == changed
+    assert "mass = 10400.0  # weighed in May" in new and new.startswith("# my plane\n") and "gravity = 9.80665\n" in new
+    order = [line for line in commented.splitlines() if line.startswith("[") and not line.startswith("[[")]
+    assert [line for line in new.splitlines() if line in order] == order
