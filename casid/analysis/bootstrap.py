@@ -29,9 +29,14 @@ _DEFAULT_SOLVER = Automatic()
 class Bootstrap:
     """Estimates from drawn data.
 
-    estimates  (runs that converged, parameters) in the order of `values`
-    values     parameter -> estimate from the real data
-    failed     number of runs that did not converge
+    Attributes
+    ----------
+    estimates
+        (runs that converged, parameters) in the order of `values`.
+    values
+        Parameter -> estimate from the real data.
+    failed
+        Number of runs that did not converge.
     """
 
     estimates: np.ndarray
@@ -57,7 +62,12 @@ class Bootstrap:
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Basic bootstrap interval: quantiles of the error, turned about the estimate, so that a bias is undone.
 
-        Raises InputError for a level outside (0, 1), EstimationError for a level that so few runs cannot show.
+        Raises
+        ------
+        InputError
+            For a level outside (0, 1).
+        EstimationError
+            For a level that so few runs cannot show.
         """
         if not 0.0 < level < 1.0:
             raise InputError(f"bootstrap: level is {level}; expected a probability inside (0, 1), like 0.95")
@@ -140,9 +150,26 @@ def bootstrap(
     method: Transcription = _DEFAULT_METHOD,
     solver: Solver = _DEFAULT_SOLVER,
 ) -> Bootstrap:
-    """`runs` draws in this process; see `drawn_problem` for what is drawn.
+    """Estimates from data that are drawn from a fit, to see how they scatter; see `drawn_problem`.
 
-    Raises EstimationError for a fit that has not converged."""
+    Parameters
+    ----------
+    fit
+        A converged fit, from which data are drawn.
+    runs
+        How many times data are drawn and estimated from, in this process.
+    seed
+        Of the random numbers.
+    input_noise
+        Input -> 1-sigma of the noise with which it was recorded; without it inputs are exact.
+    method, solver
+        As in `solve`.
+
+    Raises
+    ------
+    EstimationError
+        For a fit that has not converged.
+    """
     an(fit, Fit, "bootstrap: fit", "cs.solve(problem)")
     if not fit.converged:
         raise EstimationError(f"bootstrap: the fit has not converged ({fit.status}); there is no model to draw from")

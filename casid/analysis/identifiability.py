@@ -102,13 +102,24 @@ class Blend:
 class Identifiability:
     """Report of `identifiability`; `print` it.
 
-    names             parameters, in the order of the rows of `vectors`
-    singular_values   (parameters,) of the scaled sensitivities, largest first; vectors (parameters, parameters) columns
-    inflation         parameter -> its std over what it would be were all others known (inf: not determined)
-    unseen            parameters that nothing in the data depends on, with the manoeuvre that would show most of each
-    weak              directions whose condition index is above 10
-    blends            parameters with an a-priori uncertainty
-    excitation        how the controls moved
+    Attributes
+    ----------
+    names
+        Parameters, in the order of the rows of `vectors`.
+    singular_values
+        (parameters,) of the scaled sensitivities, largest first.
+    vectors
+        (parameters, parameters) directions that belong to them, as columns.
+    inflation
+        Parameter -> its std over what it would be were all others known (inf: not determined).
+    unseen
+        Parameters that nothing in the data depends on, with the manoeuvre that would show most of each.
+    weak
+        Directions whose condition index is above 10.
+    blends
+        Parameters with an a-priori uncertainty.
+    excitation
+        How the controls moved.
     """
 
     names: tuple[str, ...]
@@ -166,10 +177,22 @@ def identifiability(
 ) -> Identifiability:
     """What the data of a fit tell of its parameters, whether it used a prior or not.
 
-    controls  inputs that a pilot moves, for what would help; default: those named delta_... that the model depends on
-    method    as in `relinearise`
     The a-priori blend uses the model's `prior_std`; where the fit left it out, it is put in by one linear step. With
-    weights that are no inverse noise the information is that of the weights. Raises InputError for an unknown control.
+    weights that are no inverse noise the information is that of the weights.
+
+    Parameters
+    ----------
+    fit
+        Of `solve`.
+    controls
+        Inputs that a pilot moves, for what would help; default: those named `delta_...` that the model depends on.
+    method
+        As in `relinearise`.
+
+    Raises
+    ------
+    InputError
+        For an unknown control.
     """
     an(fit, Fit, "identifiability: fit", "cs.solve(problem)")
     problem = fit.problem

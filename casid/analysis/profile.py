@@ -38,9 +38,14 @@ _DEFAULT_SOLVER = Automatic()
 class ProfileInterval:
     """All values that are not rejected at `level`.
 
-    lower, upper  ends; infinite where the deviance stays below its quantile, NaN where an estimation failed
-    points        (value, deviance) of every estimation made, sorted by value
-    status        "found", or in words what is wrong with an end
+    Attributes
+    ----------
+    lower, upper
+        Ends; infinite where the deviance stays below its quantile, NaN where an estimation failed.
+    points
+        (value, deviance) of every estimation made, sorted by value.
+    status
+        "found", or in words what is wrong with an end.
     """
 
     name: str
@@ -64,10 +69,27 @@ def profile(
 ) -> dict[str, ProfileInterval]:
     """name -> interval for parameters of a converged fit of OutputError with noise given or estimated.
 
-    Each end is found by a secant on the signed root of the deviance, which is nearly a straight line; each estimation
+    Each end is found by a secant on the signed root of the deviance, which is nearly a straight line. Each estimation
     starts from the last one moved along the line on which the others follow. A limit on the parameter alone cuts the
-    interval off. Raises InputError for an unknown name or a level outside (0, 1), EstimationError for a fit whose cost
-    is no likelihood or that has not converged.
+    interval off.
+
+    Parameters
+    ----------
+    fit
+        A converged fit of OutputError with noise given or estimated.
+    names
+        Parameters whose intervals are wanted.
+    level
+        Probability with which an interval holds the true value.
+    method, solver
+        As in `solve`.
+
+    Raises
+    ------
+    InputError
+        For an unknown name or a level outside (0, 1).
+    EstimationError
+        For a fit whose cost is no likelihood or that has not converged.
     """
     an(fit, Fit, "profile: fit", "cs.solve(problem)")
     _check(fit, level, method)

@@ -1,6 +1,7 @@
 """Input design: the manoeuvre that tells most about the parameters."""
 
-from casid.design.input_design import Experiment, InputDesign, design_input, standard_3211
+from casid.design.experiment import Experiment
+from casid.design.input_design import InputDesign, design_input, standard_3211
 from casid.design.input_shapes import Multisine, Steps
 
 __all__ = [

@@ -12,20 +12,18 @@ curvature upwards and creeps along the limits at the end; the exact Hessian then
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from casid.design.experiment import Experiment
 from casid.design.input_shapes import Shape, Steps
-from casid.errors import EstimationError, InputError, unknown
+from casid.errors import EstimationError, InputError
 from casid.estimation.transcriptions.steps import output_function, step_function
-from casid.model.simulate import simulate
-from casid.model.system import Model
 from casid.native.threads import single_threaded
 from casid.records.record import Record
 
@@ -38,89 +36,21 @@ _SLACK = 1e-3  # of a limit: what a solution may exceed it by
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Experiment:
-    """What an input is designed for.
-
-    surfaces    input -> largest deflection from its value at rest (SI); all other inputs rest
-    rest        values of the inputs at rest
-    start       (states,) state at rest
-    noise       output -> 1-sigma of its measurement; outputs not named are not measured
-    limits      state or output -> largest deviation from its value at rest, at every sample
-    duration, dt   of the record [s]
-    parameters  globs of the parameters that are to be estimated
-    values      parameters by name, put over the model's nominal values
-    Raises InputError for a name that does not exist, a limit or noise that is not positive.
-    """
-
-    model: Model
-    surfaces: Mapping[str, float]
-    rest: Mapping[str, float]
-    start: np.ndarray
-    noise: Mapping[str, float]
-    duration: float
-    dt: float
-    parameters: Sequence[str]
-    limits: Mapping[str, float] = field(default_factory=dict)
-    values: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        model = self.model
-        for what, table, valid in (
-            ("input", self.surfaces, model.inputs),
-            ("output", self.noise, model.outputs),
-            ("state or output", self.limits, (*model.states, *model.outputs)),
-        ):
-            for name, size in table.items():
-                if name not in valid:
-                    raise unknown(what, name, valid, "Experiment")
-                if not size > 0.0:
-                    raise InputError(f"Experiment: {what} '{name}' has the size {size}; expected a positive number")
-        if not self.surfaces or not self.noise or not self.parameters:
-            raise InputError(
-                "Experiment: name a surface that moves, an output that is measured and a parameter at least"
-            )
-        for name in model.inputs:
-            if name not in self.rest:
-                raise InputError(f"Experiment: rest has no value of the input '{name}'; give one for each input")
-        if not 0.0 < 10 * self.dt < self.duration:
-            raise InputError(f"Experiment: {self.duration} s in steps of {self.dt} s; expected more than ten samples")
-        for glob in self.parameters:
-            if not any(fnmatchcase(name, glob) for name in model.parameters):
-                raise unknown("parameter", glob, model.parameters, "Experiment: parameters")
-
-    @cached_property
-    def free(self) -> tuple[str, ...]:
-        """Parameters to be estimated, in the model's order."""
-        return tuple(n for n in self.model.parameters if any(fnmatchcase(n, glob) for glob in self.parameters))
-
-    @cached_property
-    def sizes(self) -> np.ndarray:
-        """(free,) what a parameter's error is measured by: its value, or its a-priori 1-sigma where that is zero."""
-        p = dict(zip(self.model.parameters, self.model.nominal_vector(self.values), strict=True))
-        sizes = [abs(p[name]) or self.model.prior_std.get(name, 1.0) for name in self.free]
-        return np.array(sizes)
-
-    @property
-    def t(self) -> np.ndarray:
-        """(N,) time stamps [s]."""
-        return np.arange(round(self.duration / self.dt) + 1) * self.dt
-
-    def record(self, moves: Mapping[str, np.ndarray], name: str) -> Record:
-        """The simulated record of deflections (N,) from rest by surface; its outputs are exact."""
-        channels = {n: self.rest[n] + moves.get(n, np.zeros(len(self.t))) for n in self.model.inputs}
-        record = Record(name=name, t=self.t, channels=channels, hold="linear", source="designed")
-        return simulate(self.model, record, self.start, self.values).as_record()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class InputDesign:
     """A designed input.
 
-    record      inputs and exact outputs, ready to be flown or simulated
-    std         parameter -> Cramer-Rao bound
-    cost        the criterion: mean log variance ("D") or log mean variance ("A") of the parameters over their sizes
-    unknowns    surface -> vector of its shape (see `Steps`, `Multisine`)
-    status      "optimal" where IPOPT's conditions hold to 1e-5, or in words why not; "given" for a standard input
+    Attributes
+    ----------
+    record
+        Inputs and exact outputs, ready to be flown or simulated.
+    std
+        Parameter -> Cramer-Rao bound.
+    cost
+        The criterion: mean log variance ("D") or log mean variance ("A") of the parameters over their sizes.
+    unknowns
+        Surface -> vector of its shape (see `Steps`, `Multisine`).
+    status
+        "optimal" where IPOPT's conditions hold to 1e-5, or in words why not; "given" for a standard input.
     """
 
     record: Record
@@ -136,8 +66,14 @@ def design_input(
 ) -> InputDesign:
     """The best input of a shape for every surface, from the best standard 3-2-1-1 and `starts` random ones.
 
-    The optimum is local: the best of all starts is returned. Raises InputError for a criterion other than "D" or "A" or
-    a shape that does not fit, EstimationError when no start leads to an input within the limits.
+    The optimum is local: the best of all starts is returned.
+
+    Raises
+    ------
+    InputError
+        For a criterion other than "D" or "A" or a shape that does not fit.
+    EstimationError
+        When no start leads to an input within the limits.
     """
     _check(experiment, shape, criterion)
     search = _Search(experiment, shape, criterion)

@@ -17,8 +17,17 @@ from casid.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """`pulses` one after another, each with a duration of at least `shortest_s` [s] and its own size; an edge takes
-    about `rise_s` [s]. Four pulses are what a 3-2-1-1 has."""
+    """Pulses one after another, each with its own duration and size. Four are what a 3-2-1-1 has.
+
+    Attributes
+    ----------
+    pulses
+        How many.
+    shortest_s
+        Duration of each, at least [s].
+    rise_s
+        What an edge takes, about [s].
+    """
 
     pulses: int = 4
     shortest_s: float = 0.25
@@ -29,7 +38,13 @@ class Steps:
             raise InputError(f"Steps: {self}; expected at least one pulse and positive times")
 
     def check(self, duration: float) -> None:
-        """Raises InputError when the pulses do not fit into `duration` [s]."""
+        """Check that the pulses fit into a record.
+
+        Raises
+        ------
+        InputError
+            When they do not fit into `duration` [s].
+        """
         if self.pulses * self.shortest_s >= duration:
             raise InputError(f"Steps: {self.pulses} pulses of {self.shortest_s} s do not fit into {duration:g} s")
 
@@ -82,7 +97,13 @@ class Multisine:
             raise InputError(f"Multisine: {self}; expected at least one line and a positive time")
 
     def check(self, duration: float) -> None:
-        """Raises InputError when the fading does not fit into `duration` [s]."""
+        """Check that the fading fits into a record.
+
+        Raises
+        ------
+        InputError
+            When it does not fit into `duration` [s].
+        """
         if 4 * self.rise_s > duration:
             raise InputError(f"Multisine: fading of {self.rise_s} s does not fit into {duration:g} s")
 

@@ -64,7 +64,10 @@ class EquationError:
 class CombinedError:
     """Both (paper eq. 11-12): (1 - equation_weight) * output part + equation_weight * equation part.
 
-    Raises EstimationError when the weight is not inside (0, 1): at the ends it is one of the two pure costs.
+    Raises
+    ------
+    EstimationError
+        When the weight is not inside (0, 1): at the ends it is one of the two pure costs.
     """
 
     equation_weight: float = 0.5

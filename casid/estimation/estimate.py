@@ -27,16 +27,36 @@ _DEFAULT_SOLVER = Automatic()
 @single_threaded()
 @singular_is("solve", "parameters or states cannot be told apart; fix one, or give a prior")
 def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
-    """Estimate the free parameters of `problem`.
+    """Estimate the free parameters of a problem.
 
     The three choices are independent: cost (in the problem), transcription, solver; each may be a class of your own
     with the methods of `Cost`, `Transcription`, `Solver`. GaussNewton and Ipopt work alone; Automatic takes what the
     problem needs, and `Fit.solver` says which one finished. EquationError simulates nothing, so every transcription
     gives the same result with it.
 
-    Raises InputError for what is no transcription or solver, EstimationError for a combination that cannot work: path
-    constraints with GaussNewton, process noise without a given measurement noise or with EquationError. A course of
-    iteration that goes wrong is not an error: `Fit.status` says it.
+    A course of iteration that goes wrong is not an error: `Fit.status` says it.
+
+    Parameters
+    ----------
+    problem
+        What is estimated, from which records, by which cost.
+    method
+        Transcription: SingleShooting(), MultipleShooting(), Collocation() or one of your own.
+    solver
+        Automatic(), GaussNewton(), Ipopt() or one of your own.
+
+    Returns
+    -------
+    Fit
+        Estimates, their uncertainties, residuals and the status.
+
+    Raises
+    ------
+    InputError
+        For what is no transcription or solver.
+    EstimationError
+        For a combination that cannot work: path constraints with GaussNewton, process noise without a given measurement
+        noise or with EquationError.
     """
     begin = time.perf_counter()
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")

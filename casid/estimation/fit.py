@@ -39,8 +39,19 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelFit:
-    """rms of measured minus predicted, R2 = 1 - rms^2/variance, theil = Theil's inequality coefficient
-    rms/(rms measured + rms predicted); all over the samples present."""
+    """How well one channel is fitted, over the samples present.
+
+    Attributes
+    ----------
+    rms
+        Of measured minus predicted.
+    R2
+        1 - rms^2 / variance.
+    theil
+        Theil's inequality coefficient rms / (rms measured + rms predicted).
+    samples
+        How many are present.
+    """
 
     rms: float
     R2: float
@@ -50,7 +61,15 @@ class ChannelFit:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class StateHistory:
-    """trajectory (N, states) at the record's samples; nodes (M, states), the starts of the segments, at node_times."""
+    """States of a record at the solution.
+
+    Attributes
+    ----------
+    trajectory
+        (N, states) at the record's samples.
+    nodes, node_times
+        (M, states) at the starts of the segments, and their times (M,) [s].
+    """
 
     trajectory: np.ndarray
     nodes: np.ndarray
@@ -64,21 +83,36 @@ class StateHistory:
 class Fit:
     """Result of `solve`.
 
-    values            name -> estimate; a per-record one is named "bias_q[m1]"; `parameters` has them with their errors
-    uncertainty       the standard errors, computed when they are asked for
-    status            "converged", or in words why not; `converged` is its truth value
-    cost              1/2 sum of squares of all weighted residuals, priors included, at the final weights;
-                      prior_cost is the part of the priors (of process noise too, where there is any)
-    log_likelihood    of the residuals under normal noise of `noise_covariance`
-    noise             channel -> 1-sigma that the weights stand for (range weights: what the residuals show);
-                      noise_covariance (channels, channels) likewise, with their correlations where those are considered
-    stationarity      length of a further Gauss-Newton step in standard deviations of the solution
-    defect            largest scaled state defect, zero but for rounding where defects are hard
-    predictions, residuals   record -> (N, channels) in the order of `channels`; residual = measured - predicted, NaN
-                      where not measured
-    states            record -> StateHistory; empty for equation error
-    multipliers       one per row of the problem's linear constraints, positive at an upper limit
-    solver            the one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all
+    Attributes
+    ----------
+    values
+        Name -> estimate; a per-record one is named "bias_q[m1]"; `parameters` has them with their errors.
+    uncertainty
+        The standard errors, computed when they are asked for.
+    status
+        "converged", or in words why not; `converged` is its truth value.
+    cost
+        1/2 sum of squares of all weighted residuals, priors included, at the final weights.
+    prior_cost
+        Its part of the priors, and of process noise where there is any.
+    log_likelihood
+        Of the residuals under normal noise of `noise_covariance`.
+    noise
+        Channel -> 1-sigma that the weights stand for (range weights: what the residuals show).
+    noise_covariance
+        (channels, channels) likewise, with their correlations where those are considered.
+    stationarity
+        Length of a further Gauss-Newton step in standard deviations of the solution.
+    defect
+        Largest scaled state defect, zero but for rounding where defects are hard.
+    predictions, residuals
+        Record -> (N, channels) in the order of `channels`; residual = measured - predicted, NaN where not measured.
+    states
+        Record -> StateHistory; empty for equation error.
+    multipliers
+        One per row of the problem's linear constraints, positive at an upper limit.
+    solver
+        The one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all.
     """
 
     problem: Problem

@@ -33,8 +33,12 @@ from casid.records.record import Record
 class InitialState:
     """The initial state of every record is free, with a prior: never a hard equality.
 
-    value   state -> centre of the prior; default: the first row of `model.guess(record)`
-    std     state -> 1-sigma of the prior; default: `model.state_scale`, which is weak
+    Attributes
+    ----------
+    value
+        State -> centre of the prior; default: the first row of `model.guess(record)`.
+    std
+        State -> 1-sigma of the prior; default: `model.state_scale`, which is weak.
     """
 
     value: Mapping[str, float] = field(default_factory=dict)
@@ -45,20 +49,42 @@ class InitialState:
 class Problem:
     """An estimation problem, independent of how it is transcribed and solved.
 
-    free          globs of model parameters to estimate, one value for all records
-    per_record    globs of model parameters to estimate with an own value per record, named "bias_q[m1]" in results
-    fixed         values of parameters that are not estimated (it wins over the globs); all others stay nominal
-    start         start values by name (a per-record name without brackets means every record); default: nominal
-    noise         None: the 1-sigma of every measured channel is estimated along with the parameters;
-                  name -> 1-sigma of every output (and every equation, where the cost has any);
-                  RangeWeights(): weights by range (paper eq. 13);
-                  "full": noise of the outputs is correlated, its covariance is estimated along with the parameters;
-                  an array (outputs, outputs): that covariance, in the order of `model.outputs`
-    prior         use `model.prior_std` about the nominal values, for the free parameters that have one
-    constraints   from `parameter`, `linear`, `path`
-    feedback      digital control law in the loop: the records' inputs are then the commands that it adds to
-    `records` may be one alone, or the names of files. Raises InputError for a name that does not exist, a value of the
-    wrong kind and gaps in an input; EstimationError for a problem that cannot be estimated as posed.
+    Attributes
+    ----------
+    model
+        Of the aircraft or any other system.
+    records
+        Flight records, one alone, or names of files.
+    free
+        Globs of model parameters to estimate, one value for all records.
+    per_record
+        Globs of model parameters to estimate with an own value per record, named "bias_q[m1]" in results.
+    fixed
+        Values of parameters that are not estimated (it wins over the globs); all others stay nominal.
+    start
+        Start values by name (a per-record name without brackets means every record); default: nominal.
+    noise
+        None: the 1-sigma of every measured channel is estimated along with the parameters. name -> 1-sigma: of every
+        output, and of every equation, where the cost has any. RangeWeights(): weights by range (paper eq. 13).
+        "full": noise of the outputs is correlated, its covariance is estimated along with the parameters. An array
+        (outputs, outputs): that covariance, in the order of `model.outputs`.
+    cost
+        OutputError(), EquationError(), CombinedError() or one of your own.
+    initial_state
+        What is known of the initial states, see `InitialState`.
+    prior
+        Use `model.prior_std` about the nominal values, for the free parameters that have one.
+    constraints
+        From `parameter`, `linear`, `path`.
+    feedback
+        Digital control law in the loop: the records' inputs are then the commands that it adds to.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist, a value of the wrong kind and gaps in an input.
+    EstimationError
+        For a problem that cannot be estimated as posed.
     """
 
     model: Model

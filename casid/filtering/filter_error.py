@@ -114,13 +114,23 @@ class FilterFit:
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
     """Estimate parameters, measurement noise and process noise together.
 
-    problem        its `noise` is the measurement noise; None: estimated. Initial states are free with a wide prior
-    process_noise  disturbance of the model -> correlation time [s] of the Gauss-Markov process that drives it; 0: white
-                   from sample to sample. The standard deviations are estimated
+    A course of iteration that goes wrong is not an error: `FilterFit.status` says it.
 
-    Raises InputError for a name that is no disturbance; EstimationError for what this method does not do: costs other
-    than OutputError, range weights, constraints, a prior of the initial state. A course of iteration that goes wrong is
-    not an error: `FilterFit.status` says it.
+    Parameters
+    ----------
+    problem
+        Its `noise` is the measurement noise; None: estimated. Initial states are free with a wide prior.
+    process_noise
+        Disturbance of the model -> correlation time [s] of the Gauss-Markov process that drives it; 0: white from
+        sample to sample. The standard deviations are estimated.
+
+    Raises
+    ------
+    InputError
+        For a name that is no disturbance.
+    EstimationError
+        For what this method does not do: costs other than OutputError, range weights, constraints, a prior of the
+        initial state.
     """
     an(problem, Problem, "filter_error: problem", "cs.Problem(model, records, free=[...])")
     begin = time.perf_counter()

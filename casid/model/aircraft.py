@@ -39,21 +39,43 @@ _ORIGIN = (0.0, 0.0, 0.0)
 class Aircraft:
     """An aircraft file. Tables are plain dicts behind read-only types, so that an Aircraft travels between processes.
 
-    moment_length_*  [m] C = moment / (qbar area length)
-    rate_length_*    [m] p* = p lateral / V, q* = q pitch / V, r* = r lateral / V
-    thrust_line_z    [m] of the thrust line, down positive; engine_y [m] of each engine, right positive
-    accelerometer, alpha_vane, beta_vane   positions (x, y, z) [m]
-    noise            1-sigma per channel, SI; absent: estimated
-    trim             V, altitude, rho, alpha, theta, surfaces, thrust, gravity, SI; what is known of them
-    force_axes       "wind": CL CD CY, "body": CX CZ CY
-    relative_uncertainty   a-priori 1-sigma of derivatives as a fraction; 0: no prior
-    derivatives      a-priori values by name, `Cm_alpha`, `CL_0`, per rad
-    terms            coefficient -> canonical monomial -> value, e.g. {"Cm": {"alpha^2": 0.4}}
-    tables           look-ups that are added to coefficients, see `table`
-    aerodynamics     a function of a namespace of regressors (`alpha`, `q`, `delta_e`, ... as in `terms`; `airspeed`
-                     [m/s], `qbar` [Pa], `rho`, `thrust` [N]) that returns CasADi expressions of coefficients by name.
-                     Derivatives, terms and tables are added to what it returns
-    Raises InputError for everything that cannot be.
+    Attributes
+    ----------
+    name, mass, inertia, gravity, area
+        What it is called, and its mass [kg], inertia, gravity [m/s2] and wing area [m2].
+    moment_length_lateral, moment_length_pitch
+        Lengths of the moment coefficients [m]: C = moment / (qbar area length).
+    rate_length_lateral, rate_length_pitch
+        Lengths of the dimensionless rates [m]: p = p lateral / V, q = q pitch / V, r = r lateral / V.
+    thrust_line_z
+        Of the thrust line [m], down positive.
+    engine_y
+        Of each engine [m], right positive.
+    accelerometer, alpha_vane, beta_vane
+        Positions (x, y, z) [m].
+    noise
+        1-sigma per channel, SI; absent: estimated.
+    trim
+        V, altitude, rho, alpha, theta, surfaces, thrust, gravity, SI; what is known of them.
+    force_axes
+        "wind": CL CD CY, "body": CX CZ CY.
+    relative_uncertainty
+        A-priori 1-sigma of derivatives as a fraction; 0: no prior.
+    derivatives
+        A-priori values by name, `Cm_alpha`, `CL_0`, per rad.
+    terms
+        Coefficient -> canonical monomial -> value, e.g. {"Cm": {"alpha^2": 0.4}}.
+    tables
+        Look-ups that are added to coefficients, see `table`.
+    aerodynamics
+        A function of a namespace of regressors (`alpha`, `q`, `delta_e`, ... as in `terms`; `airspeed` [m/s], `qbar`
+        [Pa], `rho`, `thrust` [N]) that returns CasADi expressions of coefficients by name. Derivatives, terms and
+        tables are added to what it returns.
+
+    Raises
+    ------
+    InputError
+        For everything that cannot be.
     """
 
     name: str

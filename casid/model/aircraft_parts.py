@@ -49,14 +49,27 @@ class Inertia:
 class EffectValue:
     """A known effect and its size: one `[[effects]]` table.
 
-    target      "" for a kind that has none
-    term        canonical name of the monomial, for a kind that needs one; else None
-    value       in `unit` (SI), which is filled in from the vocabulary; meaning and sign: `vocabulary.KINDS`
-    std         1-sigma of the value; 0 when it is exact
-    records     names of the records concerned; empty: all
-    onset_s     record name -> interval [s] in which the effect sets in; None: always there
-    parameters  further named numbers, e.g. a frequency, or the steps of further coefficients
-    Raises InputError when kind, target, term and unit do not fit together.
+    Attributes
+    ----------
+    target
+        "" for a kind that has none.
+    term
+        Canonical name of the monomial, for a kind that needs one; else None.
+    value
+        In `unit` (SI), which is filled in from the vocabulary; meaning and sign: `vocabulary.KINDS`.
+    std
+        1-sigma of the value; 0 when it is exact.
+    records
+        Names of the records concerned; empty: all.
+    onset_s
+        Record name -> interval [s] in which the effect sets in; None: always there.
+    parameters
+        Further named numbers, e.g. a frequency, or the steps of further coefficients.
+
+    Raises
+    ------
+    InputError
+        When kind, target, term and unit do not fit together.
     """
 
     kind: str

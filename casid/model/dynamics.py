@@ -101,17 +101,32 @@ def aircraft_model(
 ) -> Model:
     """The aircraft of an aircraft file, or of the file of that name, as a symbolic model.
 
-    axes      "full", or "longitudinal" (u w q theta move) or "lateral" (v p r phi move); the states that do not move
-              are then inputs with the names of `STATES`, see `flight_inputs`
-    outputs   channels that are modelled; default all that the axes move. "psi" and "altitude" become states too
-    effects   symbolic effects to be parameters of the model; default those of the aircraft file
-    known     disturbances that become inputs, because their time history is given
-    turning   axis, q or r -> sign of the air's rotation about it by the gradient of its velocity (`air_rotation`): -1
-              and 1 by the sense of the axes, and some simulators have them otherwise; further states, behind all others
+    Its parameters are the derivatives and terms of the file, the values of its free tables, `bias_<output>` (nominal 0)
+    and one per effect. That one is under `Effect.name` (nominal: the file's value, or 0), with its further ones under
+    `name.parameter`. States of effects stand behind those of the aircraft.
 
-    Parameters: the derivatives and terms of the file, the values of its free tables, `bias_<output>` (nominal 0), and
-    one per effect, under `Effect.name` (nominal: the file's value, or 0), with its further ones under `name.parameter`.
-    States of effects stand behind those of the aircraft. Raises InputError for unknown axes or outputs.
+    Parameters
+    ----------
+    aircraft
+        The aircraft, or the name of its file.
+    axes
+        "full", or "longitudinal" (u w q theta move) or "lateral" (v p r phi move); the states that do not move are then
+        inputs with the names of `STATES`, see `flight_inputs`.
+    outputs
+        Channels that are modelled; default all that the axes move. "psi" and "altitude" become states too.
+    effects
+        Symbolic effects to be parameters of the model; default those of the aircraft file.
+    known
+        Disturbances that become inputs, because their time history is given.
+    turning
+        Axis, q or r -> sign of the air's rotation about it by the gradient of its velocity (`air_rotation`). By the
+        sense of the axes it is -1 and 1; some simulators have them otherwise. These are further states, behind all
+        others.
+
+    Raises
+    ------
+    InputError
+        For unknown axes or outputs.
     """
     aircraft = given_aircraft(aircraft, "aircraft_model")
     if axes not in MOVING:

@@ -14,9 +14,18 @@ from casid.model.system import Model
 class SampledFeedback:
     """What the plant receives at a sample and keeps until the next, as an expression in the model's x and u.
 
-    received   (inputs,) inputs of the plant; u are then the recorded commands (the stick), not the surfaces
     The law is part of the set-up: it must not depend on parameters, and outputs of the model that depend on u directly
-    would see the command instead of the surface, so they are refused. Raises EstimationError for either.
+    would see the command instead of the surface, so they are refused.
+
+    Attributes
+    ----------
+    received
+        (inputs,) inputs of the plant; u are then the recorded commands (the stick), not the surfaces.
+
+    Raises
+    ------
+    EstimationError
+        For a law that depends on parameters, or such an output.
     """
 
     model: Model

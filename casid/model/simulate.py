@@ -61,12 +61,26 @@ def simulate(
 ) -> Simulation:
     """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs linear or held as the record says.
 
-    record       with the model's inputs, or the file of one
-    start        (states,) state at the first sample, in the order of `model.states`
-    values       parameters by name, put over the model's nominal values
-    disturbances known time histories (N,) of disturbances by name; the others are zero
-    Raises InputError for an argument that does not fit, and when the motion leaves the range of numbers: it names the
-    state, the time and the expression.
+    Parameters
+    ----------
+    model
+        Of the aircraft or any other system.
+    record
+        With the model's inputs, or the file of one.
+    start
+        (states,) state at the first sample, in the order of `model.states`.
+    values
+        Parameters by name, put over the model's nominal values.
+    disturbances
+        Known time histories (N,) of disturbances by name; the others are zero.
+    substeps
+        Steps of integration per sample.
+
+    Raises
+    ------
+    InputError
+        For an argument that does not fit, and when the motion leaves the range of numbers: it names the state, the time
+        and the expression.
     """
     an(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
     record, start = given_record(record, "simulate"), _start(model, start)

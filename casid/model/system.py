@@ -37,13 +37,22 @@ class EquationError:
 class Model:
     """dx/dt = f(x, u, p, w),  y = h(x, u, p, w), all SX column vectors in the order of the names.
 
-    disturbances   unknown inputs w (null 0): where process noise, gusts or a missing effect may enter
-    nominal        start value of every parameter
-    state_scale    typical size of every state, for conditioning
-    guess          (record) -> (N, states) first guess of the state trajectory from measurements
-    prior_std      a-priori 1-sigma of parameters that have one (absent: none)
-    equation       equation-error form, or None when the model has none
-    units          unit of each parameter, for tables
+    Attributes
+    ----------
+    disturbances
+        Unknown inputs w (null 0): where process noise, gusts or a missing effect may enter.
+    nominal
+        Start value of every parameter.
+    state_scale
+        Typical size of every state, for conditioning.
+    guess
+        (record) -> (N, states) first guess of the state trajectory from measurements.
+    prior_std
+        A-priori 1-sigma of parameters that have one (absent: none).
+    equation
+        Equation-error form, or None when the model has none.
+    units
+        Unit of each parameter, for tables.
     """
 
     name: str

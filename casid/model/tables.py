@@ -23,12 +23,20 @@ _REQUIRED = ("coefficient", "axes", "breakpoints", "values")
 class Table:
     """A look-up that is a part of an aerodynamic coefficient.
 
-    name         what its knots are called, `Cm_static(2,1)`
-    coefficient  to which it is added, `Cm`
-    axes         regressors that it is over, one to three of `terms.VARIABLES`, in the units that these have there
-    grid         breakpoints, values, and how it runs between and beyond them
-    times        term that it is multiplied by, "q": a table of the derivative Cm_q; "0": by nothing
-    free         whether its values are parameters of the model; otherwise they are as they are
+    Attributes
+    ----------
+    name
+        What its knots are called, `Cm_static(2,1)`.
+    coefficient
+        To which it is added, `Cm`.
+    axes
+        Regressors that it is over, one to three of `terms.VARIABLES`, in the units that these have there.
+    grid
+        Breakpoints, values, and how it runs between and beyond them.
+    times
+        Term that it is multiplied by, "q": a table of the derivative Cm_q; "0": by nothing.
+    free
+        Whether its values are parameters of the model; otherwise they are as they are.
     """
 
     name: str

@@ -18,7 +18,21 @@ from casid.model.given import given_aircraft
 
 @dataclass(frozen=True, kw_only=True)
 class Trim:
-    """State and controls of unaccelerated flight, SI and radians."""
+    """State and controls of unaccelerated flight, SI and radians.
+
+    Attributes
+    ----------
+    V
+        Airspeed [m/s].
+    alpha, theta
+        Angle of attack and pitch attitude [rad].
+    delta_e
+        Elevator [rad].
+    thrust
+        Of all engines [N].
+    rho
+        Density of the air [kg/m3].
+    """
 
     V: float
     alpha: float
@@ -36,6 +50,7 @@ class Trim:
 
     @property
     def inputs(self) -> dict[str, float]:
+        """Input of an aircraft model -> its value."""
         return {"delta_e": self.delta_e, "delta_a": 0.0, "delta_r": 0.0, "thrust": self.thrust, "rho": self.rho}
 
 
@@ -52,7 +67,12 @@ def trim(
     """Solve udot = wdot = qdot = 0 for alpha, delta_e and one of thrust or density.
 
     Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is. climb_angle [rad].
-    `values` overrides parameters of the aircraft file. Raises InputError when there is no trim.
+    `values` overrides parameters of the aircraft file.
+
+    Raises
+    ------
+    InputError
+        When there is no trim.
     """
     aircraft = given_aircraft(aircraft, "trim")
     number(V, "trim: V", positive=True)

@@ -50,9 +50,12 @@ def read_record(path: str | Path, column_map: ColumnMap | Mapping[str, str] | st
     there. An empty cell or nan in a measured output is a missing sample; columns that casid does not know are kept.
     `record.notes` holds remarks.
 
-    Raises InputError, in one line with file, row, column and value, for everything else: text in a number, a ragged
-    row, time that runs back, gaps in an input, degrees in a radian column, a name that is nearly that of a channel, a
-    record under 3 s or 50 samples.
+    Raises
+    ------
+    InputError
+        In one line with file, row, column and value, for everything else: text in a number, a ragged row, time that
+        runs back, gaps in an input. Also for degrees in a radian column, a name that is nearly that of a channel, and a
+        record under 3 s or 50 samples.
     """
     if not is_path(path):
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
@@ -66,8 +69,12 @@ def read_records(
 ) -> list[Record]:
     """Records of files and of patterns like `flight/m*.csv`, each pattern in alphabetical order.
 
-    Records of one name from different folders are told apart as `folder/name`. Raises InputError when a pattern
-    matches nothing or a file is given twice, and as `read_record`.
+    Records of one name from different folders are told apart as `folder/name`.
+
+    Raises
+    ------
+    InputError
+        When a pattern matches nothing or a file is given twice, and as `read_record`.
     """
     items = [paths] if is_path(paths) else paths
     if not isinstance(items, Iterable) or hasattr(items, "columns"):
@@ -92,7 +99,10 @@ def read_records(
 def write_record(record: Record, path: str | Path) -> None:
     """Write a record as CSV that `read_record` reads back exactly: SI units, an empty cell for a missing sample.
 
-    Raises InputError when `path` is not .csv or cannot be written, or a channel's name cannot stand in a header.
+    Raises
+    ------
+    InputError
+        When `path` is not .csv or cannot be written, or a channel's name cannot stand in a header.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv":

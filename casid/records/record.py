@@ -23,14 +23,26 @@ _TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, 
 class Record:
     """One manoeuvre.
 
-    t          (N,) time stamps [s], strictly increasing, not necessarily uniform
-    channels   name -> (N,) samples in SI units; NaN marks a missing sample of a measured output
-    hold       how inputs run between samples: "linear" (sampled continuous signal) or
-               "held" (output of a digital control law, constant over the sample that follows)
-    source     where it came from, for messages
-    notes      remarks of whoever read it
-    Raises InputError for time that does not increase, channels of another length, what is no number, and degrees.
     `from_arrays` and `from_frame` check more, and convert units.
+
+    Attributes
+    ----------
+    t
+        (N,) time stamps [s], strictly increasing, not necessarily uniform.
+    channels
+        Name -> (N,) samples in SI units; NaN marks a missing sample of a measured output.
+    hold
+        How inputs run between samples: "linear" (sampled continuous signal) or "held" (output of a digital control law,
+        constant over the sample that follows).
+    source
+        Where it came from, for messages.
+    notes
+        Remarks of whoever read it.
+
+    Raises
+    ------
+    InputError
+        For time that does not increase, channels of another length, what is no number, and degrees.
     """
 
     name: str
@@ -68,7 +80,12 @@ class Record:
         """A record of arrays (N,), with every check that a file gets.
 
         `units` says by channel which unit it is in, "deg" or "kt"; SI where it says nothing. A name may carry its unit
-        as a header does, "alpha [deg]". `notes` has what a person should know. Raises InputError as `read_record`.
+        as a header does, "alpha [deg]". `notes` has what a person should know.
+
+        Raises
+        ------
+        InputError
+            As `read_record`.
         """
         from casid.records.from_memory import record_of_arrays  # here, as that makes records
 

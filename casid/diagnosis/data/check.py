@@ -30,10 +30,16 @@ from casid.signals import unit_of
 class DataFindings:
     """What is wrong with flight data.
 
-    findings   faults, those of channels alone first
-    records    as they should be: signs, units and swaps corrected, samples that are not to be believed missing
-    recorded   as they were given
-    table      every channel of the records as they were given, in units that a person reads
+    Attributes
+    ----------
+    findings
+        Faults, those of channels alone first.
+    records
+        As they should be: signs, units and swaps corrected, samples that are not to be believed missing.
+    recorded
+        As they were given.
+    table
+        Every channel of the records as they were given, in units that a person reads.
     """
 
     findings: tuple[Finding, ...]
@@ -81,13 +87,19 @@ def check(
 ) -> DataFindings:
     """What is wrong with flight data, before anything is believed.
 
-    records   of one set of instruments: what is in one and not in the others shows the better
-    aircraft  brings in weight, trim and the signs of responses to surfaces; without it these are not checked
-    undo      findings are only told, and `records` stay as they are
-    criteria  by which it decides; by default those of `DataCriteria()`
-
     A sign, a unit or a swap is corrected when one explanation alone fits; else it is reported with its rivals. Frozen,
     held, clipped and outlying samples become missing; outliers in inputs are interpolated.
+
+    Parameters
+    ----------
+    records
+        Of one set of instruments: what is in one and not in the others shows the better.
+    aircraft
+        Brings in weight, trim and the signs of responses to surfaces; without it these are not checked.
+    undo
+        Findings are only told, and `records` stay as they are.
+    criteria
+        By which it decides; by default those of `DataCriteria()`.
     """
     given = (records,) if isinstance(records, Record) else tuple(records)
     if not given:

@@ -13,13 +13,21 @@ Handled = Literal["excluded", "corrected", "reported"]
 class Finding:
     """A fault of the data.
 
-    kind, target  of the vocabulary, `data_stuck` of `beta`
-    records       names of those that have it
-    intervals_s   record -> intervals [s] that are concerned; empty: the whole record
-    value, std    its size with 1-sigma in `unit`, where it has one: the factor of a wrong unit
-    handled       "excluded": these samples take no part; "corrected": the data are judged as they should read;
-                  "reported": neither can be done, so that nothing which rests on them can be judged
-    indistinguishable_from  kind and target of other faults that explain these data as well
+    Attributes
+    ----------
+    kind, target
+        Of the vocabulary, `data_stuck` of `beta`.
+    records
+        Names of those that have it.
+    intervals_s
+        Record -> intervals [s] that are concerned; empty: the whole record.
+    value, std
+        Its size with 1-sigma in `unit`, where it has one: the factor of a wrong unit.
+    handled
+        "excluded": these samples take no part; "corrected": the data are judged as they should read; "reported":
+        neither can be done, so that nothing which rests on them can be judged.
+    indistinguishable_from
+        Kind and target of other faults that explain these data as well.
     """
 
     kind: str

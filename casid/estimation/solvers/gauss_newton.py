@@ -17,10 +17,15 @@ from casid.estimation.solvers.solver import Outcome
 class GaussNewton:
     """Gauss-Newton with a filter line search.
 
-    tolerance    converged when a further step would move the solution by less than this many of its standard
-                 deviations, and the defects are below 1e-8 of the typical state
-    iterations   after how many steps to give up
-    seconds      after how much time to give up
+    Attributes
+    ----------
+    tolerance
+        Converged when a further step would move the solution by less than this many of its standard deviations, and the
+        defects are below 1e-8 of the typical state.
+    iterations
+        After how many steps to give up.
+    seconds
+        After how much time to give up.
     """
 
     tolerance: float = 1e-6
@@ -30,8 +35,17 @@ class GaussNewton:
     def minimise(self, objective: Objective, patient: bool = True) -> Outcome:
         """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
 
-        patient: whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
-        Raises EstimationError for path constraints.
+        Parameters
+        ----------
+        objective
+            Of the problem as it is transcribed.
+        patient
+            Whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
+
+        Raises
+        ------
+        EstimationError
+            For path constraints.
         """
         if objective.problem.path_constraints:
             raise EstimationError(

@@ -28,10 +28,16 @@ from casid.native.programme import CompilableProgramme
 class Ipopt:
     """IPOPT (interior point, MUMPS).
 
-    hessian      "exact" or "gauss-newton"
-    tolerance    of IPOPT's optimality conditions on the scaled problem
-    iterations   after how many steps of one solution to give up
-    seconds      after how much time to give up
+    Attributes
+    ----------
+    hessian
+        "exact" or "gauss-newton".
+    tolerance
+        Of IPOPT's optimality conditions on the scaled problem.
+    iterations
+        After how many steps of one solution to give up.
+    seconds
+        After how much time to give up.
     """
 
     hessian: str = "exact"
@@ -46,7 +52,10 @@ class Ipopt:
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status.
 
-        Raises EstimationError for a transcription that has no form as a nonlinear programme.
+        Raises
+        ------
+        EstimationError
+            For a transcription that has no form as a nonlinear programme.
         """
         return _minimise(objective, self)
 

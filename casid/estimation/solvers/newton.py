@@ -32,13 +32,20 @@ _NO_MOTION = "failed: the model has no motion next to the present one"
 
 @dataclass(frozen=True, kw_only=True)
 class Automatic:
-    """Gauss-Newton, continued by Newton's method with the whole curvature where it creeps or gives up; IPOPT where
-    path constraints ask for it. With process noise there is no Newton.
+    """Gauss-Newton, continued by what the problem needs.
 
-    tolerance    converged when a further step would move the solution by less than this many of its standard
-                 deviations, and the defects are below 1e-8 of the typical state
-    iterations   after how many steps of each method to give up
-    seconds      after how much time to give up
+    Where Gauss-Newton creeps or gives up Newton's method goes on, with the whole curvature; IPOPT where path
+    constraints ask for it. With process noise there is no Newton.
+
+    Attributes
+    ----------
+    tolerance
+        Converged when a further step would move the solution by less than this many of its standard deviations, and the
+        defects are below 1e-8 of the typical state.
+    iterations
+        After how many steps of each method to give up.
+    seconds
+        After how much time to give up.
     """
 
     tolerance: float = 1e-6

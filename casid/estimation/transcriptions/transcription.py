@@ -37,11 +37,20 @@ class SingleShooting:
 class MultipleShooting:
     """Simulations over `interval` samples each, tied by defects: the state at the end of one minus the next start.
 
-    process_noise   None: defects vanish at the solution. Otherwise name -> intensity, the standard deviation of the
-                    integrated noise after one second [unit * sqrt(s) of the quantity it drives]: a state name is noise
-                    on that state equation, a disturbance name of the model enters through df/dw. Defects then are
-                    random with the covariance that this noise gains over the interval, and are paid for in the cost.
-    Raises InputError for an interval below one sample or an intensity that is not positive.
+    Attributes
+    ----------
+    interval
+        Samples of each simulation.
+    process_noise
+        None: defects vanish at the solution. Otherwise name -> intensity, the standard deviation of the integrated
+        noise after one second [unit * sqrt(s) of the quantity it drives]. A state's name is noise on its equation,
+        a disturbance of the model enters through df/dw. Defects then are random with the covariance that this
+        noise gains over the interval, and are paid for in the cost.
+
+    Raises
+    ------
+    InputError
+        For an interval below one sample or an intensity that is not positive.
     """
 
     interval: int = 25
@@ -53,8 +62,15 @@ class MultipleShooting:
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
 
     def dynamics(self, problem: Problem) -> Dynamics:
-        """Segments of `interval` samples. Raises EstimationError for process noise without a given measurement noise,
-        and InputError where it drives what the model does not have."""
+        """Segments of `interval` samples.
+
+        Raises
+        ------
+        EstimationError
+            For process noise without a given measurement noise.
+        InputError
+            Where it drives what the model does not have.
+        """
         noise = dict(self.process_noise or {})
         if noise and (problem.noise is None or isinstance(problem.noise, RangeWeights | str)):
             raise EstimationError(
@@ -76,7 +92,13 @@ class Collocation:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
 
     def dynamics(self, problem: Problem) -> Dynamics:
-        """One segment per sample interval. Raises EstimationError for a control law in the loop."""
+        """One segment per sample interval.
+
+        Raises
+        ------
+        EstimationError
+            For a control law in the loop.
+        """
         if problem.feedback is not None:
             raise EstimationError(
                 "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or "

@@ -1,0 +1,104 @@
+"""What an input is designed for: the model, what may move how far, what is measured, and which parameters count."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cached_property
+
+import numpy as np
+
+from casid.errors import InputError, unknown
+from casid.model.simulate import simulate
+from casid.model.system import Model
+from casid.records.record import Record
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Experiment:
+    """What an input is designed for.
+
+    Attributes
+    ----------
+    surfaces
+        Input -> largest deflection from its value at rest (SI); all other inputs rest.
+    rest
+        Values of the inputs at rest.
+    start
+        (states,) state at rest.
+    noise
+        Output -> 1-sigma of its measurement; outputs not named are not measured.
+    limits
+        State or output -> largest deviation from its value at rest, at every sample.
+    duration, dt
+        Of the record [s].
+    parameters
+        Globs of the parameters that are to be estimated.
+    values
+        Parameters by name, put over the model's nominal values.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist, a limit or noise that is not positive.
+    """
+
+    model: Model
+    surfaces: Mapping[str, float]
+    rest: Mapping[str, float]
+    start: np.ndarray
+    noise: Mapping[str, float]
+    duration: float
+    dt: float
+    parameters: Sequence[str]
+    limits: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        model = self.model
+        for what, table, valid in (
+            ("input", self.surfaces, model.inputs),
+            ("output", self.noise, model.outputs),
+            ("state or output", self.limits, (*model.states, *model.outputs)),
+        ):
+            for name, size in table.items():
+                if name not in valid:
+                    raise unknown(what, name, valid, "Experiment")
+                if not size > 0.0:
+                    raise InputError(f"Experiment: {what} '{name}' has the size {size}; expected a positive number")
+        if not self.surfaces or not self.noise or not self.parameters:
+            raise InputError(
+                "Experiment: name a surface that moves, an output that is measured and a parameter at least"
+            )
+        for name in model.inputs:
+            if name not in self.rest:
+                raise InputError(f"Experiment: rest has no value of the input '{name}'; give one for each input")
+        if not 0.0 < 10 * self.dt < self.duration:
+            raise InputError(f"Experiment: {self.duration} s in steps of {self.dt} s; expected more than ten samples")
+        for glob in self.parameters:
+            if not any(fnmatchcase(name, glob) for name in model.parameters):
+                raise unknown("parameter", glob, model.parameters, "Experiment: parameters")
+
+    @cached_property
+    def free(self) -> tuple[str, ...]:
+        """Parameters to be estimated, in the model's order."""
+        return tuple(n for n in self.model.parameters if any(fnmatchcase(n, glob) for glob in self.parameters))
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """(free,) what a parameter's error is measured by: its value, or its a-priori 1-sigma where that is zero."""
+        p = dict(zip(self.model.parameters, self.model.nominal_vector(self.values), strict=True))
+        sizes = [abs(p[name]) or self.model.prior_std.get(name, 1.0) for name in self.free]
+        return np.array(sizes)
+
+    @property
+    def t(self) -> np.ndarray:
+        """(N,) time stamps [s]."""
+        return np.arange(round(self.duration / self.dt) + 1) * self.dt
+
+    def record(self, moves: Mapping[str, np.ndarray], name: str) -> Record:
+        """The simulated record of deflections (N,) from rest by surface; its outputs are exact."""
+        channels = {n: self.rest[n] + moves.get(n, np.zeros(len(self.t))) for n in self.model.inputs}
+        record = Record(name=name, t=self.t, channels=channels, hold="linear", source="designed")
+        return simulate(self.model, record, self.start, self.values).as_record()
