@@ -32,6 +32,7 @@ _ROOMS = {
         "flight_inputs",
     ),
     "casid.model.feedback": ("SampledFeedback",),
+    "casid.model.port": ("Port",),
     "casid.model.simulate": (
         "Simulation",
         "simulate",
@@ -96,7 +97,12 @@ _ROOMS = {
         "check",
     ),
     "casid.diagnosis.data.finding": ("Finding",),
-    "casid.diagnosis.diagnose": ("diagnose",),
+    "casid.diagnosis.dispatch": ("diagnose",),
+    "casid.diagnosis.systems.library": ("Library",),
+    "casid.diagnosis.systems.result": (
+        "SystemCause",
+        "SystemDiagnosis",
+    ),
     "casid.diagnosis.result": (
         "Cause",
         "Diagnosis",

@@ -3,8 +3,10 @@ from casid.design import Experiment, InputDesign, Multisine, Steps, design_input
 from casid.diagnosis.data.check import DataFindings as DataFindings
 from casid.diagnosis.data.check import check as check
 from casid.diagnosis.data.finding import Finding as Finding
-from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.dispatch import diagnose
 from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.systems.library import Library
+from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis
 from casid.errors import CasidError, EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -32,6 +34,7 @@ from casid.filtering.filter_error import FilterFit, filter_error
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
+from casid.model.port import Port
 from casid.model.simulate import Simulation, simulate
 from casid.model.system import Model, define_model, define_regression
 from casid.model.tables import Table, table
@@ -68,10 +71,12 @@ __all__ = [
     "InputDesign",
     "InputError",
     "Ipopt",
+    "Library",
     "Model",
     "MultipleShooting",
     "Multisine",
     "OutputError",
+    "Port",
     "Problem",
     "ProfileInterval",
     "RangeWeights",
@@ -81,6 +86,8 @@ __all__ = [
     "SingleShooting",
     "StateHistory",
     "Steps",
+    "SystemCause",
+    "SystemDiagnosis",
     "Table",
     "Trim",
     "aircraft_model",

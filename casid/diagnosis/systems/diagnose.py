@@ -1,0 +1,232 @@
+"""Diagnose a simulation of any dynamic system: what does it get wrong, where does it enter, what is it worth?"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from casid.diagnosis.given.budget import Budget, Steps
+from casid.diagnosis.judging.held_out import split
+from casid.diagnosis.systems.extended import SHORTEST, Extended
+from casid.diagnosis.systems.fit import Flown, Question, fly, noise_of
+from casid.diagnosis.systems.library import Library, causes_for
+from casid.diagnosis.systems.naming import Naming, Searching, share_of
+from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis, Unexplained, Value
+from casid.errors import EstimationError, InputError
+from casid.model.port import Port, check_ports, ports_of
+from casid.model.system import Model
+from casid.native.threads import single_threaded
+from casid.records.record import Record
+
+_UNEXPLAINED = 0.5  # probability: to look where nothing is costs little beside a wrong name
+
+
+@single_threaded()
+def diagnose_system(
+    model: Model,
+    records: Sequence[Record],
+    hold_out: Sequence[Record] = (),
+    *,
+    ports: Sequence[Port] | None = None,
+    exact: Sequence[str] = (),
+    library: Library | None = None,
+    report: Callable[[str], None] = lambda stage: None,
+) -> SystemDiagnosis:
+    """Diagnose a model on records.
+
+    hold_out   records that are never fitted; when none is given one record, or the last third of a single one
+    ports      where reality may differ; default: every state derivative, input and output whose name is not in `exact`
+    library    which causes are considered; default: all that any system may have
+    report     is called with the name of every stage
+    All parameters are fitted, with the prior of `model.prior_std`; one whose prior is 0 stays nominal. Noise of the
+    readings is judged from the band above the motion. Raises InputError for names that do not exist and records that
+    cannot feed the model, EstimationError when the model cannot be fitted at all.
+    """
+    begin = time.perf_counter()
+    report("reading the records")
+    fit_on, held = split(records, hold_out)
+    library = library or Library()
+    ports = ports_of(model, exact) if ports is None else tuple(ports)
+    check_ports(model, ports)
+    asked, base = _question(model, fit_on)
+    causes = causes_for(library, base.base, ports, asked.records, asked.free)
+    naming = Searching(asked=asked, ports=ports, causes=causes, library=library).naming(base, {}, report)
+    if naming is None:
+        raise EstimationError(f"model '{model.name}' cannot be fitted to these records from its nominal values")
+    report("held-out records")
+    first = naming.wholes[0]
+    given = fly(base, model.nominal, held, asked.noise)
+    refitted = fly(base, first.found.values, held, asked.noise)
+    naming, extended, gains = _that_recurs(naming, asked, held)
+    best = naming.best
+    named, minor = _named(naming, asked, gains)
+    unexplained = _unexplained(naming, ports)
+    values = _values(model, naming, asked)
+    verdict, sentence = _verdict(named, minor, unexplained, values)
+    return SystemDiagnosis(
+        verdict=verdict,
+        sentence=sentence,
+        model=model,
+        extended=best.found.extended,
+        values=best.found.values,
+        causes=named,
+        minor=minor,
+        unexplained=unexplained,
+        explanations=_explanations(naming),
+        parameters=values,
+        as_given=given,
+        refitted=refitted,
+        extension=extended,
+        budget=_budget(given, refitted, extended),
+        noise=asked.noise,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _question(model: Model, records: Sequence[Record]) -> tuple[Question, Extended]:
+    """What is asked of which model: priors of 0 become fixed values, and a state is as large as it is measured."""
+    exact = [name for name, std in model.prior_std.items() if std == 0.0]
+    free = tuple(name for name in model.parameters if name not in exact)
+    if not free:
+        raise InputError(f"model '{model.name}' has no free parameter; give at least one a prior above 0, or none")
+    guess = np.concatenate([model.guess(record) for record in records])
+    seen = dict(zip(model.states, np.sqrt(np.mean(guess**2, axis=0)).tolist(), strict=True))
+    base = replace(
+        model,
+        prior_std={name: std for name, std in model.prior_std.items() if std > 0.0},
+        state_scale={name: seen[name] or scale for name, scale in model.state_scale.items()},
+    )
+    noise = noise_of(base, records)
+    series = {o: np.concatenate([r[o] for r in records if o in r]) for o in model.outputs}
+    sizes = {o: max(float(np.nanstd(values)), noise[o]) for o, values in series.items()}
+    shortest = SHORTEST * min(record.dt for record in records)
+    return (
+        Question(records=tuple(records), noise=noise, free=free),
+        Extended(base=base, sizes=sizes, shortest=shortest),
+    )
+
+
+def _that_recurs(
+    naming: Naming, asked: Question, held: Sequence[Record]
+) -> tuple[Naming, Flown, dict[str, float | None]]:
+    """The naming without causes that help only where they were fitted, its best model on the held-out records, and what
+    each of its causes gains there: log likelihood per reading against the best without it, None for what is in some
+    records only, of which others say nothing."""
+    while True:
+        extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, asked.noise), {}
+        for one in naming.best.attached:
+            without = naming.without(one.name)
+            gains[one.name] = None
+            if without is not None and one.flag is None:
+                other = fly(without.found.extended, without.found.values, held, asked.noise)
+                gains[one.name] = extended.log_likelihood - other.log_likelihood
+        worst = min(gains, key=lambda name: math.inf if gains[name] is None else float(gains[name] or 0.0), default="")
+        gain = gains.get(worst)
+        if gain is None or gain > 0.0:
+            return naming, extended, gains
+        naming = Naming(wholes=tuple(one for one in naming.wholes if worst not in one.names))
+
+
+def _named(
+    naming: Naming, asked: Question, gains: Mapping[str, float | None]
+) -> tuple[tuple[SystemCause, ...], tuple[SystemCause, ...]]:
+    """Causes of the best whole that are worth their names, those that matter and those that do not."""
+    causes, minor = [], []
+    best = naming.best
+    for one in best.attached:
+        rivals = naming.rivals(one.name)
+        together = naming.probability([one.name, *(name for name, _ in rivals)])
+        if together < best.asked.priors.named:
+            continue
+        value, std = best.found.values[one.name], best.std(one.name)
+        share, share_std = share_of(best, one, asked)
+        size = f"{value:.4g} +- {std:.2g}" + (f" {one.cause.unit}" if one.cause.unit else "")
+        told = SystemCause(
+            kind=one.cause.kind,
+            target=one.cause.target,
+            term=one.cause.term,
+            value=value,
+            std=std,
+            unit=one.cause.unit,
+            records=one.records,
+            onset_s=dict(one.onset_s) or None,
+            probability=together,
+            alone=naming.probability([one.name]),
+            log_odds=naming.log_odds(one.name),
+            held_out_gain=gains[one.name],
+            indistinguishable_from=rivals,
+            sentence=one.told(value, size),
+            share=share,
+        )
+        (causes if share + share_std >= 1.0 else minor).append(told)
+    return tuple(sorted(causes, key=lambda c: -c.log_odds)), tuple(sorted(minor, key=lambda c: -c.log_odds))
+
+
+def _unexplained(naming: Naming, ports: Sequence[Port]) -> tuple[Unexplained, ...]:
+    """Ports at which something enters; where none alone is likely but one of them is, the likeliest."""
+    unknown, by_name = naming.unknown(), {port.disturbance: port for port in ports}
+    found = [Unexplained(port=by_name[name], probability=p) for name, p in unknown.items() if p > _UNEXPLAINED]
+    if not found and sum(unknown.values()) > _UNEXPLAINED:
+        name, p = max(unknown.items(), key=lambda item: item[1])
+        found = [Unexplained(port=by_name[name], probability=p)]
+    return tuple(found)
+
+
+def _values(model: Model, naming: Naming, asked: Question) -> tuple[Value, ...]:
+    first, best = naming.wholes[0].found, naming.best.found
+    return tuple(
+        Value(
+            name=name,
+            unit=model.units.get(name, ""),
+            nominal=model.nominal[name],
+            prior_std=model.prior_std.get(name, math.inf),
+            refitted=first.values[name],
+            refitted_std=first.fit.parameters[name].std,
+            extended=best.values[name],
+            extended_std=best.fit.parameters[name].std,
+        )
+        for name in asked.free
+    )
+
+
+def _verdict(
+    causes: Sequence[SystemCause],
+    minor: Sequence[SystemCause],
+    unexplained: Sequence[Unexplained],
+    values: Sequence[Value],
+) -> tuple[str, str]:
+    wrong = [one.name for one in values if one.contradicted]
+    if causes and unexplained:
+        return "partly explained", f"{causes[0].sentence} Besides, something unexplained is left."
+    if causes:
+        return "explained", " ".join(one.sentence for one in causes)
+    if unexplained:
+        return "unexplained", unexplained[0].sentence
+    if wrong:
+        return "values wrong", f"The structure holds; the records contradict the value of {', '.join(wrong)}."
+    small = " What is there besides is too small to matter." if minor else ""
+    return "adequate", f"The model explains the records to within their noise.{small}"
+
+
+def _explanations(naming: Naming) -> dict[frozenset[str], float]:
+    found: dict[frozenset[str], float] = {}
+    for weight, whole in zip(naming.weights, naming.wholes, strict=True):
+        found[whole.names] = found.get(whole.names, 0.0) + float(weight)
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _budget(given: Flown, refitted: Flown, extended: Flown) -> Budget:
+    """r.m.s. over noise on the held-out records; no step mends the data of a system that casid does not know."""
+    channels = {
+        name: Steps(as_given=rms, data_mended=rms, values=refitted.rms[name], structure=extended.rms[name])
+        for name, rms in given.rms.items()
+    }
+    together = {
+        one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
+        for one in fields(Steps)
+    }
+    return Budget(records=given.records, channels=channels, together=Steps(**together))

@@ -1,0 +1,140 @@
+"""A model with causes in it: in symbols, with what its records need, and fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.diagnosis.systems.cause import Attached
+from casid.model.system import Model
+from casid.records.record import Record
+
+SHORTEST = 0.5  # of a sample: the integrator follows no quicker lag
+
+
+class Draft:
+    """A model under change. Expressions that are added are in the symbols of the model at its beginning."""
+
+    def __init__(self, model: Model, shortest: float, sizes: Mapping[str, float]) -> None:
+        self.model, self.shortest, self.sizes = model, shortest, sizes
+        self.f, self.h = ca.SX(model.f), ca.SX(model.h)
+        self.p, self.u = ca.SX(model.p), ca.SX(model.u)
+        self.states: list[tuple[str, ca.SX, ca.SX, str | None, float]] = []
+
+    def adds(self, state: str, expression: Any) -> None:
+        """A term in the equation of a state."""
+        self.f[self.model.states.index(state)] += expression
+
+    def shifts(self, parameter: str, by: Any) -> None:
+        """A parameter that differs from its value by an expression."""
+        self.p[self.model.parameters.index(parameter)] += by
+
+    def drives(self, name: str, by: Any) -> None:
+        """An input that acts with something added to it."""
+        self.u[self.model.inputs.index(name)] += by
+
+    def reads(self, output: str, change: Callable[[Any], Any]) -> None:
+        """A reading that an instrument changes."""
+        i = self.model.outputs.index(output)
+        self.h[i] = change(self.h[i])
+
+    def lagged(self, output: str, time: Any) -> None:
+        """A reading behind a first-order lag."""
+        i, state = self.model.outputs.index(output), ca.SX.sym("lagged")
+        rate = (self.h[i] - state) / self._at_least(time)
+        self.states.append((f"lagged[{output}]", state, rate, output, self.sizes[output]))
+        self.h[i] = state
+
+    def late(self, output: str, time: Any) -> None:
+        """A delayed reading, by the second-order Pade approximation."""
+        i, z, v = self.model.outputs.index(output), ca.SX.sym("late"), ca.SX.sym("late_rate")
+        time, y = self._at_least(time), self.h[i]
+        self.states.append((f"late[{output}]", z, v / time, output, self.sizes[output]))
+        self.states.append((f"late_rate[{output}]", v, 12.0 / time * (y - z - v / 2.0), None, self.sizes[output]))
+        self.h[i] = y - v
+
+    def _at_least(self, time: Any) -> Any:
+        return ca.fmax(ca.fabs(time), self.shortest)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Extended:
+    """A model with causes in it; `base` without them; `sizes` typical of each output, `shortest` time [s] of a lag.
+
+    Its records are `prepared` first: they carry inputs as operators leave them, and where a cause is there.
+    """
+
+    base: Model
+    attached: tuple[Attached, ...] = ()
+    sizes: Mapping[str, float]
+    shortest: float
+
+    @cached_property
+    def model(self) -> Model:
+        """The extended model: a parameter for every cause, a priori at its beginning."""
+        base, draft = self.base, Draft(self.base, self.shortest, self.sizes)
+        values = {one.name: ca.SX.sym("value") for one in self.attached}
+        channels = [c for one in self.attached for c in (one.slope, one.flag) if c is not None]
+        flags = {name: ca.SX.sym("channel") for name in channels}
+        for one in self.attached:
+            value, flag = values[one.name], flags[one.flag] if one.flag else 1.0
+            if one.cause.operator is not None:
+                draft.drives(one.cause.target, value * flags[str(one.slope)])
+            elif one.cause.change is not None:
+                one.cause.change(draft, value, flag)
+        states = draft.states
+        rates = ca.vertcat(draft.f, *[rate for _, _, rate, _, _ in states])
+        f, h = ca.substitute([rates, draft.h], [base.p, base.u], [draft.p, draft.u])
+        return replace(
+            base,
+            states=(*base.states, *(name for name, *_ in states)),
+            inputs=(*base.inputs, *channels),
+            parameters=(*base.parameters, *values),
+            x=ca.vertcat(base.x, *[symbol for _, symbol, *_ in states]),
+            u=ca.vertcat(base.u, *flags.values()),
+            p=ca.vertcat(base.p, *values.values()),
+            f=f,
+            h=h,
+            nominal={**base.nominal, **{one.name: one.centre for one in self.attached}},
+            prior_std={**base.prior_std, **{one.name: one.spread for one in self.attached}},
+            state_scale={**base.state_scale, **{name: size for name, _, _, _, size in states}},
+            guess=_guess(base, [(source, size) for _, _, _, source, size in states]),
+            units={**base.units, **{one.name: one.cause.unit for one in self.attached}},
+            equation=None,
+        )
+
+    def prepared(self, record: Record) -> Record:
+        """The record with what the extended model needs of it."""
+        for one in self.attached:
+            record = one.prepared(record)
+        return record
+
+    def with_cause(self, one: Attached) -> Extended:
+        """The same with one cause more."""
+        return replace(self, attached=(*self.attached, one))
+
+    def without(self, name: str) -> Extended:
+        """The same without a cause."""
+        return replace(self, attached=tuple(one for one in self.attached if one.name != name))
+
+
+def _guess(base: Model, sources: Sequence[tuple[str | None, float]]) -> Callable[[Record], np.ndarray]:
+    """First guess of the states, those of an instrument as it read."""
+
+    def guess(record: Record) -> np.ndarray:
+        columns = [base.guess(record)]
+        for source, _ in sources:
+            values = np.zeros(len(record))
+            if source is not None and source in record:
+                good = np.isfinite(record[source])
+                if good.any():
+                    values = np.interp(record.t, record.t[good], record[source][good])
+            columns.append(values[:, None])
+        return np.concatenate(columns, axis=1)
+
+    return guess

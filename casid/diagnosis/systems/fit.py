@@ -1,0 +1,182 @@
+"""Fit an extended model to records, and fly it on records that no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.systems.cause import Attached
+from casid.diagnosis.systems.extended import Extended
+from casid.errors import CasidError, EstimationError, InputError
+from casid.estimation import Fit, Problem, solve
+from casid.filtering.initial_state import fit_initial_state
+from casid.model.simulate import simulate
+from casid.model.system import Model
+from casid.records.noise import pooled_sigma
+from casid.records.record import Record
+
+_STAYS = 0.02  # of its value: an operator or an onset that moves by less has settled
+_ROUNDS = 6
+_FACTOR = 3.0  # by which a value of an operator may move in a round
+_LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Question:
+    """What stays the same over a diagnosis: records as given, noise of each output, parameters that are fitted."""
+
+    records: tuple[Record, ...]
+    noise: Mapping[str, float]
+    free: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fitted:
+    """An extended model with its values fitted; `fit` as the engine gives it, `records` prepared for it."""
+
+    extended: Extended
+    values: Mapping[str, float]
+    fit: Fit
+    records: tuple[Record, ...]
+
+    @property
+    def model(self) -> Model:
+        return self.extended.model
+
+
+def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
+    """Output -> 1-sigma, from the band above the motion; of what is too short for that, from a fit of the model.
+
+    Raises InputError for an output that no record has."""
+    found = {}
+    for name in model.outputs:
+        series = [r[name] for r in records if name in r]
+        there = [s[np.isfinite(s)] for s in series if np.isfinite(s).any()]
+        if not there:
+            raise InputError(
+                f"no record has the output '{name}' of '{model.name}'; add the channel, or drop the output"
+            )
+        least = max(_LEAST_NOISE * float(np.std(np.concatenate(there))), 1e-12)
+        sigma = pooled_sigma(there)
+        found[name] = max(sigma, least) if np.isfinite(sigma) else np.nan
+    if not np.isfinite(list(found.values())).all():
+        fit = solve(Problem(model, records, free=["*"], prior=True))
+        found = {name: sigma if np.isfinite(sigma) else fit.noise[name] for name, sigma in found.items()}
+    return found
+
+
+def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> Fitted | None:
+    """The extended model fitted; None when that fails. Operators and onsets are gone back to until they stay."""
+    model, attached = extended.model, list(extended.attached)
+    fixed = {name: model.nominal[name] for name in extended.base.parameters if name not in asked.free}
+    values = {**start, **{one.name: one.value for one in attached}}
+    fit, records = None, asked.records
+    for _ in range(_ROUNDS):
+        records = tuple(replace(extended, attached=tuple(attached)).prepared(r) for r in asked.records)
+        problem = Problem(model, records, free=["*"], fixed=fixed, start=values, noise=asked.noise, prior=True)
+        try:
+            fit = solve(problem)
+        except (EstimationError, np.linalg.LinAlgError):
+            return None
+        if not np.isfinite(fit.cost):
+            return None
+        values = dict(fit.values)
+        moved = [_moved(one, values[one.name], fit) for one in attached]
+        settled = all(_same(one, other) for one, other in zip(attached, moved, strict=True))
+        attached = moved
+        if settled:
+            break
+        values |= {one.name: one.value for one in attached}
+    if fit is None:
+        return None
+    kept = replace(extended, attached=tuple(attached))
+    all_values = {**fixed, **fit.values}
+    return Fitted(extended=kept, values=all_values, fit=fit, records=records)
+
+
+def _moved(one: Attached, value: float, fit: Fit) -> Attached:
+    """A cause where the fit has it, an onset where the residuals have it."""
+    if one.cause.operator is not None and one.centre > 0.0 and min(v for v, _ in one.cause.grid) > 0.0:
+        value = float(np.clip(value, one.value / _FACTOR, _FACTOR * one.value))
+    if not one.cause.onset:
+        return one.at(value)
+    name = one.cause.target
+    found = {
+        record.name: _onset(record, name, value, fit.noise[name], one.onset_s[record.name])
+        for record in fit.problem.records
+        if record.name in one.onset_s
+    }
+    return replace(one.at(value), onset_s=found)
+
+
+def _onset(record: Record, name: str, value: float, noise: float, before: float) -> float:
+    """Time [s] from which a reading stays at a value to the end: no more than noise about it."""
+    still = np.abs(record[name] - value) < 4.0 * noise
+    still |= ~np.isfinite(record[name])
+    moves = np.flatnonzero(~still)
+    first = 0 if not len(moves) else moves[-1] + 1
+    return float(record.t[first]) if first < len(record) - 2 else before
+
+
+def _same(one: Attached, other: Attached) -> bool:
+    needs_rounds = one.cause.operator is not None or one.cause.onset
+    near = abs(one.value - other.value) <= _STAYS * abs(other.value)
+    return not needs_rounds or (near and dict(one.onset_s) == dict(other.onset_s))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flown:
+    """Open-loop simulations of records, initial states fitted: output -> r.m.s. residual over noise."""
+
+    records: tuple[str, ...]
+    rms: Mapping[str, float]
+    readings: int
+
+    @property
+    def log_likelihood(self) -> float:
+        """Per reading, without its constant."""
+        return -0.5 * float(np.mean([v**2 for v in self.rms.values()]))
+
+
+def fly(
+    extended: Extended, values: Mapping[str, float], records: Sequence[Record], noise: Mapping[str, float]
+) -> Flown:
+    """Simulate records with these values. A cause that is in some records only is tried in these, with and without."""
+    squares, counts = dict.fromkeys(noise, 0.0), dict.fromkeys(noise, 0)
+    for record in records:
+        tried = [_squares(one, values, record, noise) for one in _shapes(extended, record)]
+        best = min(tried, key=lambda found: sum(s for s, _ in found.values()))
+        for name, (square, count) in best.items():
+            squares[name] += square
+            counts[name] += count
+    rms = {name: float(np.sqrt(squares[name] / n)) for name, n in counts.items() if n}
+    return Flown(records=tuple(r.name for r in records), rms=rms, readings=sum(counts.values()))
+
+
+def _shapes(extended: Extended, record: Record) -> list[Extended]:
+    some = [one for one in extended.attached if one.flag is not None and not one.cause.onset]
+    if not some:
+        return [extended]
+    there = [replace(one, records=(record.name,)) if one in some else one for one in extended.attached]
+    return [extended, replace(extended, attached=tuple(there))]
+
+
+def _squares(
+    extended: Extended, values: Mapping[str, float], record: Record, noise: Mapping[str, float]
+) -> dict[str, tuple[float, int]]:
+    prepared = extended.prepared(record)
+    model = replace(extended.model, nominal={**extended.model.nominal, **values})
+    try:
+        with np.errstate(all="ignore"):
+            flown = simulate(model, prepared, fit_initial_state(model, prepared))
+    except (CasidError, np.linalg.LinAlgError):
+        flown = None
+    found = {}
+    for name, sigma in noise.items():
+        if name in record:
+            there = np.isfinite(record[name])
+            off = record[name][there] - flown.output(name)[there] if flown else np.full(there.sum(), np.inf)
+            found[name] = float(np.sum((off / sigma) ** 2)), int(there.sum())
+    return found

@@ -1,0 +1,231 @@
+"""The result of the diagnosis of a dynamic system, in words and as the document of diagnosis.json."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.systems.extended import Extended
+from casid.diagnosis.systems.fit import Flown
+from casid.model.port import Port
+from casid.model.system import Model
+
+SCHEMA = "casid.diagnosis/2"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemCause:
+    """A named cause.
+
+    value, std     of its parameter in `unit`, 1-sigma by Cramer-Rao
+    probability    that it, or one of those it cannot be told from, is there;  alone  that it itself is
+    log_odds       of the best model with it against the best without it, of all that were fitted
+    held_out_gain  log likelihood per reading that the model loses on records never used when it is left out
+    onset_s        record -> time [s] from which it is there; None: always
+    share          its size in units of what matters there
+    """
+
+    kind: str
+    target: str
+    term: str | None
+    value: float
+    std: float
+    unit: str
+    records: tuple[str, ...]
+    onset_s: Mapping[str, float] | None
+    probability: float
+    alone: float
+    log_odds: float
+    held_out_gain: float | None
+    indistinguishable_from: tuple[tuple[str, float], ...]
+    sentence: str
+    share: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `causes` or `minor` of diagnosis.json."""
+        others = [{"name": name, "probability": p} for name, p in self.indistinguishable_from]
+        return {
+            "kind": self.kind,
+            "target": self.target,
+            "term": self.term,
+            "value": self.value,
+            "std": self.std,
+            "unit": self.unit,
+            "records": list(self.records),
+            "onset_s": {r: [t, t] for r, t in self.onset_s.items()} if self.onset_s else None,
+            "probability": self.probability,
+            "log_odds": self.log_odds,
+            "held_out_gain": self.held_out_gain,
+            "indistinguishable_from": others,
+            "sentence": self.sentence,
+            "share": self.share,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """Something that no cause explains, as large as matters at a port with this probability."""
+
+    port: Port
+    probability: float
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        return f"Something that no cause of the library explains enters at {self.port.words}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Value:
+    """A parameter of the model: nominal, fitted and in the extended model, each fit with its 1-sigma."""
+
+    name: str
+    unit: str
+    nominal: float
+    prior_std: float
+    refitted: float
+    refitted_std: float
+    extended: float
+    extended_std: float
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the records stand against the nominal value: beyond its stated uncertainty, or a tenth where none is
+        stated, and beyond three deviations of the fit."""
+        margin = self.prior_std if math.isfinite(self.prior_std) else 0.1 * abs(self.nominal)
+        return abs(self.extended - self.nominal) > max(margin, 3.0 * self.extended_std)
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `parameters`."""
+        return {
+            "unit": self.unit,
+            "a_priori": self.nominal,
+            "refitted": {"value": self.refitted, "std": self.refitted_std},
+            "extended": {"value": self.extended, "std": self.extended_std},
+        }
+
+    def contradiction(self) -> dict[str, Any]:
+        """One entry of `contradicted`."""
+        return {
+            "parameter": self.name,
+            "unit": self.unit,
+            "given": self.nominal,
+            "flight": self.extended,
+            "std": self.extended_std,
+            "sentence": f"{self.name} is {self.nominal:.4g} in the model; the records say {self.extended:.4g} "
+            f"+- {self.extended_std:.2g}.",
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SystemDiagnosis:
+    """The verdict about a simulation of any dynamic system, and what it rests on.
+
+    verdict                        "adequate", "values wrong", "explained", "partly explained" or "unexplained"
+    model                          as it was given
+    extended                       with the named causes and fitted values: `extended.model`, whose records are
+                                   `extended.prepared(record)`, and `values` of its parameters
+    causes, minor                  named, and real but too small to matter; strongest first
+    unexplained                    ports at which something enters that no cause explains
+    explanations                   sets of causes that were fitted -> probability
+    as_given, refitted, extension  open-loop simulations of the held-out records: r.m.s. over noise of each output
+    budget                         the same as a table of steps
+    noise                          output -> 1-sigma that the judgement stands on
+    seconds                        wall time
+    """
+
+    verdict: str
+    sentence: str
+    model: Model
+    extended: Extended
+    values: Mapping[str, float]
+    causes: tuple[SystemCause, ...]
+    minor: tuple[SystemCause, ...]
+    unexplained: tuple[Unexplained, ...]
+    explanations: Mapping[frozenset[str], float]
+    parameters: tuple[Value, ...]
+    as_given: Flown
+    refitted: Flown
+    extension: Flown
+    budget: Budget
+    noise: Mapping[str, float]
+    seconds: float
+
+    @property
+    def contradicted(self) -> tuple[Value, ...]:
+        """Values of the model that the records stand against."""
+        return tuple(one for one in self.parameters if one.contradicted)
+
+    def __str__(self) -> str:
+        lines = [f"verdict: {self.verdict}", self.sentence]
+        lines += [f"  - {one.sentence} (probability {one.probability:.2f})" for one in self.causes]
+        lines += [f"  - minor: {one.sentence}" for one in self.minor]
+        lines += [f"  - {one.sentence} (probability {one.probability:.2f})" for one in self.unexplained]
+        lines += [f"  - {one.contradiction()['sentence']}" for one in self.contradicted]
+        steps = self.budget.together
+        lines.append(
+            f"held-out {', '.join(self.budget.records)}: residual over noise {steps.as_given:.3g} as given, "
+            f"{steps.values:.3g} refitted, {steps.structure:.3g} extended"
+        )
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of diagnosis.json, as far as it speaks of any system."""
+        before, after = self.as_given, self.extension
+        ratio = {name: after.rms[name] / rms for name, rms in before.rms.items() if rms > 0.0}
+        return {
+            "schema": SCHEMA,
+            "system": self.model.name,
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "not_judged": [],
+            "data": [],
+            "contradicted": [one.contradiction() for one in self.contradicted],
+            "causes": [one.to_dict() for one in self.causes],
+            "minor": [one.to_dict() for one in self.minor],
+            "unexplained": [
+                {"port": one.port.name, "kind": one.port.kind, "probability": one.probability, "sentence": one.sentence}
+                for one in self.unexplained
+            ],
+            "explanations": [{"causes": sorted(names), "probability": p} for names, p in self.explanations.items()],
+            "budget": self.budget.to_dict(),
+            "as_given": _channels(self.as_given, self.noise),
+            "refitted": _channels(self.refitted, self.noise),
+            "extended": _channels(self.extension, self.noise),
+            "gain": {
+                "held_out": {
+                    "records": list(before.records),
+                    "rms_ratio": dict(sorted(ratio.items(), key=lambda item: -item[1])),
+                    "log_likelihood_per_sample": after.log_likelihood - before.log_likelihood,
+                }
+            },
+            "parameters": {one.name: one.to_dict() for one in self.parameters},
+            "seconds": {"all": self.seconds},
+        }
+
+    def write(self, path: str | Path) -> None:
+        """Write diagnosis.json whole or not at all; a number that is not finite becomes null."""
+        target = Path(path)
+        temporary = target.with_suffix(".tmp")
+        temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
+        temporary.replace(target)
+
+
+def _channels(flown: Flown, noise: Mapping[str, float]) -> dict[str, Any]:
+    channels = {name: {"rms": rms * noise[name], "noise": noise[name]} for name, rms in flown.rms.items()}
+    return {"channels": channels, "log_likelihood": flown.log_likelihood * flown.readings}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (bool, str, int)) or value is None:
+        return value
+    return float(value) if math.isfinite(value) else None

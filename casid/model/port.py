@@ -1,0 +1,100 @@
+"""Ports: the places of a dynamic system where reality may differ from its simulation.
+
+Whatever is missing in a model enters somewhere: a state equation, an input, a reading. A port says where; its history
+is a disturbance of the model that `with_ports` makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import casadi as ca
+
+from casid.errors import InputError, unknown
+from casid.model.system import Model
+
+Place = Literal["state derivative", "input", "output"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """One place where something unknown may enter.
+
+    kind     what it adds to
+    name     of the state, input or output
+    unit     of what it adds, "" when nobody said
+    matters  the r.m.s. size that matters, in `unit`; None: a share of the variation there, see `diagnosis.systems`
+    words    how a person calls it; default from kind and name
+    Raises InputError for a size that is not positive.
+    """
+
+    kind: Place
+    name: str
+    unit: str = ""
+    matters: float | None = None
+    words: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("state derivative", "input", "output"):
+            raise unknown("kind of port", str(self.kind), ("state derivative", "input", "output"))
+        if self.matters is not None and not self.matters > 0.0:
+            raise InputError(f"port '{self.name}': matters is {self.matters}; expected a positive number, or None")
+        if not self.words:
+            by_default = {
+                "state derivative": f"the equation of {self.name}",
+                "input": f"the input {self.name}",
+                "output": f"the reading of {self.name}",
+            }
+            object.__setattr__(self, "words", by_default[self.kind])
+
+    @property
+    def disturbance(self) -> str:
+        """Name of its disturbance in a model `with_ports`."""
+        return {"state derivative": "f_", "input": "d_", "output": "y_"}[self.kind] + self.name
+
+
+def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[Port, ...]:
+    """A port at every state derivative, input and output whose name is not in `exact`."""
+    if isinstance(exact, str):
+        raise InputError(f"exact is the text '{exact}'; expected a list of names")
+    for name in exact:
+        if name not in (*model.states, *model.inputs, *model.outputs):
+            raise unknown("name", name, (*model.states, *model.inputs, *model.outputs), "exact")
+    equations = [Port(kind="state derivative", name=name) for name in model.states if name not in exact]
+    inputs = [Port(kind="input", name=name) for name in model.inputs if name not in exact]
+    # an exact equation does not vouch for the instrument that reads the state of the same name
+    beyond_doubt = {name for name in exact if name not in model.states}
+    outputs = [Port(kind="output", name=name) for name in model.outputs if name not in beyond_doubt]
+    return (*equations, *inputs, *outputs)
+
+
+def check_ports(model: Model, ports: Sequence[Port]) -> None:
+    """Raises InputError for a port that the model does not have, or that stands twice."""
+    valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
+    for port in ports:
+        if port.name not in valid[port.kind]:
+            raise unknown(port.kind, port.name, valid[port.kind], f"ports of '{model.name}'")
+    names = [port.disturbance for port in ports]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"ports of '{model.name}': '{twice[0][2:]}' stands twice in one kind; name it once")
+
+
+def with_ports(model: Model, ports: Sequence[Port]) -> Model:
+    """The model with a disturbance, null 0, at every port, after those that it has."""
+    w = ca.SX.sym("ports", len(ports))
+    f, h = ca.SX(model.f), ca.SX(model.h)
+    at_inputs = ca.SX(model.u)
+    for k, port in enumerate(ports):
+        if port.kind == "input":
+            at_inputs[model.inputs.index(port.name)] += w[k]
+    f, h = ca.substitute([f, h], [model.u], [at_inputs])
+    for k, port in enumerate(ports):
+        if port.kind == "state derivative":
+            f[model.states.index(port.name)] += w[k]
+        elif port.kind == "output":
+            h[model.outputs.index(port.name)] += w[k]
+    names = tuple(port.disturbance for port in ports)
+    return replace(model, f=f, h=h, w=ca.vertcat(model.w, w), disturbances=(*model.disturbances, *names), equation=None)

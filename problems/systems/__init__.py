@@ -1,0 +1,1 @@
+"""Dynamic systems other than aircraft, flown by simulators of their own that hide a fault."""

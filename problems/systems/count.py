@@ -1,0 +1,64 @@
+"""Count over seeds how often the hidden fault is found: first, or in the set of the first; sized; and what else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from casid.diagnosis.dispatch import diagnose
+from casid.diagnosis.systems.result import SystemDiagnosis
+from problems.systems import dc_motor, lotka_volterra, pendulum_on_cart, quadruple_tank, two_compartments
+from problems.systems.system import Fault, System
+
+SYSTEMS: dict[str, System] = {
+    module.SYSTEM.name: module.SYSTEM
+    for module in (quadruple_tank, dc_motor, pendulum_on_cart, two_compartments, lotka_volterra)
+}
+_SIZED = 0.1  # of the true size, or three deviations
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """One hidden fault, or none, and what was said of it."""
+
+    system: str
+    seed: int
+    fault: Fault | None
+    result: SystemDiagnosis
+
+    @property
+    def found(self) -> bool:
+        """Named first, or in the set of the first; of clean records: nothing named and nothing unexplained."""
+        if self.fault is None:
+            return not self.result.causes and not self.result.unexplained
+        if not self.result.causes:
+            return False
+        first = self.result.causes[0]
+        name = f"{first.kind}({first.target}:{first.term})" if first.term else f"{first.kind}({first.target})"
+        return self.fault.name in (name, *(other for other, _ in first.indistinguishable_from))
+
+    @property
+    def sized(self) -> bool:
+        """Its size within three deviations or a tenth; nothing to size where it is not first itself."""
+        if self.fault is None or not self.result.causes:
+            return False
+        first = self.result.causes[0]
+        if (first.kind, first.target, first.term or "") != (self.fault.kind, self.fault.target, self.fault.term):
+            return False
+        if self.fault.kind == "sensor_stuck":
+            onset = (first.onset_s or {}).get(self.fault.records[0], -1.0)
+            return abs(onset - self.fault.onset) < 0.02 * SYSTEMS[self.system].duration
+        off = abs(first.value - self.fault.size)
+        return off <= max(3.0 * first.std, _SIZED * abs(self.fault.size))
+
+    @property
+    def extras(self) -> int:
+        """Names beside the first right one, or wrong ones."""
+        return len(self.result.causes) - int(self.fault is not None and self.found)
+
+
+def outcome(system: System, seed: int, clean: bool = False) -> Outcome:
+    """Draw, fly and diagnose."""
+    fault = None if clean else system.draw(seed)
+    records = system.fly(seed, fault)
+    result = diagnose(system.model(), records, exact=system.exact, library=system.library)
+    return Outcome(system=system.name, seed=seed, fault=fault, result=result)

@@ -1,0 +1,164 @@
+"""A system with a simulator of its own, and the faults that it can hide: nothing of what casid estimates with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from casid.diagnosis.systems.library import Library
+from casid.model.system import Model
+from casid.records.record import Record
+
+_FINER = 20  # points per sample along which operators are followed
+_SCATTER = 0.03  # of true parameters about the nominal ones, 1-sigma
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """A hidden fault, in the words of the diagnosis; `size` in SI, `records` that have it (empty: all)."""
+
+    kind: str
+    target: str
+    size: float
+    term: str = ""
+    records: tuple[str, ...] = ()
+    onset: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind}({self.target}:{self.term})" if self.term else f"{self.kind}({self.target})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """What is diagnosed, and the truth behind it.
+
+    rates, reads   (x, u, p) -> derivatives; readings: dictionaries in and out, of numbers or arrays
+    regressors     name -> function of states and inputs, of a term that its equation may lack
+    inputs         (rng, t) -> name -> (N,)
+    start          (rng) -> state at the first sample
+    sigma          output -> 1-sigma of its noise
+    faults         kind, target, term, smallest and largest size
+    """
+
+    name: str
+    model: Callable[[], Model]
+    rates: Callable[[Mapping[str, Any], Mapping[str, Any], Mapping[str, float]], Mapping[str, Any]]
+    reads: Callable[[Mapping[str, Any], Mapping[str, float]], Mapping[str, Any]]
+    inputs: Callable[[np.random.Generator, np.ndarray], Mapping[str, np.ndarray]]
+    start: Callable[[np.random.Generator], Mapping[str, float]]
+    sigma: Mapping[str, float]
+    step: float
+    duration: float
+    faults: Sequence[tuple[str, str, str, float, float]]
+    regressors: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
+    exact: tuple[str, ...] = ()
+    library: Library = field(default_factory=Library)
+    records: int = 4
+
+    def draw(self, seed: int) -> Fault:
+        """A fault by chance."""
+        rng = np.random.default_rng([seed, 1])
+        kind, target, term, low, high = self.faults[int(rng.integers(len(self.faults)))]
+        size = float(rng.uniform(low, high))
+        some = ("m2",) if kind in ("parameter_change", "sensor_stuck") else ()
+        onset = float(rng.uniform(0.3, 0.6)) * self.duration if kind == "sensor_stuck" else 0.0
+        return Fault(kind=kind, target=target, term=term, size=size, records=some, onset=onset)
+
+    def fly(self, seed: int, fault: Fault | None) -> list[Record]:
+        """Noisy records m1, m2, ... of the system with a fault in it."""
+        rng = np.random.default_rng([seed, 2])
+        nominal = self.model().nominal
+        truth = {name: value * (1.0 + _SCATTER * rng.standard_normal()) for name, value in nominal.items()}
+        return [self._record(rng, f"m{k + 1}", truth, fault) for k in range(self.records)]
+
+    def _record(self, rng: np.random.Generator, name: str, p: Mapping[str, float], fault: Fault | None) -> Record:
+        t = np.arange(0.0, self.duration, self.step)
+        fine = np.linspace(t[0], t[-1], (len(t) - 1) * _FINER + 1)
+        commanded, x0 = self.inputs(rng, t), self.start(rng)
+        there = fault is not None and (not fault.records or name in fault.records)
+        one = fault if there else None
+        p = _shifted(p, one)
+        acts = {n: _operated(one, n, fine, np.interp(fine, t, u)) for n, u in commanded.items()}
+
+        def rates(now: float, state: np.ndarray) -> list[float]:
+            u = {n: np.interp(now, fine, series) for n, series in acts.items()}
+            x = dict(zip(x0, state, strict=True))
+            found = dict(self.rates(x, u, p))
+            if one is not None and one.kind == "missing_term":
+                found[one.target] += one.size * self._term(one.term, {**x, **u})
+            return [found[n] for n in x0]
+
+        solved = solve_ivp(
+            rates,
+            (t[0], t[-1]),
+            list(x0.values()),
+            t_eval=fine,
+            rtol=1e-8,
+            atol=1e-9,
+            max_step=self.step,
+            method="LSODA",
+        )
+        readings = self.reads(dict(zip(x0, solved.y, strict=True)), p)
+        channels = dict(commanded)
+        for n, values in readings.items():
+            seen = _operated(one, n, fine, values)[::_FINER]
+            channels[n] = seen + self.sigma[n] * rng.standard_normal(len(t))
+        return Record(name=name, t=t, channels=channels)
+
+    def _term(self, term: str, symbols: Mapping[str, Any]) -> Any:
+        if term in self.regressors:
+            return self.regressors[term](symbols)
+        parts = [part.split("^") for part in term.split("*")]
+        return reduce(lambda a, b: a * b, (symbols[n] ** int(power[0] if power else 1) for n, *power in parts))
+
+
+def _shifted(p: Mapping[str, float], fault: Fault | None) -> dict[str, float]:
+    changed = dict(p)
+    if fault is not None and fault.kind == "parameter_change":
+        changed[fault.target] += fault.size
+    return changed
+
+
+def _operated(fault: Fault | None, name: str, t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A fine series as a fault of this input or reading leaves it."""
+    if fault is None or fault.target != name:
+        return y
+    size = fault.size
+    if fault.kind in ("input_delay", "sensor_delay"):
+        return np.interp(t - size, t, y)
+    if fault.kind in ("actuator_lag", "sensor_lag"):
+        return _followed(y, lambda at, u: at + (u - at) * (1.0 - np.exp(-(t[1] - t[0]) / size)))
+    if fault.kind == "backlash":
+        return _followed(y, lambda at, u: min(max(at, u - size), u + size))
+    simple: dict[str, Callable[[], np.ndarray]] = {
+        "limit_above": lambda: np.minimum(y, size),
+        "limit_below": lambda: np.maximum(y, size),
+        "dead_zone": lambda: np.sign(y) * np.maximum(np.abs(y) - size, 0.0),
+        "sensor_bias": lambda: y + size,
+        "sensor_scale": lambda: y * (1.0 + size),
+        "sensor_stuck": lambda: np.where(t >= fault.onset, np.interp(fault.onset, t, y), y),
+    }
+    return simple[fault.kind]() if fault.kind in simple else y
+
+
+def _followed(y: np.ndarray, follow: Callable[[float, float], float]) -> np.ndarray:
+    out = y.copy()
+    for k in range(1, len(y)):
+        out[k] = follow(out[k - 1], y[k])
+    return out
+
+
+def levels(rng: np.random.Generator, t: np.ndarray, low: float, high: float, shortest: float) -> np.ndarray:
+    """An input that goes from level to level on ramps of a quarter of the time that it stays at each."""
+    count = int((t[-1] - t[0]) / (1.5 * shortest)) + 2
+    at = t[0] + np.cumsum(np.r_[0.0, rng.uniform(shortest, 2.0 * shortest, count)])
+    heights = rng.uniform(low, high, count + 1)
+    corners = np.stack([at[1:], at[1:] + 0.25 * shortest], axis=1).ravel()
+    values = np.stack([heights[:-1], heights[1:]], axis=1).ravel()
+    return np.interp(t, corners, values)

@@ -1,0 +1,58 @@
+"""Count how often hidden faults of dynamic systems other than aircraft are found.
+
+    python scripts/systems.py [--seeds 1..10] [--systems "DC motor" ...] [--clean]
+
+Every seed hides one fault in each system; `--clean` hides none. Prints a line per diagnosis and the counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from casid.errors import InputError, run_script, unknown
+from problems.systems.count import SYSTEMS, outcome
+
+
+def seeds_of(text: str) -> range:
+    """ "1..10" as numbers."""
+    first, _, last = text.partition("..")
+    if not (first.isdigit() and (last or first).isdigit()):
+        raise InputError(f"--seeds is '{text}'; expected A..B, like 1..10")
+    return range(int(first), int(last or first) + 1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("--seeds", default="1..10")
+    parser.add_argument("--systems", nargs="+", default=list(SYSTEMS))
+    parser.add_argument("--clean", action="store_true")
+    arguments = parser.parse_args()
+    for name in arguments.systems:
+        if name not in SYSTEMS:
+            raise unknown("system", name, SYSTEMS)
+    all_of_them = [0, 0, 0, 0]
+    for name in arguments.systems:
+        counts = [0, 0, 0, 0]
+        for seed in seeds_of(arguments.seeds):
+            begin = time.perf_counter()
+            one = outcome(SYSTEMS[name], seed, arguments.clean)
+            counts = [a + b for a, b in zip(counts, (1, one.found, one.sized, one.extras), strict=True)]
+            hidden = f"{one.fault.name} {one.fault.size:.4g}" if one.fault else "nothing"
+            said = ", ".join(
+                f"{c.kind}({c.target}{':' + c.term if c.term else ''}) {c.value:.4g}" for c in one.result.causes
+            )
+            left = ", ".join(f"unexplained {u.port.name}" for u in one.result.unexplained)
+            mark = "found" if one.found else "MISSED"
+            seconds = time.perf_counter() - begin
+            print(
+                f"{name} {seed}: {mark:6} {hidden} -> {said or left or one.result.verdict} ({seconds:.1f} s)",
+                flush=True,
+            )
+        print(f"{name}: found {counts[1]} of {counts[0]}, sized {counts[2]}, further names {counts[3]}", flush=True)
+        all_of_them = [a + b for a, b in zip(all_of_them, counts, strict=True)]
+    print("all: found {1} of {0}, sized {2}, further names {3}".format(*all_of_them))
+
+
+if __name__ == "__main__":
+    run_script(main)
