@@ -40,6 +40,7 @@ class Cause:
     grid       values that are tried, with the 1-sigma about each; empty: it enters linearly, its null is 0
     everywhere it may be in all records;  somewhere  it may be in some of them
     onset      it begins within a record
+    late       it delays a reading: its record says what a series of two terms leaves along the motion
     history    (run, value) -> (N,) at its port; of a linear one for a value of 1
     operator   of an operator on an input: what it makes of it
     change     of all others: how it enters the model, `casid.diagnosis.systems.extended.Draft`
@@ -55,6 +56,7 @@ class Cause:
     everywhere: bool = True
     somewhere: bool = False
     onset: bool = False
+    late: bool = False
     history: Callable[[Run, float], np.ndarray] | None = None
     operator: Operator | None = None
     change: Change | None = None
@@ -75,6 +77,7 @@ class Attached:
     matters        the value from which one that enters linearly matters
     records        names of those that have it; empty: all
     onset_s        record -> time [s] from which it is there
+    left           record -> (N,) what the series of a delayed reading leaves
     log_prior      of the odds that it is there in this shape
     """
 
@@ -85,11 +88,22 @@ class Attached:
     matters: float = 1.0
     records: tuple[str, ...] = ()
     onset_s: Mapping[str, float] = field(default_factory=dict)
+    left: Mapping[str, np.ndarray] = field(default_factory=dict)
     log_prior: float
 
     @property
     def name(self) -> str:
         return self.cause.name
+
+    @property
+    def rest(self) -> str | None:
+        """Channel with what is left of a delayed reading."""
+        return f"rest[{self.name}]" if self.cause.late else None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that the model needs of a record for it."""
+        return tuple(name for name in (self.slope, self.rest, self.flag) if name is not None)
 
     @property
     def flag(self) -> str | None:
@@ -112,6 +126,8 @@ class Attached:
             at, above, below = (self.cause.operator(record.t, u, self.value + d) for d in (0.0, step, -step))
             slope = (above - below) / (2.0 * step)
             return record.with_channels(**{self.cause.target: at - self.value * slope, str(self.slope): slope})
+        if self.rest is not None:
+            record = record.with_channels(**{self.rest: self.left.get(record.name, np.zeros(len(record)))})
         return record if self.flag is None else record.with_channels(**{self.flag: self._there(record)})
 
     def _there(self, record: Record) -> np.ndarray:

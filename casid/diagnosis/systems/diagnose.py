@@ -12,7 +12,7 @@ import numpy as np
 from casid.diagnosis.given.budget import Budget, Steps
 from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.extended import SHORTEST, Extended
-from casid.diagnosis.systems.fit import Flown, Question, fly, noise_of
+from casid.diagnosis.systems.fit import Flown, Question, fly, motions, noise_of
 from casid.diagnosis.systems.library import Library, causes_for
 from casid.diagnosis.systems.naming import Naming, Searching, share_of
 from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis, Unexplained, Value
@@ -106,7 +106,7 @@ def _question(model: Model, records: Sequence[Record]) -> tuple[Question, Extend
     shortest = SHORTEST * min(record.dt for record in records)
     return (
         Question(records=tuple(records), noise=noise, free=free),
-        Extended(base=base, sizes=sizes, shortest=shortest),
+        Extended(base=base, sizes=sizes, shortest=shortest, paths=motions(base, records)),
     )
 
 

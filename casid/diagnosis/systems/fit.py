@@ -18,9 +18,10 @@ from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 
 _STAYS = 0.02  # of its value: an operator or an onset that moves by less has settled
-_ROUNDS = 6
+_STILL = 0.1  # of the noise: what is left of a delayed reading that changes by less has settled
+_ROUNDS = 8
 _FACTOR = 3.0  # by which a value of an operator may move in a round
-_LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
+_LEAST_NOISE = 1e-4  # of a channel's variation: a noise-free simulation must not have infinite weight
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,6 +46,12 @@ class Fitted:
     def model(self) -> Model:
         return self.extended.model
 
+    @property
+    def paths(self) -> dict[str, np.ndarray]:
+        """record -> (N, states) motion of the base model's states."""
+        count = len(self.extended.base.states)
+        return {name: states.trajectory[:, :count] for name, states in self.fit.states.items()}
+
 
 def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
     """Output -> 1-sigma, from the band above the motion; of what is too short for that, from a fit of the model.
@@ -67,14 +74,27 @@ def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
     return found
 
 
+def motions(model: Model, records: Sequence[Record]) -> dict[str, np.ndarray]:
+    """record -> (N, states) motion at nominal values, from the best initial state: where a fit may begin. A record that
+    the model departs on has none."""
+    found = {}
+    for record in records:
+        try:
+            with np.errstate(all="ignore"):
+                found[record.name] = simulate(model, record, fit_initial_state(model, record)).states
+        except (CasidError, np.linalg.LinAlgError):
+            continue
+    return found
+
+
 def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> Fitted | None:
     """The extended model fitted; None when that fails. Operators and onsets are gone back to until they stay."""
-    model, attached = extended.model, list(extended.attached)
+    model, now = extended.model, extended
     fixed = {name: model.nominal[name] for name in extended.base.parameters if name not in asked.free}
-    values = {**start, **{one.name: one.value for one in attached}}
+    values = {**start, **{one.name: one.value for one in extended.attached}}
     fit, records = None, asked.records
     for _ in range(_ROUNDS):
-        records = tuple(replace(extended, attached=tuple(attached)).prepared(r) for r in asked.records)
+        records = tuple(now.prepared(r) for r in asked.records)
         problem = Problem(model, records, free=["*"], fixed=fixed, start=values, noise=asked.noise, prior=True)
         try:
             fit = solve(problem)
@@ -83,17 +103,18 @@ def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> F
         if not np.isfinite(fit.cost):
             return None
         values = dict(fit.values)
-        moved = [_moved(one, values[one.name], fit) for one in attached]
-        settled = all(_same(one, other) for one, other in zip(attached, moved, strict=True))
-        attached = moved
+        motion = {name: states.trajectory for name, states in fit.states.items()}
+        moved = replace(now, attached=tuple(_moved(one, values[one.name], fit) for one in now.attached))
+        moved = moved.along(motion, records, model.nominal_vector({**fixed, **values}))
+        pairs = zip(now.attached, moved.attached, strict=True)
+        settled = all(_same(one, other, asked.noise) for one, other in pairs)
+        now = moved
         if settled:
             break
-        values |= {one.name: one.value for one in attached}
+        values |= {one.name: one.value for one in now.attached}
     if fit is None:
         return None
-    kept = replace(extended, attached=tuple(attached))
-    all_values = {**fixed, **fit.values}
-    return Fitted(extended=kept, values=all_values, fit=fit, records=records)
+    return Fitted(extended=now, values={**fixed, **fit.values}, fit=fit, records=records)
 
 
 def _moved(one: Attached, value: float, fit: Fit) -> Attached:
@@ -120,10 +141,14 @@ def _onset(record: Record, name: str, value: float, noise: float, before: float)
     return float(record.t[first]) if first < len(record) - 2 else before
 
 
-def _same(one: Attached, other: Attached) -> bool:
-    needs_rounds = one.cause.operator is not None or one.cause.onset
+def _same(one: Attached, other: Attached, noise: Mapping[str, float]) -> bool:
+    if one.cause.late:
+        return all(
+            np.abs(left - one.left.get(name, 0.0)).max() < _STILL * noise[one.cause.target]
+            for name, left in other.left.items()
+        )
     near = abs(one.value - other.value) <= _STAYS * abs(other.value)
-    return not needs_rounds or (near and dict(one.onset_s) == dict(other.onset_s))
+    return (one.cause.operator is None or near) and dict(one.onset_s) == dict(other.onset_s)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,13 +191,20 @@ def _shapes(extended: Extended, record: Record) -> list[Extended]:
 def _squares(
     extended: Extended, values: Mapping[str, float], record: Record, noise: Mapping[str, float]
 ) -> dict[str, tuple[float, int]]:
-    prepared = extended.prepared(record)
-    model = replace(extended.model, nominal={**extended.model.nominal, **values})
-    try:
-        with np.errstate(all="ignore"):
-            flown = simulate(model, prepared, fit_initial_state(model, prepared))
-    except (CasidError, np.linalg.LinAlgError):
-        flown = None
+    own = {name: value for name, value in values.items() if name in extended.base.parameters}
+    base = replace(extended.base, nominal={**extended.base.nominal, **own})
+    extended = replace(extended, paths=motions(base, [record]))
+    flown = None
+    for _ in range(_ROUNDS if any(one.cause.late for one in extended.attached) else 1):
+        prepared = extended.prepared(record)
+        model = replace(extended.model, nominal={**extended.model.nominal, **values})
+        try:
+            with np.errstate(all="ignore"):
+                flown = simulate(model, prepared, fit_initial_state(model, prepared))
+        except (CasidError, np.linalg.LinAlgError):
+            flown = None
+            break
+        extended = extended.along({record.name: flown.states}, [prepared], model.nominal_vector())
     found = {}
     for name, sigma in noise.items():
         if name in record:

@@ -224,6 +224,7 @@ def _of_output(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
                 port=disturbance,
                 grid=grid,
                 history=_change_of_output(operator, name),
+                late=kind == "sensor_delay",
                 change=_through(change, name),
                 sentence=f"The reading of {{target}} {words}{{where}}.",
             )

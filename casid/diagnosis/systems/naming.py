@@ -111,8 +111,8 @@ class Naming:
         return dict(self.best.beyond.unknown)
 
     def without(self, name: str) -> Whole | None:
-        """The best whole that lacks a cause of the best one."""
-        others = [one for one in self.wholes if name not in one.names]
+        """The best whole that has less than the best one, without this cause."""
+        others = [one for one in self.wholes if one.names <= self.best.names - {name}]
         return max(others, key=lambda one: one.total, default=None)
 
 
@@ -155,19 +155,19 @@ class Searching:
             return None
         wholes = {_key(base): first}
 
-        def tried(extended: Extended, values: Mapping[str, float]) -> Whole | None:
+        def tried(extended: Extended, near: Fitted) -> None:
             if _key(extended) not in wholes:
                 say("refit with " + ", ".join(one.name for one in extended.attached))
-                found = self.whole(extended, values, first.found.fit.cost + _WORSE)
+                begun = replace(extended, paths=near.paths)
+                found = self.whole(begun, near.values, first.found.fit.cost + _WORSE)
                 if found is not None:
                     wholes[_key(extended)] = found
-            return wholes.get(_key(extended))
 
         current = first
         while len(current.attached) < _MOST:
             for look in (_leaders, _beside):
                 for one in look(current):
-                    tried(current.found.extended.with_cause(one), current.found.values)
+                    tried(current.found.extended.with_cause(one), current.found)
                 best = max(wholes.values(), key=lambda one: one.total)
                 if best is not current:
                     break
@@ -175,7 +175,7 @@ class Searching:
                 break
             current = best
         for one in current.attached if len(current.attached) > 1 else ():
-            tried(current.found.extended.without(one.name), current.found.values)
+            tried(current.found.extended.without(one.name), current.found)
         return Naming(wholes=tuple(wholes.values()))
 
     def whole(self, extended: Extended, start: Mapping[str, float], most: float = np.inf) -> Whole | None:
