@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import overload
+from pathlib import Path
+from typing import Any, Literal, overload
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose as diagnose_aircraft
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.diagnose import diagnose_system
@@ -21,7 +23,14 @@ Say = Callable[[str], None]
 
 @overload
 def diagnose(
-    simulation: Aircraft, records: Sequence[Record], hold_out: Sequence[Record] = (), report: Say = ...
+    simulation: Aircraft | str | Path,
+    records: Sequence[Record],
+    hold_out: Sequence[Record] = (),
+    report: Say = ...,
+    criteria: Criteria | None = None,
+    *,
+    naming: Literal["rules", "score"] = "rules",
+    as_recorded: bool = False,
 ) -> Diagnosis: ...
 
 
@@ -38,29 +47,25 @@ def diagnose(
 ) -> SystemDiagnosis: ...
 
 
-def diagnose(
-    simulation: Aircraft | Model,
-    records: Sequence[Record],
-    hold_out: Sequence[Record] = (),
-    report: Say = lambda stage: None,
-    *,
-    ports: Sequence[Port] | None = None,
-    exact: Sequence[str] = (),
-    library: Library | None = None,
-) -> Diagnosis | SystemDiagnosis:
+def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | SystemDiagnosis:
     """What a simulation gets wrong, given measured records.
 
-    simulation  an `Aircraft`, or the `Model` of any dynamic system (`define_model`)
-    hold_out    records that are never fitted; when none is given one record, or the last third of a single one, is held
-                back
-    report      is called with the name of every stage
-    ports       of a Model, where reality may differ: default every state derivative, input and output but those whose
-                equations are `exact`, that is beyond doubt
-    library     of a Model, the causes that are considered; default all that any system may have
-    Raises InputError for records that cannot feed the model, and for ports of an aircraft, which has its own.
+    Parameters
+    ----------
+    simulation
+        An `Aircraft` or the name of its file, or the `Model` of any dynamic system (`define_model`).
+    records, hold_out, report, criteria, naming, as_recorded
+        Of an aircraft: see `casid.diagnosis.diagnose.diagnose`.
+    records, hold_out, report, ports, exact, library
+        Of a model: see `casid.diagnosis.systems.diagnose.diagnose_system`.
+
+    Raises
+    ------
+    InputError
+        For records that cannot feed the simulation, and for ports of an aircraft, which has its own.
     """
     if isinstance(simulation, Model):
-        return diagnose_system(simulation, records, hold_out, ports=ports, exact=exact, library=library, report=report)
-    if ports is not None or exact or library is not None:
+        return diagnose_system(simulation, *arguments, **options)
+    if {"ports", "exact", "library"} & set(options):
         raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")
-    return diagnose_aircraft(simulation, records, hold_out, report)
+    return diagnose_aircraft(simulation, *arguments, **options)

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from casid.diagnosis.criteria import HeldOutCriteria
 from casid.diagnosis.given.budget import Budget, Steps
 from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.extended import SHORTEST, Extended
@@ -30,25 +31,44 @@ def diagnose_system(
     model: Model,
     records: Sequence[Record],
     hold_out: Sequence[Record] = (),
+    report: Callable[[str], None] = lambda stage: None,
     *,
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
     library: Library | None = None,
-    report: Callable[[str], None] = lambda stage: None,
 ) -> SystemDiagnosis:
     """Diagnose a model on records.
 
-    hold_out   records that are never fitted; when none is given one record, or the last third of a single one
-    ports      where reality may differ; default: every state derivative, input and output whose name is not in `exact`
-    library    which causes are considered; default: all that any system may have
-    report     is called with the name of every stage
     All parameters are fitted, with the prior of `model.prior_std`; one whose prior is 0 stays nominal. Noise of the
-    readings is judged from the band above the motion. Raises InputError for names that do not exist and records that
-    cannot feed the model, EstimationError when the model cannot be fitted at all.
+    readings is judged from the band above the motion.
+
+    Parameters
+    ----------
+    model
+        The simulation; one Runge-Kutta step of fourth order goes from sample to sample.
+    records
+        Records to be fitted.
+    hold_out
+        Records that are never fitted; when none is given one record, or the last third of a single one, is held back.
+    report
+        Is called with the name of every stage.
+    ports
+        Where reality may differ; by default at every state derivative, input and output whose name is not in `exact`.
+    exact
+        Names of states whose equations are beyond doubt, and of inputs and outputs that are.
+    library
+        The causes that are considered; by default all that any system may have.
+
+    Raises
+    ------
+    InputError
+        For names that do not exist, and for records that cannot feed the model.
+    EstimationError
+        When the model cannot be fitted at all.
     """
     begin = time.perf_counter()
     report("reading the records")
-    fit_on, held = split(records, hold_out)
+    fit_on, held = split(records, hold_out, HeldOutCriteria())
     library = library or Library()
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
