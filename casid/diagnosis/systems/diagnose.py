@@ -21,6 +21,7 @@ from casid.errors import EstimationError, InputError
 from casid.model.port import Port, check_ports, ports_of
 from casid.model.system import Model
 from casid.native.threads import single_threaded
+from casid.records.given import given_records
 from casid.records.record import Record
 
 _UNEXPLAINED = 0.5  # probability: to look where nothing is costs little beside a wrong name
@@ -68,6 +69,7 @@ def diagnose_system(
     """
     begin = time.perf_counter()
     report("reading the records")
+    records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     fit_on, held = split(records, hold_out, HeldOutCriteria())
     library = library or Library()
     ports = ports_of(model, exact) if ports is None else tuple(ports)

@@ -261,7 +261,8 @@ def _leaders(whole: Whole) -> list[Attached]:
 def _beside(whole: Whole) -> list[Attached]:
     """The causes that a search of all that may be wrong besides believes in."""
     believed = [b for b in whole.beyond.causes if b.probability > _WORTH][:_TRIED]
-    return [_part(whole.asked.attachable[whole.promises.pool[b.column]], b.size, whole.asked.priors) for b in believed]
+    number = {id(column): i for i, column in enumerate(whole.asked.innovations.causes)}
+    return [_part(whole.asked.attachable[number[id(b.column)]], b.size, whole.asked.priors) for b in believed]
 
 
 def _part(one: Attached, size: float, priors: Priors) -> Attached:
