@@ -1,4 +1,4 @@
-# make demo | test | check | docs | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
+# make demo | test | check | docs | first-hour | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
@@ -9,7 +9,7 @@ ARGS   ?=
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test check docs lock clean
+.PHONY: demo test check docs first-hour lock clean
 
 demo: $(STAMP)
 	env -u OMP_NUM_THREADS -u OPENBLAS_NUM_THREADS $(BIN)/casid demo --out out/demo $(ARGS)
@@ -45,6 +45,10 @@ $(STAMP): pyproject.toml $(LOCK)
 # The pages, in docs/_build/html; a warning is an error.
 docs: $(STAMP)
 	MPLBACKEND=Agg $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html $(ARGS)
+
+# What a new user does first, from the wheel in an environment of its own.
+first-hour: $(STAMP)
+	$(BIN)/python scripts/first_hour.py $(ARGS)
 
 # Needs uv. One lock for every platform and every Python that casid runs on.
 lock:
