@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 COMMANDS = {
     "diagnose": "casid.cli.diagnose:diagnose",
+    "check": "casid.cli.check:check",
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",
     "identifiability": "casid.cli.identifiability:identifiability",

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from casid.cli.app import COMMANDS
+from casid.cli.check import check
 from casid.cli.convert import convert
 from casid.cli.design import design
 from casid.cli.new_aircraft import derivatives_of, inertia_of, new_aircraft
@@ -135,3 +136,17 @@ def test_a_design_needs_a_trim_point(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs V"):
         call(script(design), ["--aircraft", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")])
     assert not (tmp_path / "out").exists()
+
+
+def test_check_says_what_is_wrong_by_its_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The record of the example is clean; with its pitch rate reversed it is not, and the channel is named."""
+    aircraft = ["--aircraft", str(DEMO / "aircraft.toml")]
+    assert call(script(check), [str(DEMO / "m1.csv"), *aircraft]) == 0
+    rows = [line.split(",") for line in (DEMO / "m1.csv").read_text().splitlines()]
+    column = rows[0].index("q")
+    turned = [rows[0], *([*row[:column], f"-{row[column]}".replace("--", ""), *row[column + 1 :]] for row in rows[1:])]
+    (tmp_path / "m.csv").write_text("\n".join(",".join(row) for row in turned))
+    capsys.readouterr()
+    assert call(script(check), [str(tmp_path / "m.csv"), *aircraft, "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)["data"]
+    assert [(one["kind"], one["target"]) for one in found] == [("data_sign", "q")]

@@ -1,0 +1,43 @@
+"""`casid check`: what is wrong with the data, before anything is believed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from casid.cli.options import AsJson, Maps, records_of
+from casid.diagnosis.data.check import check as checked
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+
+
+def check(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Path | None = None,
+    maps: Maps | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Check flight records by physics that needs no aerodynamics: signs, units, swapped, frozen or clipped channels.
+
+    Prints a table of the channels and every finding. The status is 0 when nothing is wrong and 1 when something is.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv'.
+    aircraft
+        The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    as_json
+        Print the findings as JSON and nothing else.
+    """
+    if not records:
+        raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")
+    file = None if aircraft is None else Aircraft.read(aircraft)
+    found = checked(records_of(records, maps or []), file)
+    print(json.dumps(found.to_dict(), indent=1) if as_json else found)
+    return 0 if found.clean else 1
