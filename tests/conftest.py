@@ -53,6 +53,23 @@ def flight_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def regression_data() -> Path:
+    """Folder with the statistical reference data sets of NIST (MGH17.dat, ...), as `strd` beside the flight data.
+
+    The test is skipped when there is none.
+    """
+    named = os.environ.get("CASID_DATA")
+    root = Path(named) if named else REPO.parent / "shared" / "data"
+    for base in (root, root.parent):
+        if (base / "strd" / "MGH17.dat").is_file():
+            return base / "strd"
+    pytest.skip(
+        "no reference data: get the nonlinear regression sets of NIST/ITL StRD (itl.nist.gov/div898/strd) into a "
+        "folder 'strd' and set CASID_DATA to the folder that holds it"
+    )
+
+
+@pytest.fixture(scope="session")
 def load_script() -> Callable[[str], ModuleType]:
     """`load_script("estimate")` imports scripts/estimate.py as a module."""
 

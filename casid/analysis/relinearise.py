@@ -11,7 +11,7 @@ from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Point, Value
-from casid.estimation.solvers.quadratic import free_directions, inverse_along
+from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.transcription import MultipleShooting
 
 _DEFAULT_METHOD = MultipleShooting()
@@ -40,7 +40,7 @@ class AtFit:
     @cached_property
     def free(self) -> np.ndarray:
         """(parameters, directions) in which no active limit of the fit holds the parameters."""
-        return free_directions(self.objective.rows, self.fit.multipliers)
+        return self.objective.free_directions(self.fit.multipliers)
 
     @cached_property
     def inverse(self) -> np.ndarray:

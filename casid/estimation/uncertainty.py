@@ -21,14 +21,13 @@ from casid.estimation.residual_colour import (
     noise_autocovariance,
     spread,
 )
+from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Value
-from casid.estimation.solvers.quadratic import free_directions, inverse_along, jacobi_scale
+from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.kernel import whitened
 from casid.native.threads import single_threaded
 from casid.views import brief
-
-_RANK = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,7 +41,7 @@ class Uncertainty:
     corrected    the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138; Morelli and
                  Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
                  residual_colour); channels count as independent.
-    confused     names of parameters that the data cannot tell apart
+    confused     names of parameters that the data cannot tell apart, or of which they say nothing
 
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
@@ -73,26 +72,14 @@ class Uncertainty:
 
     @cached_property
     def confused(self) -> tuple[str, ...]:
-        """Parameters that the data cannot tell apart."""
+        """Parameters that the data cannot tell apart, or of which they say nothing."""
         if self.linear is None:
             return ()
-        free, names = self._free, self.objective.problem.parameters
-        inner = free.T @ self.linear.hessian @ free
-        scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            scaled = inner * np.outer(scale, scale)
-        if not np.isfinite(scaled).all():  # the motion has departed: nothing can be said
-            return tuple(names)
-        eigenvalues, vectors = np.linalg.eigh(scaled)
-        lost = vectors[:, eigenvalues < _RANK]
-        if not lost.size:
-            return ()
-        weight = np.abs(free @ (scale[:, None] * lost)).max(axis=1) / (np.abs(free) @ scale + 1e-300)
-        return tuple(name for name, w in zip(names, weight, strict=True) if w > 0.1)
+        return lost(self.objective, self.linear, self.limit_multipliers)
 
     @cached_property
     def _free(self) -> np.ndarray:
-        return free_directions(self.objective.rows, self.limit_multipliers)
+        return self.objective.free_directions(self.limit_multipliers)
 
     @cached_property
     def _inverse(self) -> np.ndarray | None:

@@ -125,5 +125,5 @@ def test_what_process_noise_needs_is_said():
     pure = Problem(drift_model(), [walk_record()], free=["bias"], noise={"thetadot": 0.05}, cost=EquationError())
     with pytest.raises(EstimationError, match="simulates nothing"):
         solve(pure, MultipleShooting(process_noise={"theta": 0.1}))
-    with pytest.raises(EstimationError, match="expected > 0"):
+    with pytest.raises(InputError, match="expected a positive number"):
         MultipleShooting(process_noise={"theta": 0.0})

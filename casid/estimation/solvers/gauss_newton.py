@@ -54,7 +54,9 @@ class GaussNewton:
         return _Iteration(objective, self, patient).run()
 
 
+CREEPS = "stopped: the steps shrink too slowly"
 _DEFECT = 1e-8
+_WHOLE = 1e-3  # damping that leaves a step whole
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
 _COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
@@ -74,6 +76,8 @@ class _Iteration:
         self.near = self.relaxing = False  # near enough to the solution for residuals to be noise
         self.noise_change = np.inf if self.estimate_noise else 0.0
         self.stationarity = np.inf
+        self.before = 0.0  # stationarity at the point from which the last step came, if it was whole and undamped
+        self.attracted = False
         self.course: list[float] = []  # stationarity of all iterations
         self.multipliers = np.zeros(len(objective.lower))
         self.linear: Linearised | None = None
@@ -87,7 +91,7 @@ class _Iteration:
             if status:
                 return self._outcome(status, iteration)
             if not self.patient and self._creeps():
-                return self._outcome("stopped: the steps shrink too slowly", iteration)
+                return self._outcome(CREEPS, iteration)
             if time.perf_counter() > deadline:
                 return self._outcome(f"stopped after {self.solver.seconds:g} s, not converged", iteration)
         return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
@@ -123,7 +127,9 @@ class _Iteration:
                 if objective.negligible(undamped, self.value, _ROUNDED) and self.value.worst() < _DEFECT:
                     return "converged"  # what is left of the step is rounding
                 return "failed: no descent from a point that is not stationary"
-        self.point, self.value = found
+        whole = found[2] == 1.0 and self.damping < _WHOLE
+        self.before, self.attracted = self.stationarity if whole else 0.0, self.attracted and whole
+        self.point, self.value = found[:2]
         self.linear = None
         self.multipliers = step.limit_multipliers
         self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
@@ -135,6 +141,8 @@ class _Iteration:
         last = self.course[-_COURSE - 1 :]
         if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.value.noise.levels.count):
             return False
+        if last[-1] == 0.0:
+            return True
         rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
         return rate >= 1.0 or np.log(self.solver.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
 
@@ -146,21 +154,23 @@ class _Iteration:
         """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
         length = np.sqrt(max(step.curvature, 0.0))
         self.stationarity = self.objective.length(step, self.value)
+        self.attracted |= bool(self.stationarity < 0.5 * self.before)
         if self.estimate_noise and self.value.worst() < 1e-3:
             self.near |= bool(
                 length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.value.noise.levels.size
             )
         still = self.objective.negligible(step, self.value, self.solver.tolerance)
         settled = self.noise_change < 10 * self.solver.tolerance
-        if still and settled and self.value.worst() < _DEFECT and self.damping < 1e-3:
+        if still and settled and self.value.worst() < _DEFECT and self.damping < _WHOLE:
             self.multipliers = step.limit_multipliers
             return True
         return False
 
-    def _search(self, step: Step) -> tuple[Point, Value] | None:
-        """The longest of the halved steps that the filter accepts (Waechter and Biegler, Math. Program. 106, 2006).
+    def _search(self, step: Step) -> tuple[Point, Value, float] | None:
+        """The longest of the halved steps that the filter accepts, and its share of the whole.
 
-        Cost and violation are not added up: a merit function that does refuses good steps along curved constraints.
+        The filter is that of Waechter and Biegler (Math. Program. 106, 2006). Cost and violation are not added up: a
+        merit function that does refuses good steps along curved constraints.
         """
         cost, violation = self._cost(self.value), self.value.violation()
         rounding = 1e-11 * max(abs(self.value.cost), abs(cost))
@@ -181,7 +191,7 @@ class _Iteration:
                 if better and new_violation <= self.widest and self._passes(new_violation, new_cost - rounding):
                     if not by_cost:
                         self.filter.append((violation, cost))
-                    return point, value
+                    return point, value, length
             length *= 0.5
         return None
 
@@ -200,4 +210,5 @@ class _Iteration:
             stationarity=float(self.stationarity),
             limit_multipliers=self.multipliers,
             linear=self.linear,
+            attracted=self.attracted,
         )

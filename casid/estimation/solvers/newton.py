@@ -13,29 +13,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.solvers.gauss_newton import GaussNewton
+from casid.estimation.solvers.damped import DampedIteration
+from casid.estimation.solvers.gauss_newton import CREEPS, GaussNewton
+from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, NoiseState, Point, Step, Value, moved
-from casid.estimation.solvers.quadratic import free_directions, jacobi_scale
+from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
 from casid.estimation.solvers.solver import Outcome
 
 _APART = 1e-3  # standard deviations between points whose gradients are compared
 # standard deviations, relative change of the noise, scaled defect: the other unknowns are at their optimum
 _EXACT = 1e-9
+_DAMPED = 10  # times as many steps of the methods whose steps are short
 _INNER = 50  # steps of the other unknowns
 _FLAT = 1e-6  # of the curvature of Gauss-Newton: less is no minimum
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _LEAST, _MOST = 1e-3, 1e8  # damping
+_ROUNDING = 1e-15  # of the largest eigenvalue
+TOLD_APART = "failed: the parameters cannot be told apart"
+_NO_MINIMUM = "failed: a stationary point that is no minimum"
 _NO_MOTION = "failed: the model has no motion next to the present one"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Automatic:
-    """Gauss-Newton, continued by what the problem needs.
+    """Gauss-Newton, and what it takes where that is not enough.
 
-    Where Gauss-Newton creeps or gives up Newton's method goes on, with the whole curvature; IPOPT where path
-    constraints ask for it. With process noise there is no Newton.
+    Where it gives up or runs off: once more from the start, with Levenberg and Marquardt's damping. Where it creeps,
+    and to judge a point to which whole steps did not lead: Newton's method with the whole curvature. IPOPT where path
+    constraints ask for it, and for a regression on which all else gave up. With process noise Gauss-Newton alone.
 
     Attributes
     ----------
@@ -60,9 +67,40 @@ class Automatic:
         usual = GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds)
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
         outcome = usual.minimise(objective, patient=objective.soft)
-        if outcome.status == "converged" or objective.soft or time.perf_counter() - begin > self.seconds:
+        found = _found(objective, outcome)
+        if objective.soft or (found and outcome.attracted) or time.perf_counter() - begin > self.seconds:
             return outcome
-        return _Newton(objective, self, outcome, begin + self.seconds).run()
+        if found:  # a start that is stationary already, or a search that ended in rounding
+            judged = _Newton(objective, self, outcome, begin + self.seconds).run()
+            return judged if judged.status in ("converged", _NO_MINIMUM) else outcome
+        if outcome.status != CREEPS:  # there it is the whole curvature that is missing
+            damped = DampedIteration(objective, self.tolerance, _DAMPED * self.iterations, begin + self.seconds).run()
+            outcome = _better(objective, outcome, damped)
+        if outcome.status == "converged" and not _found(objective, outcome):
+            return outcome
+        outcome = _Newton(objective, self, outcome, begin + self.seconds).run()
+        left = self.seconds - (time.perf_counter() - begin)
+        if objective.dynamics is None and left > 0.0 and not _found(objective, outcome):
+            # without states it is quick, and comes through valleys in which Newton's short steps do not end
+            last = Ipopt(iterations=2 * _DAMPED * self.iterations, seconds=left).minimise(objective)
+            outcome = last if last.status == "converged" else outcome
+        return outcome
+
+
+def _found(objective: Objective, outcome: Outcome) -> bool:
+    """Whether it converged where the data say something of every parameter."""
+    if outcome.status != "converged" or outcome.linear is None:
+        return outcome.status == "converged"
+    return not lost(objective, outcome.linear, outcome.limit_multipliers)
+
+
+def _better(objective: Objective, first: Outcome, second: Outcome) -> Outcome:
+    """Of two ends the one that was found, or else the lower one."""
+    if _found(objective, second) or not np.isfinite(first.value.cost):
+        return second
+    ends = (objective.likelihood_cost(o.value) + o.value.violation() for o in (first, second))
+    lower, other = ends
+    return second if other < lower else first
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,17 +164,22 @@ class _Newton:
 
     def _step(self, at: _Settled, root: np.ndarray, exact: np.ndarray, damping: float) -> Step:
         """Downhill also where the curvature is negative: its absolute value, plus `damping` times Gauss-Newton's."""
+        objective = self.objective
         values, vectors = np.linalg.eigh(exact)
-        back = np.linalg.inv(root)
         curvature = (vectors * (np.maximum(np.abs(values), _FLAT) + damping)) @ vectors.T
-        return self.objective.step_by(at.point, at.linear, back.T @ curvature @ back)
+        beyond = objective.rows @ at.point.theta
+        limits = objective.lower - beyond, objective.upper - beyond
+        z, multipliers = parameter_step(curvature, root.T @ at.linear.gradient, objective.rows @ root, *limits)
+        return objective.step_along(at.point, at.linear, root @ z, multipliers)
 
     def _judged(self, root: np.ndarray, exact: np.ndarray, step: Step) -> str:
         """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""
         self.multipliers = step.limit_multipliers
-        basis = np.linalg.qr(np.linalg.inv(root) @ free_directions(self.objective.rows, step.limit_multipliers))[0]
+        basis = np.linalg.qr(np.linalg.inv(root) @ self.objective.free_directions(step.limit_multipliers))[0]
         least = float(np.linalg.eigvalsh(basis.T @ exact @ basis).min(initial=np.inf))
-        return "converged" if least > _FLAT else "failed: a stationary point that is no minimum"
+        if least > _FLAT:
+            return "converged"
+        return _NO_MINIMUM if least < -_FLAT else TOLD_APART
 
     def _tried(self, at: _Settled, step: Step) -> _Settled | None:
         """The point after the step, when it is lower or the first within the limits."""
@@ -210,10 +253,10 @@ class _Newton:
 
 
 def _inverse_root(matrix: np.ndarray) -> np.ndarray:
-    """R with R' matrix R = 1; raises numpy.linalg.LinAlgError where the matrix is not positive definite."""
+    """R with R' matrix R = 1, but for directions in which rounding leaves nothing of the matrix: there it is less.
+
+    Raises numpy.linalg.LinAlgError where the matrix is no number.
+    """
     scale = jacobi_scale(matrix)
-    try:
-        factor = np.linalg.cholesky(matrix * np.outer(scale, scale))
-    except np.linalg.LinAlgError:
-        raise np.linalg.LinAlgError("the parameters cannot be told apart") from None
-    return scale[:, None] * np.linalg.inv(factor).T
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    return scale[:, None] * (vectors / np.sqrt(np.maximum(values, _ROUNDING * values[-1])))

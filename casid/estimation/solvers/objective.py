@@ -17,7 +17,7 @@ from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels
 from casid.estimation.solvers.point import Levels, Linearised, NoiseState, Point, Step, Value
-from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
+from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
 from casid.estimation.transcriptions.equation import EquationPart, EquationValue
 
@@ -304,6 +304,10 @@ class Objective:
             price=price,
             limit_multipliers=limit_multipliers,
         )
+
+    def free_directions(self, limit_multipliers: np.ndarray) -> np.ndarray:
+        """(parameters, directions) that the linear limits leave free: those with a multiplier hold, and equalities."""
+        return free_directions(self.rows, np.where(self.lower == self.upper, 1.0, limit_multipliers))
 
     def length(self, step: Step, value: Value) -> float:
         """Length of a step in standard deviations of the solution."""

@@ -19,6 +19,8 @@ class Outcome:
     stationarity        length of a further Gauss-Newton step in standard deviations of the solution
     limit_multipliers   one per row of the linear constraints, positive at an upper limit
     solver              name of the one that came to this point
+    attracted           whether whole steps came ever nearer: a stationary point that attracts steps downhill by any
+                        positive definite curvature is a minimum to second order
     """
 
     point: Point
@@ -29,6 +31,7 @@ class Outcome:
     limit_multipliers: np.ndarray
     linear: Linearised | None = None
     solver: str = "GaussNewton"
+    attracted: bool = False
 
 
 class Solver(Protocol):
