@@ -196,6 +196,7 @@ class Diagnosis:
     explanations                  names of all that the most probable ones say, with probabilities; none by rules
     believed                      cause -> probability that it is there and matters;  entered  the same of something
                                   unexplained at a station;  nothing  that nothing that matters is wrong
+    worths                        channel -> part of its readings that independent ones are as good as
     """
 
     verdict: str
@@ -228,6 +229,7 @@ class Diagnosis:
     believed: Mapping[str, float] = field(default_factory=dict)
     entered: Mapping[str, float] = field(default_factory=dict)
     nothing: float | None = None
+    worths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def criteria(self) -> Criteria:
@@ -306,6 +308,7 @@ class Diagnosis:
             "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
             "believed": dict(self.believed),
             "nothing": self.nothing,
+            "worths": dict(self.worths),
             "budget": self.budget.to_dict(),
             "as_given": self.as_given.to_dict(),
             "refitted": self.refitted.to_dict(),

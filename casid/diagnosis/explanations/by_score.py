@@ -96,6 +96,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
         believed=reading.believed | ({effect_of_turbulence("").name: in_air} if begun.turbulence.named else {}),
         entered={one.station: p for one, p in reading.unexplained},
         nothing=explained.posterior.adequate,
+        worths=explained.worths,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.explanations.asking import Asked, ask
+from casid.diagnosis.explanations.colour import searched_in_colour, tempered
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
 from casid.diagnosis.explanations.pool import competitors
 from casid.diagnosis.explanations.posterior import Posterior, posterior
@@ -51,6 +52,10 @@ class Weighed:
     def best(self) -> Explanation:
         return self.found.explanations[0]
 
+    def with_found(self, found: Found) -> Weighed:
+        """With another search about the same fit, of the same causes."""
+        return replace(self, asked=replace(self.asked, innovations=found.asked), found=found)
+
     def attached(self, column: CauseColumn) -> Attached:
         """What a column stands for."""
         return self.asked.ones[self.asked.innovations.causes.index(column)]
@@ -58,12 +63,14 @@ class Weighed:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explained:
-    """The posterior; where the naming began (`first`) and ended (`lead`), and `rivals` fitted as wholes."""
+    """The posterior; where the naming began (`first`) and ended (`lead`), and `rivals` fitted as wholes; `worths`
+    by channel: part of its readings that independent ones would be as good as."""
 
     posterior: Posterior
     first: Weighed
     lead: Weighed
     rivals: tuple[Weighed, ...]
+    worths: Mapping[str, float]
 
     def stands_for(self, column: CauseColumn) -> Attached:
         """What a column stands for, in whichever fit it is of."""
@@ -100,8 +107,33 @@ def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing
         lead = _weighed(better.fit, priors, better.own, banned)
         if not _agrees(lead, lead.best) and (other := _refitted(lead, lead.best, priors, banned)) is not None:
             lead = other
+    lead, rivals, worths = _in_colour(lead, rivals)
+    if not _agrees(lead, lead.best) and min(worths.values()) < 1.0:
+        # with colour allowed for other causes lead: once more about a fit that has them
+        report("explanations, colour")
+        other = _refitted(lead, lead.best, priors, banned)
+        if other is not None:
+            lead, rivals, worths = _in_colour(other, [])
     believed = posterior(lead.found, *(one.found for one in rivals))
-    return Explained(posterior=believed, first=first, lead=lead, rivals=tuple(rivals))
+    return Explained(posterior=believed, first=first, lead=lead, rivals=tuple(rivals), worths=worths)
+
+
+def _in_colour(lead: Weighed, rivals: Sequence[Weighed]) -> tuple[Weighed, list[Weighed], dict[str, float]]:
+    """The lead and its rivals with the colour allowed for that the lead leaves of each channel, and what its readings
+    are worth."""
+    seen = lead.fit.linear.seen
+    number = np.where(seen, np.arange(seen.shape[2]), -1)
+    channels = [number[:, r].reshape(-1) for r in range(seen.shape[1])]
+    found, worths = searched_in_colour(lead.found, channels)
+    by_name = {name: worths.get(i, 1.0) for i, name in enumerate(lead.fit.model.outputs)}
+    if found is lead.found:
+        return lead, list(rivals), by_name
+    weights = [np.array([worths.get(int(c), 1.0) for c in at]) for at in channels]
+    allowed = []
+    for one in rivals:
+        asked = tempered(one.asked.innovations, weights)
+        allowed.append(one.with_found(search(asked, found.priors, one.best)))
+    return lead.with_found(found), allowed, by_name
 
 
 def _given(one: Attached, priors: Priors) -> CauseColumn:

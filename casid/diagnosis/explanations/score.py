@@ -220,7 +220,7 @@ def hold(sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown] = ()
     J = len(asked.causes)
     common, match = np.zeros((c, c)), np.zeros(c)
     cross, K, z = np.zeros((c, J)), np.zeros((J, J)), np.zeros(J)
-    nodes, levels = [], _levels(sums, priors, level, loose)
+    nodes, levels = [], levels_of(sums, priors, level, loose)
     for r in range(len(sums.records)):
         one, gained = _without_histories(sums, r, levels)
         log += gained
@@ -247,7 +247,9 @@ def hold(sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown] = ()
     )
 
 
-def _levels(sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown]) -> dict[int, list[tuple[float, float]]]:
+def levels_of(
+    sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown]
+) -> dict[int, list[tuple[float, float]]]:
     """Port -> (level, correlation time) of the histories that it has."""
     middle = priors.times[len(priors.times) // 2]
     found = {p: [(level, middle)] if level else [] for p in range(len(sums.asked.ports))}
