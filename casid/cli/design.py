@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from casid.cli.options import AsJson, Files, Folder
+from casid.cli.options import AsJson, Files, Folder, Whole
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
@@ -42,7 +42,7 @@ def design(
     load_g: float = 0.5,
     duration: float = 10.0,
     free: Files | None = None,
-    seed: int = 0,
+    seed: Whole = 0,
     out: Folder = Path("out/design"),
     as_json: AsJson = False,
 ) -> None:

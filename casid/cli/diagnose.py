@@ -10,7 +10,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import DEMO, AsJson, Files, Flag, Folder, Maps, records_of
+from casid.cli.options import DEMO, AsJson, Files, Flag, Folder, Maps, Whole, records_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
@@ -30,7 +30,7 @@ def diagnose(
     hold_out: Files | None = None,
     maps: Maps | None = None,
     out: Folder = Path("out/diagnosis"),
-    seed: int = 0,
+    seed: Whole = 0,
     quick: Flag = False,
     criteria: Path | None = None,
     as_json: AsJson = False,

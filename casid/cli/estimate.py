@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, Whole, records_of
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -46,7 +46,7 @@ def estimate(
     cost: Literal["output", "equation", "combined"] = "output",
     equation_weight: float | None = None,
     method: Literal["single", "multiple", "collocation"] = "multiple",
-    interval: int | None = None,
+    interval: Whole | None = None,
     defects: Literal["hard", "soft"] = "hard",
     solver: Literal["automatic", "gauss-newton", "ipopt"] = "automatic",
     free: Files | None = None,

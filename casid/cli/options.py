@@ -6,17 +6,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_records
 from casid.records.record import Record
+
+
+def _whole(type_: type, tokens: Sequence[Token]) -> int:
+    """A whole number, and nothing rounded to one."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].keyword} {tokens[0].value}: expected a whole number") from None
+
 
 DEMO = Path(__file__).resolve().parent / "demo"
 
 Files = Annotated[list[str], Parameter(consume_multiple=True, negative="")]
 Folder = Annotated[Path, Parameter(name="--out")]
 Maps = Annotated[list[str], Parameter(name="--map", negative="")]
+Whole = Annotated[int, Parameter(converter=_whole)]
 Flag = Annotated[bool, Parameter(negative="")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="")]
 Axes = Literal["full", "longitudinal", "lateral"]

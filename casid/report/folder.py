@@ -35,7 +35,7 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
     target = Path(folder)
     if not str(folder).strip():
         raise InputError("--out is empty; name a folder for the results")
-    there = target.is_dir()
+    made = [place for place in (target, *target.parents) if not place.exists()]  # the deepest first
     try:
         target.mkdir(parents=True, exist_ok=True)
         _sweep(target)
@@ -51,8 +51,9 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
             item.replace(place)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        if not there and not any(target.iterdir()):
-            target.rmdir()
+        for place in made:
+            if place.is_dir() and not any(place.iterdir()):
+                place.rmdir()
 
 
 def _sweep(target: Path) -> None:

@@ -1,0 +1,145 @@
+"""Sixty ways to misuse the command line: each is one line that says what to do, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cyclopts import App
+
+from casid.cli.app import COMMANDS
+from casid.cli.options import DEMO
+from casid.cli.run import status_of
+
+RECORD, PLANE = str(DEMO / "m1.csv"), str(DEMO / "aircraft.toml")
+
+# words of the command line ({d}: a folder with the broken files below), and what the line must name
+MISUSES: list[tuple[str, str]] = [
+    ("diagnos", "diagnos"),
+    ("estimat x.csv", "estimat"),
+    ("--vresion", "--vresion"),
+    # what is missing
+    ("diagnose {r}", "--aircraft"),
+    ("diagnose --aircraft {p}", "records"),
+    ("diagnose --hold-out {r}", "--hold-out"),
+    ("diagnose {r} --aircraft", "--aircraft"),
+    ("estimate {r}", "aircraft"),
+    ("estimate --aircraft {p}", "RECORD"),
+    ("simulate {r}", "aircraft"),
+    ("simulate --aircraft {p}", "RECORD"),
+    ("identifiability {r}", "--aircraft"),
+    ("identifiability --aircraft {p}", "together"),
+    ("check", "RECORD"),
+    ("convert {r}", "target"),
+    ("convert", "source"),
+    ("design", "aircraft"),
+    ("new-aircraft", "target"),
+    ("new-aircraft {d}/n.toml", "--mass"),
+    # files that are not there or are something else
+    ("diagnose {d}/none.csv --aircraft {p}", "none.csv"),
+    ("diagnose {r} --aircraft {d}/none.toml", "none.toml"),
+    ("diagnose {r} --aircraft {r}", "m1.csv"),
+    ("diagnose {p} --aircraft {p}", ".toml"),
+    ("diagnose {d} --aircraft {p}", "{d}"),
+    ("diagnose {r} --aircraft {d}", "{d}"),
+    ("estimate {d}/none*.csv --aircraft {p}", "none*.csv"),
+    ("simulate {r} --aircraft {p} {d}/none.toml", "none.toml"),
+    ("simulate {r} --aircraft {p} {p}", "two files"),
+    ("convert {d}/none.csv {d}/o.csv", "none.csv"),
+    ("convert {r} {d}/o.xlsx", ".csv"),
+    ("convert {r} {r}", "itself"),
+    ("check {d}/none.csv", "none.csv"),
+    ("new-aircraft {d}/n.txt --mass 1 --span 1 --chord 1 --area 1 --speed 1", "TOML"),
+    ("new-aircraft {d}/plane.toml --mass 1 --span 1 --chord 1 --area 1 --speed 1", "there already"),
+    # broken files
+    ("check {d}/empty.csv", "empty"),
+    ("check {d}/text.csv", "not a number"),
+    ("check {d}/back.csv", "runs back"),
+    ("check {d}/short.csv", "too short"),
+    ("check {d}/ragged.csv", "ragged"),
+    ("check {d}/degrees.csv", "deg"),
+    ("check {d}/nosurface.csv", "surface"),
+    ("check {d}/notime.csv", "'t'"),
+    ("check {d}/misspelt.csv", "alpha"),
+    ("check {d}/cut.csv.gz", ".gz"),
+    ("check {d}/rubbish.mat", "rubbish.mat"),
+    ("estimate {r} --aircraft {d}/key.toml", "mass"),
+    ("estimate {r} --aircraft {d}/negative.toml", "positive"),
+    ("estimate {r} --aircraft {d}/notoml.toml", "notoml.toml"),
+    # values
+    ("estimate {r} --aircraft {p} --cost outptu", "outptu"),
+    ("estimate {r} --aircraft {p} --method doubel", "doubel"),
+    ("estimate {r} --aircraft {p} --solver newtno", "newtno"),
+    ("estimate {r} --aircraft {p} --interval 0", "interval"),
+    ("estimate {r} --aircraft {p} --interval 2.5", "2.5"),
+    ("estimate {r} --aircraft {p} --free Cm_alhpa", "Cm_alpha"),
+    ("estimate {r} --aircraft {p} --equation-weight 0.5", "--cost combined"),
+    ("estimate {r} --aircraft {p} --defects soft --method single", "--method multiple"),
+    ("estimate {r} --aircraft {p} --axes lateral-ish", "lateral-ish"),
+    ("diagnose {r} --aircraft {p} --seed many", "many"),
+    ("diagnose {r} --aircraft {p} --criteria {d}/none.toml", "none.toml"),
+    ("diagnose {r} --aircraft {p} --map alpha", "alpha"),
+    ("diagnose {r} --aircraft {p} --map alfa=alpha", "alfa"),
+    ("diagnose {r} --aircraft {p} --map alpha=ALCG:dge", "ALCG"),
+    ("diagnose {r} --aircraft {p} --hold-out {r}", "no record"),
+    ("diagnose {r} {r} --aircraft {p}", "twice"),
+    ("diagnose {r} --aircraft {p} --out {r}", "--out"),
+    ("design --aircraft {p} --deflection-deg -1", "positive"),
+    ("design --aircraft {p} --duration 0.1 --out {d}/o", "samples"),
+    ("design --aircraft {p} --free Cx_*", "Cx_"),
+    ("new-aircraft {d}/n.toml --mass -1 --span 1 --chord 1 --area 1 --speed 1", "--mass"),
+]
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of files that each have one fault."""
+    folder = tmp_path_factory.mktemp("broken")
+    head, *rows = Path(RECORD).read_text().splitlines()[:400]
+    whole = "\n".join([head, *rows])
+    first = rows[0].split(",")
+    column = head.split(",").index
+    degrees = [*first]
+    degrees[column("alpha")] = "4.0"
+    files = {
+        "empty.csv": "",
+        "text.csv": "\n".join([head, ",".join([*first[:-1], "n/a"]), *rows[1:]]),
+        "back.csv": "\n".join([head, *rows, rows[10]]),
+        "short.csv": "\n".join([head, *rows[:20]]),
+        "ragged.csv": "\n".join([head, *rows[:50], "1,2,3", *rows[51:]]),
+        "degrees.csv": "\n".join([head, ",".join(degrees), *rows[1:]]),
+        "nosurface.csv": whole.replace("delta_e", "x").replace("delta_a", "y").replace("delta_r", "z", 1),
+        "notime.csv": "clock" + whole[1:],
+        "misspelt.csv": whole.replace("alpha", "alhpa", 1),
+        "rubbish.mat": "no matrix",
+        "key.toml": Path(PLANE).read_text().replace("mass =", "maas ="),
+        "negative.toml": Path(PLANE).read_text().replace("mass = 1", "mass = -1"),
+        "notoml.toml": "[aircraft\nmass",
+        "plane.toml": Path(PLANE).read_text(),
+    }
+    for name, content in files.items():
+        (folder / name).write_text(content)
+    (folder / "cut.csv.gz").write_bytes(gzip.compress(whole.encode())[:500])
+    return folder
+
+
+@pytest.mark.parametrize(("words", "named"), MISUSES, ids=[words for words, _ in MISUSES])
+def test_misuse_is_one_line(words, named, broken, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(broken.iterdir())
+    app = App(name="casid", version="0", suppress_keyboard_interrupt=False)
+    for name, where in COMMANDS.items():
+        app.command(where, name=name)
+    places = {"d": str(broken), "r": RECORD, "p": PLANE}
+    status = status_of(app, words.format(**places).split())
+    said = capsys.readouterr()
+    assert status == 2, said
+    assert said.err.startswith("error: ") and said.err.count("\n") == 1
+    assert named.format(**places) in said.err, said.err
+    assert not list(tmp_path.iterdir()) and sorted(broken.iterdir()) == before
+
+
+def test_there_are_enough():
+    assert len(MISUSES) >= 60 and np.unique([words for words, _ in MISUSES]).size == len(MISUSES)
