@@ -44,6 +44,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import catalogue, effect_of
 from casid.model.given import given_aircraft
+from casid.model.linearised import given_slopes, linearised
 from casid.native.processors import side_by_side
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
@@ -92,7 +93,8 @@ def diagnose(
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     stages, criteria = Stages(report), criteria or Criteria()
     stages.begin("reading the records")
-    checked = check((*records, *hold_out), aircraft, undo=as_recorded, criteria=criteria.data)
+    as_line = linearised(aircraft, records)
+    checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)
     fitted, held = split(checked.records[: len(records)], checked.records[len(records) :], criteria.held_out)
     flight = prepare(aircraft, fitted, criteria)
     flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
@@ -145,7 +147,7 @@ def diagnose(
     refitted, extended, held_refitted, held_extended = [
         view_of(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
     ]
-    against = contradicted(aircraft, flight_values(kept.evidence))
+    against = contradicted(aircraft, flight_values(kept.evidence), given_slopes(aircraft, records))
     extended_file = extended_aircraft(flight.aircraft, kept.fit, causes, minor)
     stages.end()
     return Diagnosis(

@@ -17,7 +17,7 @@ from casid.errors import InputError, unknown
 Aerodynamics = Callable[[Any], Mapping[str, Any]]
 RATES = ("alphadot", "betadot")
 # what a function of the aerodynamics may look at beside the regressors of `terms.VARIABLES`
-FURTHER = ("airspeed", "qbar", "rho", "thrust", "altitude")
+FURTHER = ("airspeed", "qbar", "rho", "thrust")
 
 
 def own_coefficients(

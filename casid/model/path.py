@@ -151,25 +151,29 @@ def coefficient_station(path: SignalPath) -> None:
     axes = path.aircraft.force_axes
     path.coefficient = {name: path.disturbance[f"d{name}"] for name in coefficient_names(axes)}
     path.rates = ca.SX.sym("rate", len(RATES))
-    for coefficient, value in given_coefficients(path):
+    for coefficient, value in given_coefficients(path.aircraft, quantities(path), path.parameter):
         path.coefficient[coefficient] += value
     for coefficient, name, term in aerodynamic_parameters(path.aircraft):
         if "alphadot" not in term and "betadot" not in term:
             path.coefficient[coefficient] += path.parameter[name] * evaluate(term, path)
 
 
-def given_coefficients(path: SignalPath) -> list[tuple[str, Any]]:
-    """(coefficient, value) of every table, and of the user's own aerodynamics."""
-    aircraft, seen = path.aircraft, path.regressor | dict(zip(RATES, ca.vertsplit(path.rates), strict=True))
-    rows = [(one.coefficient, one.at(seen, path.parameter)) for one in aircraft.tables]
+def given_coefficients(
+    aircraft: Aircraft, quantities: Mapping[str, Any], parameters: Mapping[str, Any]
+) -> list[tuple[str, Any]]:
+    """(coefficient, value) of every table, and of the user's own aerodynamics; `parameters` hold the free knots."""
+    rows = [(one.coefficient, one.at(quantities, parameters)) for one in aircraft.tables]
     if aircraft.aerodynamics is not None:
-        further = {"airspeed": path.air["V"], "qbar": path.air["qbar"], "rho": path.inputs["rho"]}
-        further |= {"thrust": path.surface["thrust"]}
-        altitude = path.state.get("altitude", aircraft.trim.get("altitude"))
-        further |= {} if altitude is None else {"altitude": altitude}
         valid = coefficient_names(aircraft.force_axes)
-        rows += own_coefficients(aircraft.aerodynamics, seen | further, valid).items()
+        rows += own_coefficients(aircraft.aerodynamics, quantities, valid).items()
     return rows
+
+
+def quantities(path: SignalPath) -> dict[str, Any]:
+    """What tables and own aerodynamics may look at: regressors, rates of the flow angles as symbols, and `FURTHER`."""
+    further = {"airspeed": path.air["V"], "qbar": path.air["qbar"], "rho": path.inputs["rho"]}
+    further |= {"thrust": path.surface["thrust"]}
+    return path.regressor | dict(zip(RATES, ca.vertsplit(path.rates), strict=True)) | further
 
 
 def given_series(path: SignalPath) -> dict[str, Any]:
@@ -184,13 +188,13 @@ def given_series(path: SignalPath) -> dict[str, Any]:
     held = {name: path.surface[name] for name in SURFACES}
     path.regressor |= moved
     total: dict[str, Any] = {}
-    for coefficient, value in given_coefficients(path):
+    for coefficient, value in given_coefficients(path.aircraft, quantities(path), path.parameter):
         total[coefficient] = total.get(coefficient, 0.0) + ca.SX(value)
     path.regressor |= held
     rows = {f"given {c}": value for c, value in total.items()}
     rows |= {f"given {c}_{name}": ca.jacobian(value, of) for c, value in total.items() for name, of in moved.items()}
     found = ca.substitute(list(rows.values()), list(moved.values()), [ca.SX(v) for v in held.values()])
-    return dict(zip(rows, found, strict=True))
+    return {name: ca.densify(value) for name, value in zip(rows, found, strict=True)}
 
 
 def settle_rates(path: SignalPath) -> None:

@@ -212,7 +212,6 @@ def _quantities(fdm: Any) -> dict[str, float]:
         "airspeed": V * FT,
         "qbar": fdm["aero/qbar-psf"] * LBF / FT**2,
         "rho": fdm["atmosphere/rho-slugs_ft3"] * SLUG / FT**3,
-        "altitude": fdm["position/h-sl-ft"] * FT,
         **dict.fromkeys(("thrust", "Tc", "V"), 0.0),
     }
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 from casid.diagnosis.flight.prior import least_stated
@@ -67,9 +68,14 @@ class Contradiction:
         }
 
 
-def contradicted(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
-    """What of the file stands against flight: what cannot be first, then reversed signs, then by honest deviations."""
-    found = [*_impossible(aircraft, flight), *_derivatives(aircraft, flight), *_effects(aircraft, flight)]
+def contradicted(
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], slopes: Mapping[str, float] = MappingProxyType({})
+) -> tuple[Contradiction, ...]:
+    """What of the file stands against flight: what cannot be first, then reversed signs, then by honest deviations.
+
+    `slopes` of derivatives by tables and own aerodynamics, on which those of the file are increments.
+    """
+    found = [*_impossible(aircraft, flight), *_derivatives(aircraft, flight, slopes), *_effects(aircraft, flight)]
     return tuple(sorted(found, key=lambda c: (not c.impossible, not c.reversed, -_rank(c.sigmas))))
 
 
@@ -77,13 +83,18 @@ def _rank(sigmas: float) -> float:
     return sigmas if math.isfinite(sigmas) else math.inf
 
 
-def _derivatives(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
+def _derivatives(
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], slopes: Mapping[str, float]
+) -> Iterator[Contradiction]:
     given = dict(aircraft.derivatives)
     given |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
     for name, value in given.items():
         coefficient, term = derivative_term(name)
-        margin = (aircraft.relative_uncertainty or _UNSTATED) * abs(value)
-        one = _contradiction(name, term.unit, value, flight.get(name), max(margin, least_stated(coefficient)))
+        whole, told = value + slopes.get(name, 0.0), flight.get(name)
+        if told is not None and name in slopes:
+            told = replace(told, value=told.value + slopes[name])
+        margin = (aircraft.relative_uncertainty or _UNSTATED) * abs(whole)
+        one = _contradiction(name, term.unit, whole, told, max(margin, least_stated(coefficient)))
         if one is not None:
             yield one
 

@@ -1,0 +1,105 @@
+"""Are faults found in flights of JSBSim aircraft when the model is the aircraft's own XML?
+
+Question     How often is the hidden effect named first, or in the set of the first, and how often is something named in
+             clean flights, when nothing of the model's structure is approximated?
+Set-up       problems/jsbsim/own_model.py: the flights of problems/blind ("jsbsim"), with the XML that JSBSim flew as
+             the aircraft file. Cases in turn, seeds from `--seed` on; below 1000 are for development.
+Expectation  First or in its set 95 %; clean flights without a name.
+
+    python scripts/own_models.py [--seed 1] [--minutes 15] [--naming rules|score] [--cases NAME ...] [--out DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from casid.campaign.blind import solve
+from casid.errors import run_script
+from problems.blind.score import NOTHING, score
+from problems.jsbsim.own_model import hide_in_own
+
+CASES = (
+    "actuator_lag",
+    "clean-1",
+    "aero_term",
+    "input_delay",
+    "sensor_bias",
+    "cg_offset",
+    "sensor_scale",
+    "effectiveness_change",
+    "clean-2",
+    "rate_limit",
+    "unsteady_aero",
+    "sensor_delay",
+    "mass",
+    "wind_shear",
+    "vane_position",
+    "dead_zone",
+    "inertia",
+    "clean-3",
+    "sensor_lag",
+    "gust",
+    "backlash",
+    "thrust_asymmetry",
+    "configuration_change",
+)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--minutes", type=float, default=15.0, help="after which no set is begun")
+    options.add_argument("--naming", choices=("rules", "score"), default="rules")
+    options.add_argument("--cases", nargs="+", default=list(CASES))
+    options.add_argument("--out", type=Path, default=Path("out/own_models"))
+    given = options.parse_args()
+    rows: list[dict[str, Any]] = []
+    begin = time.monotonic()
+    for case, seed in _in_turn(given.cases, given.seed):
+        if time.monotonic() - begin > 60.0 * given.minutes:
+            break
+        rows.append(_row(case, seed, given.out / f"{case}_{seed}", given.naming))
+        print(json.dumps(rows[-1]), flush=True)
+    hidden = [row for row in rows if not row["case"].startswith("clean")]
+    clean = [row for row in rows if row["case"].startswith("clean")]
+    print(f"first or in its set: {sum(row['first'] for row in hidden)} of {len(hidden)}")
+    print(f"clean flights in which something is named: {sum(row['named'] != NOTHING for row in clean)} of {len(clean)}")
+    (given.out / "rows.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+
+
+def _in_turn(cases: list[str], seed: int) -> Iterator[tuple[str, int]]:
+    while True:
+        yield from ((case, seed) for case in cases)
+        seed += 1
+
+
+def _row(case: str, seed: int, folder: Path, naming: str) -> dict[str, Any]:
+    begin = time.monotonic()
+    flown = hide_in_own(case, seed, folder)
+    found = solve({"folder": str(folder), "naming": naming})
+    result = score(flown.answer, found)
+    (folder / "found.json").write_text(json.dumps(found, default=str), encoding="utf-8")
+    truth = [f"{h.kind}({h.target}{':' + h.term if h.term else ''}) {h.value:.3g}" for h in flown.answer.hidden]
+    named = [f"{c['kind']}({c['target']}{':' + c['term'] if c.get('term') else ''})" for c in found.get("causes", [])]
+    return {
+        "case": case,
+        "seed": seed,
+        "aircraft": flown.answer.aircraft,
+        "truth": truth,
+        "causes": named,
+        "first": result.first,
+        "named": result.named,
+        "verdict": result.verdict,
+        "wrong": result.wrong,
+        "failed": found.get("failed"),
+        "seconds": round(time.monotonic() - begin, 1),
+    }
+
+
+if __name__ == "__main__":
+    run_script(main)
