@@ -38,7 +38,7 @@ def given_slopes(aircraft: Aircraft, records: Iterable[Record] = ()) -> dict[str
     for coefficient, value in total.items():
         f = ca.Function("slopes", [symbols], [value, ca.jacobian(value, symbols)])
         level, gradient = (np.array(part).ravel() for part in f(list(at.values())))
-        by = dict(zip(VARIABLES, gradient.tolist(), strict=True))
+        by: dict[str, float] = dict(zip(VARIABLES, gradient.tolist(), strict=True))
         known = [n for n in aircraft.derivatives if derivative_term(n)[0] == coefficient]
         terms = {n: derivative_term(n)[1].name for n in known}
         slopes |= {n: by[term] for n, term in terms.items() if term != "0"}
