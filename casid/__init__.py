@@ -15,6 +15,7 @@ _ROOMS = {
         "EstimationError",
         "InputError",
     ),
+    "casid.keeping": ("load",),
     "casid.records": (
         "ColumnMap",
         "Record",

@@ -31,6 +31,7 @@ from casid.estimation import (
     solve,
 )
 from casid.filtering.filter_error import FilterFit, filter_error
+from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
@@ -101,6 +102,7 @@ __all__ = [
     "flight_inputs",
     "identifiability",
     "linear",
+    "load",
     "parameter",
     "path",
     "profile",

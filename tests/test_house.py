@@ -23,7 +23,7 @@ REPO = Path(__file__).resolve().parent.parent
 MAX_LINES = 400
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "arguments", "signals", "views"}
+_CORE = {"errors", "arguments", "signals", "views", "keeping"}
 _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
@@ -32,6 +32,7 @@ LAYERS: dict[str, set[str]] = {
     "errors": set(),
     "arguments": {"errors"},
     "views": set(),
+    "keeping": {"errors"},
     "signals": {"errors"},
     "native": {"errors"},
     "records": _CORE,

@@ -24,6 +24,7 @@ from casid.diagnosis.json_numbers import plain
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.size import missing_share
+from casid.keeping import save
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -281,6 +282,10 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         return view("diagnosis.html")(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
+        save(self, path)
 
     def to_frame(self) -> DataFrame:
         """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`."""

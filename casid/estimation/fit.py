@@ -15,6 +15,7 @@ from casid.errors import unknown
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import remarks
 from casid.estimation.uncertainty import Uncertainty
+from casid.keeping import save
 from casid.views import view
 
 if TYPE_CHECKING:
@@ -257,6 +258,10 @@ class Fit:
         input and for a motion that diverges.
         """
         return view("fit.predict")(self, record, window_s)
+
+    def save(self, path: str | Path) -> None:
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
+        save(self, path)
 
     def to_frame(self) -> DataFrame:
         """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`."""

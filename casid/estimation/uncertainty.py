@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,11 @@ class Uncertainty:
     limit_multipliers: np.ndarray
 
     __repr__ = brief
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is kept of it are the numbers: how they came about is not pickled."""
+        known = {name: getattr(self, name) for name in ("covariance", "corrected", "confused")}
+        return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
     @cached_property
     def covariance(self) -> np.ndarray:

@@ -117,6 +117,9 @@ class PointFunctions:
         self._step = Compilable(ca.Function("step", [x, u, u1, p, d0, d1, dt], [after]))
         self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))
 
+    def __reduce__(self) -> tuple[type[PointFunctions], tuple[Model, tuple[str, ...]]]:
+        return PointFunctions, (self.model, self.free)
+
     def jacobians(self, X: np.ndarray, U: np.ndarray, P: np.ndarray, W: np.ndarray) -> list[np.ndarray]:
         """[d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
         return at_points(self._jacobians, X, U, P, W)

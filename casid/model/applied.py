@@ -8,8 +8,9 @@ but for the interpolation between samples. Turbulence is no deterministic effect
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -149,14 +150,6 @@ def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
         present = model.u[model.inputs.index(mask)] if mask in model.inputs else 1.0
         h[row] = present * reading[i] + (1.0 - present) * h[row]
 
-    def guess(record: Record) -> np.ndarray:
-        columns = []
-        for channel in slow:
-            values = record[channel] if channel in record else np.zeros(len(record))
-            good = np.isfinite(values)
-            columns.append(np.interp(record.t, record.t[good], values[good]) if good.any() else np.zeros(len(record)))
-        return np.column_stack([model.guess(record), *columns])
-
     return replace(
         model,
         states=(*model.states, *(f"{c}_read" for c in slow)),
@@ -165,11 +158,21 @@ def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
         p=ca.vertcat(model.p, T),
         f=ca.vertcat(model.f, *rates),
         h=h,
-        guess=guess,
+        guess=partial(_with_readings, model.guess, tuple(slow)),
         nominal={**model.nominal, **{e.name: value for e, value in lags}},
         state_scale={**model.state_scale, **{f"{c}_read": scale_of(c) for c in slow}},
         units={**model.units, **{e.name: e.unit for e, _ in lags}},
     )
+
+
+def _with_readings(guess: Callable[[Record], np.ndarray], channels: Sequence[str], record: Record) -> np.ndarray:
+    """A guess, and behind it what the slow instruments read."""
+    columns = []
+    for channel in channels:
+        values = record[channel] if channel in record else np.zeros(len(record))
+        good = np.isfinite(values)
+        columns.append(np.interp(record.t, record.t[good], values[good]) if good.any() else np.zeros(len(record)))
+    return np.column_stack([guess(record), *columns])
 
 
 def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping[str, float]) -> Aircraft:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -71,23 +72,22 @@ def state_guess(
 ) -> Callable[[Record], np.ndarray]:
     """First guess of the trajectory (N, states + further) from measured air data, rates and attitude; what is not
     measured is taken from trim. `further` states start as the channels that are given for them."""
-    trim = aircraft.trim
+    return partial(_measured_flight, dict(aircraft.trim), tuple(states), dict(further))
 
-    def guess(record: Record) -> np.ndarray:
-        alpha = _filled(record, "alpha", trim.get("alpha", 0.0))
-        velocity = velocity_from_air_data(
-            _filled(record, "V", trim.get("V", np.nan)), alpha, _filled(record, "beta", 0.0)
-        )
-        if not np.isfinite(velocity).all():
-            raise InputError(f"record '{record.name}': airspeed V is neither a channel nor in [trim]; give one of them")
-        table = dict(zip("uvw", velocity.T, strict=True))
-        for name in ("p", "q", "r", "phi"):
-            table[name] = _filled(record, name, 0.0)
-        table["theta"] = _filled(record, "theta", trim.get("theta", float(alpha[0])))
-        table |= {s: _filled(record, channel, trim.get(channel, 0.0)) for s, channel in further.items()}
-        return np.stack([table[name] for name in (*states, *further)], axis=1)
 
-    return guess
+def _measured_flight(
+    trim: Mapping[str, float], states: Sequence[str], further: Mapping[str, str], record: Record
+) -> np.ndarray:
+    alpha = _filled(record, "alpha", trim.get("alpha", 0.0))
+    velocity = velocity_from_air_data(_filled(record, "V", trim.get("V", np.nan)), alpha, _filled(record, "beta", 0.0))
+    if not np.isfinite(velocity).all():
+        raise InputError(f"record '{record.name}': airspeed V is neither a channel nor in [trim]; give one of them")
+    table = dict(zip("uvw", velocity.T, strict=True))
+    for name in ("p", "q", "r", "phi"):
+        table[name] = _filled(record, name, 0.0)
+    table["theta"] = _filled(record, "theta", trim.get("theta", float(alpha[0])))
+    table |= {s: _filled(record, channel, trim.get(channel, 0.0)) for s, channel in further.items()}
+    return np.stack([table[name] for name in (*states, *further)], axis=1)
 
 
 def aircraft_model(

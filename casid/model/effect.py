@@ -16,12 +16,13 @@ Whatever else there is to know of a cause stands in its definition too; nothing 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.errors import InputError
 from casid.model.operators import folded
 from casid.model.path import SignalPath
 from casid.model.terms import COEFFICIENTS, parse_term
@@ -170,6 +171,15 @@ class Effect:
         """Whether an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
         return self.kinematic and not self.timed and not self.stochastic
 
+    def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
+        """By its name in the register of causes, as functions cannot be pickled, with what differs from there."""
+        made = _registered(self.kind, self.target, self.term, self.name)
+        if made is None:
+            raise InputError(f"{self.name}: not in the register of causes, so that it cannot be pickled; use @cause")
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        further = {k: v for k, v in own.items() if not callable(v) and v != getattr(made, k)}
+        return _again, (self.kind, self.target, self.term, self.name, further)
+
     def in_words(self, values: Values) -> dict[str, float]:
         """Fitted values as they are told and written into a file."""
         told = {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
@@ -226,6 +236,22 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
+
+
+def _registered(kind: str, target: str, term: str | None, name: str) -> Effect | None:
+    """The effect that the register makes under a name."""
+    if kind not in KINDS:
+        return None
+    makers = (KINDS[kind].make, *KINDS[kind].variants.values())
+    return next((e for e in (make(target, term) if term else make(target) for make in makers) if e.name == name), None)
+
+
+def _again(kind: str, target: str, term: str | None, name: str, further: Mapping[str, Any]) -> Effect:
+    """An effect that was pickled."""
+    made = _registered(kind, target, term, name)
+    if made is None:
+        raise InputError(f"{name}: not in the register of causes; import the module that defines it before")
+    return replace(made, **further)
 
 
 def cause(

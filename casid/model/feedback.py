@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
@@ -45,6 +46,14 @@ class SampledFeedback:
             raise EstimationError(
                 f"SampledFeedback: outputs of '{model.name}' depend on inputs directly; leave them out"
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        law = ca.Function("law", [self.model.x, self.model.u], [self.received])  # symbols cannot be pickled
+        return {"model": self.model, "received": law}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        model = state["model"]
+        self.__dict__.update(model=model, received=state["received"](model.x, model.u))
 
     def at(self, x: ca.SX, u: ca.SX) -> ca.SX:
         """The received inputs at a state and command."""

@@ -6,7 +6,7 @@ An aircraft is one of them; so is a two-state short period of three lines. All e
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -97,6 +97,30 @@ class Model:
             f"<Model '{self.name}': states {listed(self.states)}; inputs {listed(self.inputs)}; "
             f"parameters {listed(self.parameters)}; outputs {listed(self.outputs)}>"
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Symbols cannot be pickled, functions can: the equations become functions of the vectors."""
+        state = {f.name: getattr(self, f.name) for f in fields(self)}
+        vectors = [state.pop(letter) for letter in "xupw"]
+        state["prior_std"], state["units"] = dict(self.prior_std), dict(self.units)
+        state["equations"] = ca.Function("equations", vectors, [state.pop("f"), state.pop("h")])
+        if self.equation is not None:
+            inside = [self.equation.m, self.p]
+            form = ca.Function("form", inside, [self.equation.target, self.equation.prediction])
+            state["equation"] = (self.equation.names, self.equation.channels, form)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        equations: ca.Function = state.pop("equations")
+        vectors = [ca.SX.sym(letter, equations.size1_in(i)) for i, letter in enumerate("xupw")]
+        f, h = equations(*vectors)
+        state |= dict(zip("xupw", vectors, strict=True)) | {"f": f, "h": h}
+        if state["equation"] is not None:
+            names, channels, form = state["equation"]
+            m = ca.SX.sym("m", len(channels))
+            target, prediction = form(m, state["p"])
+            state["equation"] = EquationError(names=names, channels=channels, m=m, target=target, prediction=prediction)
+        self.__dict__.update(state)
 
     def nominal_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """(parameters,) nominal values, with `values` put over them by name."""

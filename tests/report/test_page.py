@@ -25,6 +25,7 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
+from casid.keeping import load
 from casid.model.aircraft import Aircraft
 from casid.model.causes import effectiveness_change
 from casid.model.dynamics import aircraft_model
@@ -364,3 +365,13 @@ def test_a_diagnosis_becomes_a_data_frame_and_a_notebooks_table(diagnosis: Diagn
     page = diagnosis._repr_html_()
     assert diagnosis.verdict in page and "aero_term(Cm:alpha^2)" in page
     assert len(repr(diagnosis)) < 300 and diagnosis.verdict in repr(diagnosis)
+
+
+def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    diagnosis.save(tmp_path / "found.casid")
+    found = load(tmp_path / "found.casid")
+    assert str(found) == str(diagnosis) and json.dumps(found.to_dict()) == json.dumps(diagnosis.to_dict())
+    assert found.extended_aircraft == diagnosis.extended_aircraft
+    assert {name: picture.svg() for name, picture in pictures(found).items()} == {
+        name: picture.svg() for name, picture in pictures(diagnosis).items()
+    }

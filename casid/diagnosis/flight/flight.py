@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -66,6 +67,9 @@ class Flight:
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_models": {}, "_functions": {}, "_regressors": {}}  # they are made again
 
     @property
     def names(self) -> tuple[str, ...]:
