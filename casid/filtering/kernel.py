@@ -7,6 +7,7 @@ each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS`
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -29,6 +30,9 @@ class FilterKernel:
         self._interval, self._augment = loaded.interval, loaded.augment
         for without in (self._whiten, self._costates, self._interval, self._augment):
             without.restype = None
+
+    def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
+        return _loaded, ()  # that of the process that reads it; None where there is no compiler
 
     def interval(self, by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
         """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from Jacobians (N, R, nx + ny, columns) of both equations."""
