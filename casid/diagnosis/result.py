@@ -13,6 +13,7 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.document import cause_entry, plain, rank_entry
 from casid.diagnosis.evidence.missing_input import MissingInput, place_of
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import Fit
@@ -20,7 +21,6 @@ from casid.diagnosis.flight.view import View
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.not_judged import NotJudged
-from casid.diagnosis.json_numbers import plain
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.size import missing_share
@@ -306,9 +306,9 @@ class Diagnosis:
             "not_judged": [one.to_dict() for one in self.not_judged],
             "data": [one.to_dict() for one in self.data],
             "contradicted": [one.to_dict() for one in self.contradicted],
-            "causes": [_cause(cause) for cause in self.causes],
-            "minor": [_cause(cause) for cause in self.minor],
-            "ranking": [_rank(candidate) for candidate in self.ranking],
+            "causes": [cause_entry(cause) for cause in self.causes],
+            "minor": [cause_entry(cause) for cause in self.minor],
+            "ranking": [rank_entry(candidate) for candidate in self.ranking],
             "unexplained": [self._unexplained(one) for one in self.unexplained],
             "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
             "believed": dict(self.believed),
@@ -366,38 +366,3 @@ class Diagnosis:
 def _freedom(fit: Fit) -> int:
     """How many numbers are fitted: onsets are, and the strength of turbulence."""
     return len(fit.slots) + sum(len(one.onsets) for one in fit.attached) + bool(fit.noise.coloured)
-
-
-def _cause(cause: Cause) -> dict[str, Any]:
-    return {
-        "kind": cause.kind,
-        "target": cause.target,
-        "term": cause.term,
-        "value": cause.value,
-        "std": cause.std,
-        "unit": cause.unit,
-        "records": list(cause.records),
-        "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
-        "statistic": cause.statistic,
-        "dof": cause.dof,
-        "probability": cause.probability,
-        "log_odds": cause.log_odds,
-        "held_out_gain": cause.held_out_gain,
-        "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
-        "sentence": cause.sentence,
-        "parameters": dict(cause.parameters),
-        "share": cause.share,
-    }
-
-
-def _rank(candidate: Candidate) -> dict[str, Any]:
-    effect = candidate.attached.effect
-    return {
-        "kind": effect.kind,
-        "target": effect.target,
-        "term": effect.term,
-        "statistic": candidate.statistic,
-        "value": candidate.value,
-        "std": candidate.std,
-        "surviving": candidate.surviving,
-    }
