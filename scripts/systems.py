@@ -28,13 +28,14 @@ def main() -> None:
     parser.add_argument("--systems", nargs="+", default=list(SYSTEMS))
     parser.add_argument("--clean", action="store_true")
     arguments = parser.parse_args()
+    seeds = seeds_of(arguments.seeds)
     for name in arguments.systems:
         if name not in SYSTEMS:
             raise unknown("system", name, SYSTEMS)
     all_of_them = [0, 0, 0, 0]
     for name in arguments.systems:
         counts = [0, 0, 0, 0]
-        for seed in seeds_of(arguments.seeds):
+        for seed in seeds:
             begin = time.perf_counter()
             one = outcome(SYSTEMS[name], seed, arguments.clean)
             counts = [a + b for a, b in zip(counts, (1, one.found, one.sized, one.extras), strict=True)]
@@ -42,11 +43,12 @@ def main() -> None:
             said = ", ".join(
                 f"{c.kind}({c.target}{':' + c.term if c.term else ''}) {c.value:.4g}" for c in one.result.causes
             )
+            minor = "".join(f", minor {c.kind}({c.target}) {c.value:.4g}" for c in one.result.minor)
             left = ", ".join(f"unexplained {u.port.name}" for u in one.result.unexplained)
             mark = "found" if one.found else "MISSED"
             seconds = time.perf_counter() - begin
             print(
-                f"{name} {seed}: {mark:6} {hidden} -> {said or left or one.result.verdict} ({seconds:.1f} s)",
+                f"{name} {seed}: {mark:6} {hidden} -> {said or left or one.result.verdict}{minor} ({seconds:.1f} s)",
                 flush=True,
             )
         print(f"{name}: found {counts[1]} of {counts[0]}, sized {counts[2]}, further names {counts[3]}", flush=True)

@@ -60,5 +60,5 @@ def outcome(system: System, seed: int, clean: bool = False) -> Outcome:
     """Draw, fly and diagnose."""
     fault = None if clean else system.draw(seed)
     records = system.fly(seed, fault)
-    result = diagnose(system.model(), records, exact=system.exact, library=system.library)
+    result = diagnose(system.model(), records, ports=system.ports(), library=system.library)
     return Outcome(system=system.name, seed=seed, fault=fault, result=result)

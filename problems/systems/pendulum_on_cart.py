@@ -46,6 +46,7 @@ SYSTEM = System(
     step=0.02,
     duration=16.0,
     exact=("x", "phi"),
+    matters={"x": 0.02},
     faults=(
         ("missing_term", "w", "w", -0.3, -0.1),  # friction of the hinge
         ("missing_term", "v", "x", -1.5, -0.5),  # a spring to the wall

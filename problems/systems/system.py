@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from casid.diagnosis.systems.library import Library
+from casid.model.port import Port, ports_of
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -44,6 +45,7 @@ class System:
     start          (rng) -> state at the first sample
     sigma          output -> 1-sigma of its noise
     faults         kind, target, term, smallest and largest size
+    matters        reading -> error that matters, where a share of its variation says little: a position that wanders
     """
 
     name: str
@@ -59,7 +61,13 @@ class System:
     regressors: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     exact: tuple[str, ...] = ()
     library: Library = field(default_factory=Library)
+    matters: Mapping[str, float] = field(default_factory=dict)
     records: int = 4
+
+    def ports(self) -> list[Port]:
+        """Where reality may differ from the model."""
+        found = ports_of(self.model(), self.exact)
+        return [replace(p, matters=self.matters.get(p.name)) if p.kind == "output" else p for p in found]
 
     def draw(self, seed: int) -> Fault:
         """A fault by chance."""
