@@ -128,7 +128,7 @@ def _question(model: Model, records: Sequence[Record]) -> tuple[Question, Extend
     shortest = SHORTEST * min(record.dt for record in records)
     return (
         Question(records=tuple(records), noise=noise, free=free),
-        Extended(base=base, sizes=sizes, shortest=shortest, paths=motions(base, records)),
+        Extended(base=base, sizes=sizes, shortest=shortest, paths=motions(base, records, noise)),
     )
 
 

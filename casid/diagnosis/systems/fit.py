@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from casid.diagnosis.systems.cause import Attached
@@ -12,6 +13,9 @@ from casid.diagnosis.systems.extended import Extended
 from casid.errors import CasidError, EstimationError, InputError
 from casid.estimation import Fit, Problem, solve
 from casid.filtering.initial_state import fit_initial_state
+from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
+from casid.filtering.kalman import kalman_filter, residual_column
+from casid.model.port import ports_of, with_ports
 from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.noise import pooled_sigma
@@ -21,6 +25,7 @@ _STAYS = 0.02  # of its value: an operator or an onset that moves by less has se
 _STILL = 0.1  # of the noise: what is left of a delayed reading that changes by less has settled
 _ROUNDS = 8
 _FACTOR = 3.0  # by which a value of an operator may move in a round
+_SMOOTHED = 8  # times that a motion is smoothed about itself
 _LEAST_NOISE = 1e-4  # of a channel's variation: a noise-free simulation must not have infinite weight
 
 
@@ -46,12 +51,6 @@ class Fitted:
     def model(self) -> Model:
         return self.extended.model
 
-    @property
-    def paths(self) -> dict[str, np.ndarray]:
-        """record -> (N, states) motion of the base model's states."""
-        count = len(self.extended.base.states)
-        return {name: states.trajectory[:, :count] for name, states in self.fit.states.items()}
-
 
 def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
     """Output -> 1-sigma, from the band above the motion; of what is too short for that, from a fit of the model.
@@ -74,16 +73,27 @@ def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
     return found
 
 
-def motions(model: Model, records: Sequence[Record]) -> dict[str, np.ndarray]:
-    """record -> (N, states) motion at nominal values, from the best initial state: where a fit may begin. A record that
-    the model departs on has none."""
-    found = {}
+def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """record -> (N, states) motion from which a fit may begin: as it was read, states that no instrument reads by a
+    smoother to which every equation is as uncertain as it is large. A record on which that departs has none."""
+    wide = with_ports(model, [port for port in ports_of(model) if port.kind == "state derivative"])
+    functions, found = PointFunctions(wide, ()), {}
+    rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.densify(model.f)])
     for record in records:
+        batch, P = make_batch(wide, [record]), model.nominal_vector()[None]
+        X = model.guess(record)[:, None]
+        sizes = np.std(rates(X[:, 0].T, batch.U[:, 0].T, P[0], np.zeros(len(model.disturbances))).full(), axis=1)
+        white = {f"f_{name}": float(size) for name, size in zip(model.states, sizes, strict=True) if size > 0.0}
         try:
             with np.errstate(all="ignore"):
-                found[record.name] = simulate(model, record, fit_initial_state(model, record)).states
-        except (CasidError, np.linalg.LinAlgError):
+                for _ in range(_SMOOTHED):
+                    linear = linearise(functions, batch, P, X)
+                    smoother = kalman_filter(linear, NoiseModel(measurement=noise, white=white))
+                    X = X + smoother.smooth(*residual_column(linear))[0][..., : X.shape[2]]
+        except np.linalg.LinAlgError:
             continue
+        if np.isfinite(X).all():
+            found[record.name] = X[:, 0]
     return found
 
 
@@ -123,22 +133,25 @@ def _moved(one: Attached, value: float, fit: Fit) -> Attached:
         value = float(np.clip(value, one.value / _FACTOR, _FACTOR * one.value))
     if not one.cause.onset:
         return one.at(value)
-    name = one.cause.target
-    found = {
-        record.name: _onset(record, name, value, fit.noise[name], one.onset_s[record.name])
-        for record in fit.problem.records
-        if record.name in one.onset_s
-    }
+    found = {}
+    for record in fit.problem.records:
+        if record.name in one.onset_s:
+            found[record.name] = _onset(one, value, fit, record)
     return replace(one.at(value), onset_s=found)
 
 
-def _onset(record: Record, name: str, value: float, noise: float, before: float) -> float:
-    """Time [s] from which a reading stays at a value to the end: no more than noise about it."""
-    still = np.abs(record[name] - value) < 4.0 * noise
-    still |= ~np.isfinite(record[name])
-    moves = np.flatnonzero(~still)
-    first = 0 if not len(moves) else moves[-1] + 1
-    return float(record.t[first]) if first < len(record) - 2 else before
+def _onset(one: Attached, value: float, fit: Fit, record: Record) -> float:
+    """Time [s] from which a reading is stuck: where the squares about the model before it and the value after it are
+    least. The motion is that of the fit, in which the reading takes no part from the present onset on."""
+    model, i = fit.problem.model, fit.problem.model.outputs.index(one.cause.target)
+    moving = record.with_channels(**{str(one.flag): np.zeros(len(record))})
+    reads = ca.Function("reads", [model.x, model.u, model.p, model.w], [model.h])
+    p = fit.problem.model_parameters(np.array(list(fit.values.values())))[0]
+    states = fit.states[record.name].trajectory
+    would = reads(states.T, moving.matrix(model.inputs).T, p, np.zeros(len(model.disturbances))).full()[i]
+    free, stuck = (np.nan_to_num(record[one.cause.target] - of) ** 2 for of in (would, value))
+    squares = np.r_[0.0, np.cumsum(free)] + np.r_[np.cumsum(stuck[::-1])[::-1], 0.0]
+    return float(record.t[min(int(np.argmin(squares)), len(record) - 2)])
 
 
 def _same(one: Attached, other: Attached, noise: Mapping[str, float]) -> bool:
@@ -193,7 +206,7 @@ def _squares(
 ) -> dict[str, tuple[float, int]]:
     own = {name: value for name, value in values.items() if name in extended.base.parameters}
     base = replace(extended.base, nominal={**extended.base.nominal, **own})
-    extended = replace(extended, paths=motions(base, [record]))
+    extended = replace(extended, paths=motions(base, [record], noise))
     flown = None
     for _ in range(_ROUNDS if any(one.cause.late for one in extended.attached) else 1):
         prepared = extended.prepared(record)

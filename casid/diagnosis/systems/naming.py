@@ -155,11 +155,10 @@ class Searching:
             return None
         wholes = {_key(base): first}
 
-        def tried(extended: Extended, near: Fitted) -> None:
+        def tried(extended: Extended, values: Mapping[str, float]) -> None:
             if _key(extended) not in wholes:
                 say("refit with " + ", ".join(one.name for one in extended.attached))
-                begun = replace(extended, paths=near.paths)
-                found = self.whole(begun, near.values, first.found.fit.cost + _WORSE)
+                found = self.whole(extended, values, first.found.fit.cost + _WORSE)
                 if found is not None:
                     wholes[_key(extended)] = found
 
@@ -167,7 +166,7 @@ class Searching:
         while len(current.attached) < _MOST:
             for look in (_leaders, _beside):
                 for one in look(current):
-                    tried(current.found.extended.with_cause(one), current.found)
+                    tried(current.found.extended.with_cause(one), current.found.values)
                 best = max(wholes.values(), key=lambda one: one.total)
                 if best is not current:
                     break
@@ -175,7 +174,7 @@ class Searching:
                 break
             current = best
         for one in current.attached if len(current.attached) > 1 else ():
-            tried(current.found.extended.without(one.name), current.found)
+            tried(current.found.extended.without(one.name), current.found.values)
         return Naming(wholes=tuple(wholes.values()))
 
     def whole(self, extended: Extended, start: Mapping[str, float], most: float = np.inf) -> Whole | None:
