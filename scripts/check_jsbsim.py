@@ -84,7 +84,11 @@ def _why(one: Rig, coefficients: float) -> str:
     slug_ft2 = 14.593902937206364 * 0.3048**2
     if abs(fdm["inertia/iyy-slugs_ft2"] * slug_ft2 / own.Iyy - 1.0) > REQUIRED:
         return "JSBSim counts an inertia of its tanks that casid does not"
-    return "not known" if coefficients <= REQUIRED else "the coefficients differ"
+    if coefficients <= REQUIRED:
+        return "not known"
+    if "position/h-sl-ft" in one.own.text:
+        return "its tables are over the altitude, which casid has from the density, by the standard atmosphere"
+    return "the coefficients differ, not known why"
 
 
 def _glide(one: Rig, rate: int) -> float:

@@ -113,6 +113,32 @@ def test_imports_point_down(path: Path) -> None:
     assert not wrong, f"{room} may import {sorted(LAYERS[room])} only"
 
 
+def imported_at_once(nodes: list[ast.stmt]) -> Iterator[ast.Import | ast.ImportFrom]:
+    """The imports that run when a module is loaded: none inside functions, none for type checkers alone."""
+    for node in nodes:
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield node
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            yield from imported_at_once([*node.body, *node.orelse])
+        elif isinstance(node, ast.Try):
+            yield from imported_at_once(node.body)
+
+
+def test_no_file_imports_itself_around_a_corner() -> None:
+    """Which files a file of casid loads, directly or through others: never itself. Finer than the rooms above."""
+    files = {".".join(p.relative_to(REPO).with_suffix("").parts).removesuffix(".__init__"): p for p in sources("casid")}
+    graph: dict[str, set[str]] = {}
+    for name, path in files.items():
+        source = ast.Module(
+            body=list(imported_at_once(ast.parse(path.read_text(encoding="utf-8")).body)), type_ignores=[]
+        )
+        package = ".".join(path.relative_to(REPO).parent.parts)
+        found = {module for _, module in imported_modules("\n".join(map(ast.unparse, body)), package)}
+        graph[name] = {module for module in found if module in files and module != name}
+    assert any(graph.values())
+    tuple(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError
+
+
 @pytest.mark.parametrize(
     ("source", "package", "expected"),
     [

@@ -18,7 +18,7 @@ from casid.model.aircraft_parts import EffectValue, Inertia
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
 from casid.model.daveml import fields_of_daveml
 from casid.model.effect import KINDS
-from casid.model.jsbsim import JsbsimAerodynamics, fields_of_jsbsim
+from casid.model.jsbsim import JsbsimAerodynamics, extended_text, fields_of_jsbsim
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.model.toml_comments import with_comments_of
@@ -276,6 +276,9 @@ class Aircraft:
     def write(self, path: str | Path, *, like: str | Path | None = None) -> None:
         """Write a TOML file from which `read` makes an equal Aircraft.
 
+        Under a name that ends in .xml an aircraft of a JSBSim file is written as that file, with its derivatives and
+        terms as further functions and its effects as parts; what such a file cannot say stands in a comment of it.
+
         Parameters
         ----------
         path
@@ -288,7 +291,7 @@ class Aircraft:
         InputError
             When `path` cannot be written or `like` cannot be read.
         """
-        content = toml_text(sections_of(self))
+        content = self._as_jsbsim(path) if Path(path).suffix.lower() == ".xml" else toml_text(sections_of(self))
         if like is not None:
             read_toml(like)  # its faults in words
             content = with_comments_of(Path(like).read_text(encoding="utf-8"), content)
@@ -296,6 +299,22 @@ class Aircraft:
             Path(path).write_text(content, encoding="utf-8", newline="\n")
         except (OSError, UnicodeEncodeError) as error:
             raise InputError(f"{path}: cannot be written: {error}") from None
+
+    def _as_jsbsim(self, path: str | Path) -> str:
+        own = self.aerodynamics
+        if not isinstance(own, JsbsimAerodynamics) or self.tables:
+            raise InputError(f"{path}: only an aircraft of a JSBSim file, without tables, is written as XML; use .toml")
+        terms = {c: dict(row) for c, row in self.terms.items()}
+        for name, value in self.derivatives.items():
+            coefficient, term = derivative_term(name)
+            terms.setdefault(coefficient, {})[term.name] = value
+        try:
+            text = Path(own.path).read_text(encoding="utf-8")
+            return extended_text(text, terms, self.effects, self.force_axes)
+        except OSError as error:
+            raise InputError(f"{own.path}: cannot be read again: {error.strerror}") from None
+        except InputError as error:
+            raise InputError(f"{own.path}: {error}") from None
 
 
 def _checked(

@@ -2,5 +2,6 @@
 
 from casid.model.jsbsim.aerodynamics import JsbsimAerodynamics
 from casid.model.jsbsim.aircraft import aerodynamics_of, fields_of_jsbsim
+from casid.model.jsbsim.write import extended_text
 
-__all__ = ["JsbsimAerodynamics", "aerodynamics_of", "fields_of_jsbsim"]
+__all__ = ["JsbsimAerodynamics", "aerodynamics_of", "extended_text", "fields_of_jsbsim"]

@@ -69,7 +69,7 @@ class JsbsimAerodynamics:
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
         force, moment = total[:3], total[3:]
-        dx, dy, dz = (float(x) for x in body_arm(place(_reference(root)), np.array(self.cg)))
+        dx, dy, dz = (float(x) for x in body_arm(reference_point(root), np.array(self.cg)))
         dx = dx + _shift(aerodynamics, look, metrics_of(root))
         fx, fy, fz = force
         moment = [moment[0] + dy * fz - dz * fy, moment[1] + dz * fx - dx * fz, moment[2] + dx * fy - dy * fx]
@@ -105,10 +105,11 @@ def metrics_of(root: ET.Element) -> Metrics:
     return Metrics(values=values)
 
 
-def _reference(root: ET.Element) -> ET.Element:
+def reference_point(root: ET.Element) -> np.ndarray:
+    """(3,) [ft] where aerodynamic forces act, structural axes. Raises InputError."""
     for node in part(root, "metrics").findall("location"):
         if node.get("name") == "AERORP":
-            return node
+            return place(node)
     raise InputError("<metrics> has no location AERORP, about which aerodynamic moments are given")
 
 

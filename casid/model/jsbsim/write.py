@@ -1,0 +1,330 @@
+"""A JSBSim file with what flight has shown: the user's own text, with as little of it changed as it takes.
+
+Derivatives and terms become functions of the aerodynamics, lags and limits of a surface components behind the one that
+writes it, mass and inertia numbers of the mass balance. What a JSBSim file cannot say stands in a comment of it.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+
+from casid.errors import InputError
+from casid.model.aircraft_parts import EffectValue
+from casid.model.jsbsim.aerodynamics import reference_point
+from casid.model.jsbsim.mass import mass_properties
+from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, amount, body_arm, number_of, part
+from casid.model.terms import parse_term
+
+_PROPERTIES: Mapping[str, tuple[str, ...]] = {
+    "alpha": ("aero/alpha-rad",),
+    "beta": ("aero/beta-rad",),
+    "mach": ("velocities/mach",),
+    "p": ("aero/bi2vel", "velocities/p-aero-rad_sec"),
+    "q": ("aero/ci2vel", "velocities/q-aero-rad_sec"),
+    "r": ("aero/bi2vel", "velocities/r-aero-rad_sec"),
+    "alphadot": ("aero/ci2vel", "aero/alphadot-rad_sec"),
+    "betadot": ("aero/bi2vel", "aero/betadot-rad_sec"),
+    "delta_e": ("fcs/elevator-pos-rad",),
+    "delta_a": ("fcs/left-aileron-pos-rad",),
+    "delta_r": ("fcs/rudder-pos-rad",),
+}
+_WRITTEN = {
+    "delta_e": ("fcs/elevator-pos-rad",),
+    "delta_a": ("fcs/left-aileron-pos-rad", "fcs/right-aileron-pos-rad"),
+    "delta_r": ("fcs/rudder-pos-rad",),
+}
+_FORCE_AXES = {"DRAG": ("DRAG", "SIDE", "LIFT"), "AXIAL": ("AXIAL", "SIDE", "NORMAL"), "X": ("X", "Y", "Z")}
+_LIFT_SQUARED = "aero/cl-squared"
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+
+
+def extended_text(
+    text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue], axes: str
+) -> str:
+    """The text of a file with further parts.
+
+    terms    coefficient -> monomial -> value, of coefficients of the force `axes` about the centre of gravity
+    effects  as an aircraft file has them
+    Raises InputError when the file keeps its aerodynamics or mass balance in another one.
+    """
+    root = ET.fromstring(text)
+    for tag in ("aerodynamics", "mass_balance"):
+        if part(root, tag).get("file"):
+            raise InputError(f"<{tag}> is in a file of its own, '{part(root, tag).get('file')}'; put it into this one")
+    total = {c: dict(row) for c, row in terms.items()}
+    left: list[str] = []
+    for effect in effects:
+        if effect.records or effect.onset_s:
+            left.append(_said(effect, "is not in all records, or not always"))
+        elif effect.kind == "aero_term" and effect.term:
+            _add(total, effect.target, effect.term, effect.value)
+        elif effect.kind == "unsteady_aero" and not effect.parameters:
+            _add(total, effect.target, "betadot" if effect.target in ("CY", "Cl", "Cn") else "alphadot", effect.value)
+        elif effect.kind in _COMPONENTS:
+            text = _with_component(text, effect, left)
+        elif effect.kind in ("mass", "cg_offset", "inertia"):
+            text = _with_mass(text, root, effect)
+        else:
+            left.append(_said(effect, "has no place in a JSBSim file"))
+    for coefficient, row in total.items():
+        for term in [t for t in row if _factors(t) is None]:
+            left.append(f"{coefficient}: {row.pop(term):.6g} times {term}, of which JSBSim has no property")
+    total = {c: kept for c, row in total.items() if (kept := {t: v for t, v in row.items() if v != 0.0})}
+    if total:
+        text = _with_functions(text, root, total, axes)
+    if left:
+        lines = "".join(f"\n       {line.replace('--', '- -')}" for line in left)
+        text = _before(
+            text,
+            "</aerodynamics>",
+            f"    <!-- casid found what stands in no function of this file:{lines}\n    -->\n  ",
+        )
+    ET.fromstring(text)
+    return text
+
+
+def _said(effect: EffectValue, why: str) -> str:
+    target = f"({effect.target}{':' + effect.term if effect.term else ''})" if effect.target else ""
+    return f"{effect.kind}{target} {effect.value:.6g} {effect.unit}: it {why}"
+
+
+def _add(total: dict[str, dict[str, float]], coefficient: str, term: str, value: float) -> None:
+    row = total.setdefault(coefficient, {})
+    name = parse_term(term).name
+    row[name] = row.get(name, 0.0) + value
+
+
+def _factors(term: str) -> list[str] | None:
+    """Properties whose product is the term; None when there is none for a variable."""
+    names: list[str] = []
+    for variable, power in parse_term(term).factors:
+        if variable not in _PROPERTIES:
+            return None
+        names += [*_PROPERTIES[variable]] * power
+    return names
+
+
+# text: positions are found with comments blanked, so that what stands in them is left alone
+
+
+def _blanked(text: str) -> str:
+    return _COMMENT.sub(lambda found: " " * len(found.group()), text)
+
+
+def _before(text: str, tag: str, insertion: str, start: int = 0) -> str:
+    """Insertion before the tag, after `start`, at the beginning of its line when nothing else stands there."""
+    at = _blanked(text).index(tag, start)
+    line = text.rfind("\n", 0, at) + 1
+    at = line if not text[line:at].strip() else at
+    return text[:at] + insertion + text[at:]
+
+
+def _property(name: str) -> str:
+    return f"<property>{name}</property>"
+
+
+def _product(*parts: str) -> str:
+    return f"<product>{''.join(parts)}</product>"
+
+
+def _function(name: str, body: str) -> str:
+    return f'    <function name="casid/{name}">{body}</function>\n'
+
+
+def _increment(row: Mapping[str, float]) -> str:
+    """The sum of terms times values."""
+    products = []
+    for term, value in row.items():
+        factors = _factors(term) or []
+        products.append(
+            _product(f"<value>{value!r}</value>", *map(_property, factors)) if factors else f"<value>{value!r}</value>"
+        )
+    return products[0] if len(products) == 1 else f"<sum>{''.join(products)}</sum>"
+
+
+def _with_functions(text: str, root: ET.Element, total: Mapping[str, Mapping[str, float]], axes: str) -> str:
+    """Increments as functions, and what each axis of the file makes of them.
+
+    Increments are about the centre of gravity; JSBSim takes forces to act at its reference point, whose moment is
+    taken off again.
+    """
+    aerodynamics = part(root, "aerodynamics")
+    has = {axis.get("name", "").strip() for axis in aerodynamics.findall("axis")}
+    names = next((n for first, n in _FORCE_AXES.items() if {first, n[2]} & has), _FORCE_AXES["DRAG"])
+    given = {c: _increment(row) for c, row in total.items()}
+    zero = "<value>0</value>"
+    sin, cos = (f"<{f}>{_property('aero/alpha-rad')}</{f}>" for f in ("sin", "cos"))
+    lines = [_function(f"d{c}", f"<sum>{body}{zero}</sum>") for c, body in given.items()]
+    known = {c: _property(f"casid/d{c}") for c in given}
+    lift, drag = (known.get(c, zero) for c in ("CL", "CD"))
+    if axes == "wind" and {"CL", "CD"} & given.keys():
+        x = f"<difference>{_product(lift, sin)}{_product(drag, cos)}</difference>"
+        z = f"<difference>{_product('<value>-1</value>', lift, cos)}{_product(drag, sin)}</difference>"
+        lines += [_function("dCX", x), _function("dCZ", z)]
+        known |= {"CX": _property("casid/dCX"), "CZ": _property("casid/dCZ")}
+    if "CL" in given and _LIFT_SQUARED in _blanked(text):
+        text = _before_increments(text)
+        root_of_lift = f"<sqrt>{_property(_LIFT_SQUARED)}</sqrt>"
+        before = f"<difference>{root_of_lift}{lift}</difference>"
+        lines.append(_function("cl-squared", f"<pow>{before}<value>2</value></pow>"))
+    pressure = _property("aero/qbar-psf") + _property("metrics/Sw-sqft")
+    per_axis = {**_forces(names, known, axes), **_moments(root, known)}
+    for axis, body in per_axis.items():
+        text = _into_axis(text, axis, f"  {_function(axis.lower(), _product(pressure, body))}")
+    return _before(text, "<axis", "".join(lines), _aerodynamics_begin(text))
+
+
+def _before_increments(text: str) -> str:
+    """The text whose own functions see the lift (of an aircraft that is carried by it) without the increments."""
+    blank = _blanked(text)
+    for found in reversed(list(re.finditer(re.escape(_LIFT_SQUARED), blank))):
+        if found.start() > _aerodynamics_begin(text) and found.end() < blank.index("</aerodynamics>"):
+            text = text[: found.start()] + "casid/cl-squared" + text[found.end() :]
+    return text
+
+
+def _aerodynamics_begin(text: str) -> int:
+    """Where the aerodynamics begin."""
+    return _blanked(text).index("<aerodynamics")
+
+
+def _forces(names: tuple[str, ...], known: Mapping[str, str], axes: str) -> dict[str, str]:
+    """Axis -> what it adds, from body or stability axes to those of the file."""
+    zero = "<value>0</value>"
+    side, x, z = (known.get(c, zero) for c in ("CY", "CX", "CZ"))
+    if not {"CY", "CX", "CZ"} & known.keys():
+        return {}
+    if names[0] != "DRAG":
+        sign = "<value>-1</value>" if names[0] == "AXIAL" else "<value>1</value>"
+        return {names[0]: _product(sign, x), names[1]: side, names[2]: _product(sign, z)}
+    alpha, beta = _property("aero/alpha-rad"), _property("aero/beta-rad")
+    (sa, ca), (sb, cb) = ((f"<sin>{a}</sin>", f"<cos>{a}</cos>") for a in (alpha, beta))
+    minus = "<value>-1</value>"
+    if "CD" in known or "CL" in known:
+        drag, lift = known.get("CD", zero), known.get("CL", zero)
+    else:
+        drag = f"<sum>{_product(minus, x, ca)}{_product(minus, z, sa)}</sum>"
+        lift = f"<difference>{_product(x, sa)}{_product(z, ca)}</difference>"
+    return {
+        "DRAG": f"<difference>{_product(drag, cb)}{_product(side, sb)}</difference>",
+        "SIDE": f"<sum>{_product(drag, sb)}{_product(side, cb)}</sum>",
+        "LIFT": _product(lift, "<value>1</value>"),
+    }
+
+
+def _moments(root: ET.Element, known: Mapping[str, str]) -> dict[str, str]:
+    """Axis -> what it adds, without the moment of the forces' increments about the centre of gravity."""
+    zero = "<value>0</value>"
+    fx, fy, fz = (known.get(c, zero) for c in ("CX", "CY", "CZ"))
+    dx, dy, dz = (float(v) for v in body_arm(reference_point(root), mass_properties(root).cg))
+    made = {
+        "ROLL": ("Cl", "metrics/bw-ft", ((-dy, fz), (dz, fy))),
+        "PITCH": ("Cm", "metrics/cbarw-ft", ((-dz, fx), (dx, fz))),
+        "YAW": ("Cn", "metrics/bw-ft", ((-dx, fy), (dy, fx))),
+    }
+    found = {}
+    for axis, (coefficient, length, arms) in made.items():
+        parts = [_product(_property(length), known[coefficient])] if coefficient in known else []
+        parts += [_product(f"<value>{arm!r}</value>", force) for arm, force in arms if force != zero and arm]
+        if parts:
+            found[axis] = parts[0] if len(parts) == 1 else f"<sum>{''.join(parts)}</sum>"
+    return found
+
+
+def _into_axis(text: str, axis: str, function: str) -> str:
+    found = re.search(rf'<axis\b[^>]*name\s*=\s*"\s*{axis}\s*"[^>]*>', _blanked(text))
+    if found is None:
+        return _before(
+            text, "</aerodynamics>", f'    <axis name="{axis}">\n{function}    </axis>\n', _aerodynamics_begin(text)
+        )
+    return _before(text, "</axis>", function, found.end())
+
+
+_COMPONENTS = {
+    "actuator_lag": lambda value: f"<lag> {1.0 / value!r} </lag>",
+    "rate_limit": lambda value: f"<rate_limit> {value!r} </rate_limit>",
+    "backlash": lambda value: f"<hysteresis_width> {2.0 * value!r} </hysteresis_width>",
+    "input_delay": lambda value: f'<delay type="time"> {value!r} </delay>',
+}
+
+
+def _with_component(text: str, effect: EffectValue, left: list[str]) -> str:
+    """An actuator behind the component that writes a surface."""
+    if effect.value <= 0.0:
+        left.append(_said(effect, "is not of a size that an actuator can have"))
+        return text
+    for written in _WRITTEN.get(effect.target, ()):
+        blank = _blanked(text)
+        found = re.search(rf"<output>\s*({re.escape(written)})\s*</output>", blank)
+        named = re.search(rf'<(\w+)\b[^>]*\bname\s*=\s*"({re.escape(written)})"', blank)
+        if found is None and named is None:
+            if written == _WRITTEN[effect.target][0]:
+                left.append(_said(effect, f"acts behind {written}, which no component of this file writes"))
+            continue
+        own = f"casid/{written.rsplit('/', 1)[-1]}-{effect.kind.replace('_', '-')}"
+        tag = _component_around(blank, found.start()) if found else (named or [""])[1]
+        inside = found or named
+        assert inside is not None
+        begin, finish = inside.span(1 if found else 2)
+        end = blank.index(f"</{tag}>", finish) + len(tag) + 3
+        actuator = (
+            f'\n        <actuator name="{own}-actuator">\n          <input> {own} </input>\n'
+            f"          {_COMPONENTS[effect.kind](effect.value)}\n"
+            f"          <output> {written} </output>\n        </actuator>"
+        )
+        text = text[:begin] + own + text[finish:end] + actuator + text[end:]
+    return text
+
+
+def _component_around(text: str, at: int) -> str:
+    """Tag of the innermost named element that is open at a position."""
+    named = [m for m in re.finditer(r"<(\w+)\b[^>]*\bname\s*=[^>]*>", text[:at])]
+    return next(m[1] for m in reversed(named) if f"</{m[1]}>" not in text[m.end() : at])
+
+
+def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
+    balance, mass = part(root, "mass_balance"), mass_properties(root)
+    if effect.kind == "mass":
+        x, y, z = (float(v) * 12.0 for v in mass.cg)
+        weight = effect.value / SLUG * LBS_PER_SLUG
+        point = (
+            f'    <pointmass name="casid-mass">\n      <weight unit="LBS"> {weight!r} </weight>\n'
+            f'      <location unit="IN"> <x> {x!r} </x> <y> {y!r} </y> <z> {z!r} </z> </location>\n    </pointmass>\n'
+        )
+        return _before(text, "</mass_balance>", point)
+    if effect.kind == "inertia":
+        # the file's product of inertia is negated unless it says that it is not
+        negated = balance.get("negated_crossproduct_inertia", "true").lower() in ("true", "1", "yes")
+        sign = -1.0 if effect.target == "Ixz" and negated else 1.0
+        tag, change = effect.target.lower(), sign * effect.value / (SLUG * FT**2)
+        if balance.find(tag) is None:
+            return _before(text, "<emptywt", f'    <{tag} unit="SLUG*FT2"> {change!r} </{tag}>\n')
+        return _changed(text, balance, tag, change, "SLUG*FT2")
+    empty = amount(part(balance, "emptywt"), "LBS")
+    sign = {"x": -1.0, "y": 1.0, "z": -1.0}[effect.target]  # of structural axes
+    shift = sign * effect.value / FT * mass.weight / empty
+    found = re.search(r'<location\b[^>]*name\s*=\s*"CG"[^>]*>', _blanked(text))
+    location = next(n for n in balance.findall("location") if n.get("name") == "CG")
+    if found is None:
+        raise InputError("<mass_balance> has no location CG")
+    return _changed(text, location, effect.target, shift, location.get("unit", "IN"), found.end())
+
+
+def _changed(text: str, parent: ET.Element, tag: str, change: float, unit: str, start: int | None = None) -> str:
+    """The text with a number of the file changed by so much in feet, pounds or slug ft2."""
+    node = part(parent, tag)
+    size = amount(_one(tag, node.get("unit", unit)), unit)
+    begin = _blanked(text).index("<mass_balance") if start is None else start
+    found = re.compile(rf"(<{tag}\b[^>]*>)([^<]*)(</{tag}>)").search(_blanked(text), begin)
+    if found is None:
+        raise InputError(f"<{tag}> is missing; add it")
+    value = number_of(node.text, tag) + change / size
+    return text[: found.start(2)] + f" {value!r} " + text[found.end(2) :]
+
+
+def _one(tag: str, unit: str) -> ET.Element:
+    node = ET.Element(tag, unit=unit)
+    node.text = "1"
+    return node
