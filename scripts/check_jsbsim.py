@@ -74,6 +74,10 @@ def _checked(name: str, states: int, seed: int) -> dict[str, Any]:
 
 
 def _why(one: Rig, coefficients: float) -> str:
+    if coefficients > REQUIRED:
+        if "position/h-sl-ft" in one.own.text:
+            return "its tables are over the altitude, which casid has from the density, by the standard atmosphere"
+        return "the coefficients differ, not known why"
     fdm, own = one.fdm, one.aircraft.inertia
     pairs = {"Ixy": "xy", "Iyz": "yz"}
     sizes = {name: fdm[f"inertia/i{pair}-slugs_ft2"] / fdm["inertia/iyy-slugs_ft2"] for name, pair in pairs.items()}
@@ -84,11 +88,7 @@ def _why(one: Rig, coefficients: float) -> str:
     slug_ft2 = 14.593902937206364 * 0.3048**2
     if abs(fdm["inertia/iyy-slugs_ft2"] * slug_ft2 / own.Iyy - 1.0) > REQUIRED:
         return "JSBSim counts an inertia of its tanks that casid does not"
-    if coefficients <= REQUIRED:
-        return "not known"
-    if "position/h-sl-ft" in one.own.text:
-        return "its tables are over the altitude, which casid has from the density, by the standard atmosphere"
-    return "the coefficients differ, not known why"
+    return "not known"
 
 
 def _glide(one: Rig, rate: int) -> float:
