@@ -140,9 +140,9 @@ def air_data_station(path: SignalPath) -> None:
 
 
 def speed_of_sound(rho: Any) -> Any:
-    """Speed of sound [m/s] of the standard atmosphere up to 20 km as a function of density [kg/m3]."""
-    temperature = (rho / 1.225) ** 0.2349692  # relative to that at sea level
-    return 340.294 * ca.sqrt(ca.fmax(temperature, 216.65 / 288.15))
+    """Speed of sound [m/s] of the standard atmosphere up to 20 km as a function of density [kg/m3], of any algebra."""
+    temperature, least = (rho / 1.225) ** 0.2349692, 216.65 / 288.15  # relative to that at sea level
+    return 340.294 * (0.5 * (temperature + least + abs(temperature - least))) ** 0.5  # the larger of the two
 
 
 def coefficient_station(path: SignalPath) -> None:

@@ -11,7 +11,7 @@ import pytest
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
-from casid.model.path import INPUTS, OUTPUTS, STATES
+from casid.model.path import INPUTS, OUTPUTS, STATES, speed_of_sound
 from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.model.trim import trim
@@ -303,3 +303,16 @@ def test_equation_error_of_a_reduction_needs_the_channels_of_its_plane_alone(axe
     ready = flight_inputs(do328(), bare, axes)
     assert not set(form.channels) & (set(unneeded) - {"beta"})
     assert not (ready["beta"].any() if axes == "longitudinal" else ready["alpha"].any())
+
+
+def test_speed_of_sound_is_that_of_the_standard_atmosphere_in_every_algebra() -> None:
+    """ISO 2533 at 0, 5 and 11 km, constant above; a series gives a series, a symbol an expression, a float a float."""
+    rho = np.array([1.2250, 0.73643, 0.36480, 0.19475])
+    known = np.array([340.294, 320.545, 295.154, 295.069])
+    found = speed_of_sound(rho)
+    assert isinstance(found, np.ndarray) and found.shape == rho.shape
+    np.testing.assert_allclose(found, known, rtol=3e-4)
+    x = ca.SX.sym("rho")
+    f = ca.Function("a", [x], [speed_of_sound(x)])
+    np.testing.assert_allclose(f(rho[None]).full()[0], found, rtol=1e-14)
+    assert isinstance(speed_of_sound(0.9), float)
