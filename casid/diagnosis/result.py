@@ -293,6 +293,7 @@ class Diagnosis:
 
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
+        lines += [f"  - data: {one.sentence}" for one in self.data]
         lines += [f"  - {cause.sentence} (gain {cause.statistic:.0f})" for cause in self.causes]
         lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
         return "\n".join(lines)

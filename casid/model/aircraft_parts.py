@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 from casid.errors import InputError, unknown
 from casid.model.aircraft_file import number, number_table, numbers, shown, text
-from casid.model.terms import parse_term
-from casid.model.vocabulary import check_effect, effect_unit
+from casid.model.vocabulary import KINDS, check_effect, effect_unit
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 
@@ -93,7 +92,7 @@ class EffectValue:
             raise InputError(f"{where}: unit {shown(self.unit)} does not fit; expected '{unit}', a value in SI")
         values = {
             "target": self.target or "",
-            "term": parse_term(self.term).name if self.term else None,
+            "term": KINDS[self.kind].term_named(self.term),
             "value": number(self.value, f"{where}: value"),
             "std": number(self.std, f"{where}: std", non_negative=True),
             "unit": unit,

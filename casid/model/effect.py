@@ -200,6 +200,7 @@ class Kind:
     unit        SI unit of the value; fields channel and term stand for the units of those
     sentence    template; fields label, term, size, percent, target; [late|early] for either sign, then without it
     title       template of its short name; fields words (the kind), label, term, target
+    terms       valid terms, where they are no monomials: body axes
     joined      the target is a set of `targets` that change together, written `CL+CD`
     optional    the target may be left out
     variants    further parameter -> make, of another effect of this kind that has it
@@ -214,6 +215,7 @@ class Kind:
     sentence: str
     title: str
     needs_term: bool = False
+    terms: tuple[str, ...] = ()
     joined: bool = False
     optional: bool = False
     variants: Mapping[str, Callable[..., Effect]]
@@ -232,7 +234,24 @@ class Kind:
 
     def unit_for(self, target: str | None, term: str | None = None) -> str:
         """SI unit of the value at a valid target and term."""
-        return self.unit.format(channel=unit_of(target or ""), term=parse_term(term).unit if term else "")
+        per = parse_term(term).unit if term and not self.terms else ""
+        if self.unit == "{channel}*{term}":
+            return _product(unit_of(target or ""), per)
+        return self.unit.format(channel=unit_of(target or ""), term=per)
+
+    def term_named(self, term: str | None) -> str | None:
+        """A valid term by its canonical name."""
+        return parse_term(term).name if term and not self.terms else term
+
+
+def _product(unit: str, per: str) -> str:
+    """Unit of a slope: of a channel over that of a term, whose own is "1/rad2" and the like."""
+    power = int(per.removeprefix("1/rad") or 1) if per.startswith("1/rad") else 0
+    if unit == "rad":
+        power -= 1
+        unit = "1"
+    divided = "" if power == 0 else "/rad" if power == 1 else f"/rad{power}"
+    return f"{unit}{divided}"
 
 
 KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
@@ -263,6 +282,7 @@ def cause(
     sentence: str,
     title: str = "{label}: {words}",
     needs_term: bool = False,
+    terms: Iterable[str] = (),
     joined: bool = False,
     optional: bool = False,
     variants: Mapping[str, Callable[..., Effect]] = _NOTHING,
@@ -286,7 +306,8 @@ def cause(
             quantity=quantity,
             sentence=sentence,
             title=title,
-            needs_term=needs_term,
+            needs_term=needs_term or bool(terms),
+            terms=tuple(terms),
             joined=joined,
             optional=optional,
             variants=variants,

@@ -27,6 +27,9 @@ _LABELS = {
     "Cm": "pitching moment",
     "Cn": "yawing moment",
     "inertial": "inertial unit",
+    "attitude": "attitude",
+    "air_data": "air data",
+    "surfaces": "surfaces",
 }
 
 
@@ -50,10 +53,13 @@ def check_effect(kind: str, target: str | None, term: str | None = None, where: 
     if len(set(parts)) != len(parts):
         raise InputError(f"{prefix}effect '{kind}': target '{target}' names a coefficient twice")
     if entry.needs_term and not term:
-        raise InputError(f"{prefix}effect '{kind}' needs a term, like 'alpha^2'")
+        expected = f"one of: {', '.join(entry.terms)}" if entry.terms else "one like 'alpha^2'"
+        raise InputError(f"{prefix}effect '{kind}' needs a term; expected {expected}")
     if term and not entry.needs_term:
         raise InputError(f"{prefix}effect '{kind}' has no term, got '{term}'; leave it out")
-    if term:
+    if entry.terms and term not in entry.terms:
+        raise unknown(f"term of '{kind}'", str(term), entry.terms, where)
+    if term and not entry.terms:
         parse_term(term, where)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from casid.records.checks import INPUTS
 from casid.records.record import Record
+from casid.signals import SURFACES
 
 _FEWEST = 60  # finite samples from which a channel is judged
 _LEVELS = 20  # distinct values below which a channel is of steps
@@ -22,6 +23,8 @@ _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders dif
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
+_QUICK = frozenset(("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"))
+_SOON = 3  # samples after a step of a surface in which a rate or an acceleration may peak
 _GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
 _COMPANIONS: tuple[frozenset[str], ...] = (
@@ -124,13 +127,14 @@ def stretches(at: np.ndarray) -> list[tuple[int, int]]:
 def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault]:
     """The faults that channels of a record show by themselves, in the order in which they are to be taken out."""
     found: list[ChannelFault] = []
-    parts = _unbroken(record)
+    parts, commanded = _unbroken(record), _commanded(record)
     for name, values in record.channels.items():
         if np.isfinite(values).sum() < _FEWEST or name == "rho" or _rests(values):
             continue
         faults, clean = _of_levels(record, name, values, limits)
         if not update_interval(record, name) > _SLOWER * record.dt:
             wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else 0.0)
+            wild &= ~commanded if name in _QUICK else True
             faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
         for kind, at in faults.items():
             if at.any():
@@ -158,6 +162,16 @@ def _of_levels(
     found |= {"data_clipped": rail, "data_stuck": frozen, "data_dropout": held}
     beside = np.convolve(rail | frozen | held, np.ones(5), mode="same") > 0.5
     return found, np.where(beside, np.nan, clean)
+
+
+def _commanded(record: Record) -> np.ndarray:
+    """(N,) whether a surface has just been moved at once: what responds to that may show in a single sample."""
+    at = np.zeros(len(record), dtype=bool)
+    for name in SURFACES:
+        if name in record:
+            steps = np.abs(np.diff(record[name], prepend=record[name][0]))
+            at |= (steps > 9.0 * float(np.median(steps))) & (steps > 0.25 * float(steps.max()))
+    return np.convolve(at, np.ones(2 * _SOON + 1), mode="same") > 0.5
 
 
 def _unbroken(record: Record) -> list[slice]:

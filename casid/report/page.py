@@ -69,7 +69,7 @@ def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, An
         aircraft=escape(diagnosis.aircraft.name),
         verdict=escape(diagnosis.verdict.capitalize()),
         colour=_COLOURS[diagnosis.verdict],
-        sentence=_verdict(diagnosis),
+        sentence=_verdict(diagnosis) + _data(diagnosis),
         gain=escape(gain_sentence(diagnosis)),
         facts=escape(_facts(diagnosis)),
         lead=html[lead],
@@ -131,6 +131,14 @@ def _verdict(diagnosis: Diagnosis) -> str:
         return f"<p class='sentence'>{escape(pretty(diagnosis.sentence))}</p>"
     lines = "".join(f"<li>{escape(pretty(item))}</li>" for item in items)
     return f"<ol class='sentence'>{lines}</ol><p class='sentence'>{escape(pretty(rest.strip()))}</p>"
+
+
+def _data(diagnosis: Diagnosis) -> str:
+    """What is wrong with the data, as a list; nothing when nothing is."""
+    if not diagnosis.data:
+        return ""
+    lines = "".join(f"<li>{escape(pretty(one.sentence))}</li>" for one in diagnosis.data)
+    return f"<p>Of the data:</p><ul>{lines}</ul>"
 
 
 def _facts(diagnosis: Diagnosis) -> str:

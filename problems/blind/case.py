@@ -23,6 +23,8 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "stall_break": "wing that drops when the flow separates above an angle of attack, until below a lower one",
     }
 )
+# kinds of which `problems.faults` has the generator: they are put into records of any flight
+IN_RECORDS = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale")
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -35,9 +37,12 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "vane_position",
             "accelerometer_position",
             "structural_mode",
+            "sensor_misalignment",
+            "position_error",
+            "clock_drift",
         ),
         "aerodynamics": ("aero_term", "unsteady_aero", "configuration_change"),
-        "mass and propulsion": ("cg_offset", "mass", "inertia", "thrust_asymmetry", "thrust_line"),
+        "mass and propulsion": ("cg_offset", "mass", "inertia", "thrust_asymmetry", "thrust_line", "thrust_scale"),
         "air": ("wind_shear", "gust", "turbulence"),
     }
 )

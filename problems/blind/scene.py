@@ -77,7 +77,7 @@ class Scene:
                 ("beta", self.aircraft.rate_length_lateral),
             )
         }
-        return rates | {"mach": V / speed_of_sound(record["rho"])}
+        return rates | {"mach": V / np.asarray(speed_of_sound(record["rho"]), dtype=float).ravel()}
 
     def column(self, term: str) -> np.ndarray:
         """(N,) a term along all records."""

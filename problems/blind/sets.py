@@ -28,7 +28,7 @@ from casid.records.record import Record
 from casid.signals import SURFACES
 from problems.blind import do328 as blind_do328
 from problems.blind import jsbsim as blind_jsbsim
-from problems.blind.case import OUTSIDE, RECORDS, Answer, Hidden
+from problems.blind.case import IN_RECORDS, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
 from problems.blind.manoeuvres import Segment, draw_segments, histories
 from problems.blind.outside import SIGNALS, Outside, along, drift
@@ -43,7 +43,7 @@ REPORTING_FROM = 1000
 SETS = ("do328", "jsbsim")
 CASES: tuple[str, ...] = (
     *(f"clean-{i}" for i in range(1, 11)),
-    *KINDS,
+    *(kind for kind in KINDS if kind not in IN_RECORDS),
     *(f"two-{i}" for i in range(1, 6)),
     *OUTSIDE,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.result import Cause
 from problems.faults.fault import DataFault
 
 OUTCOMES: tuple[str, ...] = ("found", "in its set", "refused", "missed", "wrong", "quiet", "false alarm")
@@ -53,3 +54,22 @@ def _set_of(finding: Finding) -> Iterable[tuple[str, str]]:
     yield finding.kind, finding.target
     for other in finding.indistinguishable_from:
         yield str(other["kind"]), str(other["target"])
+
+
+def score_causes(fault: DataFault | None, findings: Sequence[Finding], causes: Sequence[Cause], verdict: str) -> str:
+    """One of OUTCOMES of a whole diagnosis: a fault may be told as a finding of the data or as a cause."""
+    if fault is None:
+        return "false alarm" if findings or causes else "quiet"
+    told = {(one.kind, one.target) for one in causes}
+    sets = told | {(str(o["kind"]), str(o["target"])) for one in causes for o in one.indistinguishable_from}
+    of_data = score(fault, findings)
+    if of_data in ("found", "in its set", "refused"):
+        return "wrong" if causes else of_data
+    wanted = {(fault.kind, "" if fault.kind == "thrust_scale" else fault.target)}
+    if told == wanted:
+        return "found"
+    if wanted & sets:
+        return "in its set" if len(told) == 1 else "wrong"
+    if told or of_data == "wrong" or verdict == "adequate":
+        return "wrong"
+    return "refused" if verdict in ("unexplained", "partly explained", "data at fault") else "missed"

@@ -35,6 +35,10 @@ PUBLIC = {
     "gust",
     "turbulence",
     "structural_mode",
+    "sensor_misalignment",
+    "position_error",
+    "clock_drift",
+    "thrust_scale",
 }
 
 
@@ -42,7 +46,7 @@ def every_effect():
     for kind, entry in KINDS.items():
         targets = [*entry.targets, *([None] if entry.optional or not entry.targets else [])]
         for target in targets + (["CL+CD", "CL+CD+Cm"] if entry.joined else []):
-            yield kind, target, "alpha^2" if entry.needs_term else None
+            yield kind, target, (*entry.terms, "alpha^2")[0] if entry.needs_term else None
 
 
 def test_the_kinds_are_those_of_the_public_format():

@@ -207,7 +207,7 @@ def _regressors(c: Read, aircraft: Aircraft, reading: Reading) -> dict[str, np.n
         "q": c.value("q") * aircraft.rate_length_pitch / V,
         "r": c.value("r") * aircraft.rate_length_lateral / V,
         **surfaces,
-        "mach": V / np.asarray(speed_of_sound(np.maximum(c.value("rho"), 1e-3))),
+        "mach": V / np.asarray(speed_of_sound(np.maximum(c.value("rho"), 1e-3)), dtype=float).reshape(-1),
         "Tc": c.value("thrust") / (0.5 * np.maximum(c.value("rho"), 1e-3) * V**2 * aircraft.area),
     }
     trimmed = aircraft.trim.get("V", float(V.mean()))

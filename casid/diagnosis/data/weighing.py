@@ -21,6 +21,7 @@ from casid.signals import SURFACES
 
 _OF_THE_FILE = ("file_sign",)
 _MOST = 8  # faults of one set of records
+_LEAST_DEFLECTION, _MOST_DEFLECTION = 0.004, 3.0  # rad from stop to stop: 0.2 deg excite nothing, none has 170 deg
 _HOPELESS = -20.0  # log likelihood ratio at which the rest is not computed
 _STRETCH = 1.3  # factor between rates from which time may be stretched
 _TELLING = 0.7  # what is unlike, up to which a relation tells of time
@@ -176,7 +177,17 @@ class Weighing:
         reads = [self._read(j, False, reading) for j, reading in enumerate(self.readings)]
         channels = {name for one in self._quick for name in one.values}
         able = [a for a in alternatives(channels) if a.channels and a.channels <= set(SURFACES)]
+        able = [a for a in able if self._are_deflections(a)]
         return self._response.gains(reads, able)
+
+    def _are_deflections(self, alternative: Alternative) -> bool:
+        """Whether surfaces move by what surfaces move by, as they are read then."""
+        for name, factor in alternative.reading.factor.items():
+            ranges = [np.ptp(self._quick[j].values[name]) for j in range(len(self.names)) if name in self._quick[j]]
+            moved = abs(factor) * max(ranges, default=0.0)
+            if moved > 0.0 and not _LEAST_DEFLECTION < moved < _MOST_DEFLECTION:
+                return False
+        return True
 
     def _best(self, gains: Sequence[tuple[Alternative, list[float]]]) -> Weighed | None:
         """The alternative with the largest posterior odds, in the records that do not contradict it."""

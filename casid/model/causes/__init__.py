@@ -22,6 +22,7 @@ from casid.model.causes.instruments import (
     vane_position,
 )
 from casid.model.causes.loading import cg_offset, inertia, mass, thrust_asymmetry, thrust_line
+from casid.model.causes.recording import clock_drift, position_error, sensor_misalignment, thrust_scale
 from casid.model.effect import KINDS
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "aero_term",
     "backlash",
     "cg_offset",
+    "clock_drift",
     "configuration_change",
     "dead_zone",
     "effectiveness_change",
@@ -40,14 +42,17 @@ __all__ = [
     "inertia",
     "input_delay",
     "mass",
+    "position_error",
     "rate_limit",
     "sensor_bias",
     "sensor_delay",
     "sensor_lag",
+    "sensor_misalignment",
     "sensor_scale",
     "structural_mode",
     "thrust_asymmetry",
     "thrust_line",
+    "thrust_scale",
     "turbulence",
     "unsteady_aero",
     "vane_position",

@@ -12,7 +12,7 @@ import numpy as np
 from casid.model import operators
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
-from casid.signals import unit_of
+from casid.signals import SURFACES, unit_of
 
 if TYPE_CHECKING:
     from casid.model.aircraft import Aircraft
@@ -35,10 +35,16 @@ SENSOR_CHANNELS = (
     "rdot",
     "altitude",
 )
-# Channels that share one cause. `q` includes qdot; the inertial unit is all that it measures.
+# Channels that share one cause: one instrument, or one recorder. `q` includes qdot.
 SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot")}
+    {
+        "inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"),
+        "attitude": ("phi", "theta", "psi"),
+        "air_data": ("V", "alpha", "beta"),
+        "surfaces": SURFACES,
+    }
 )
+_GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
 _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
 _LIGHT = 0.03  # damping ratio of a structure
@@ -67,7 +73,7 @@ def _bias_matters(channel: str, aircraft: Aircraft) -> float:
 
 
 def group_channels(target: str) -> tuple[str, ...]:
-    """Channels that share one instrument fault: a channel, a rate with its derivative, or the inertial unit."""
+    """Channels that share one instrument fault: a channel, a rate with its derivative, or a group of them."""
     return SENSOR_GROUPS.get(target) or _RATE_WITH_DERIVATIVE.get(target, (target,))
 
 
@@ -98,7 +104,7 @@ def sensor_bias(channel: str) -> Effect:
 
 @cause(
     "sensor_scale",
-    targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
+    targets=(*SENSOR_CHANNELS, "inertial"),
     unit="1",
     quantity="relative error of the scale; 0.1: 10 % too large",
     sentence="The measured {label} has a scale error of {percent}.",
@@ -159,12 +165,30 @@ def _slow_reading(
     sentence="The measured {label} comes {size} [late|early].",
 )
 def sensor_delay(target: str) -> Effect:
-    return _slow_reading("sensor_delay", target, operators.delay)
+    return _late_surfaces() if target == "surfaces" else _slow_reading("sensor_delay", target, operators.delay)
+
+
+def _late_surfaces() -> Effect:
+    """All surfaces are recorded late by the same: what acts is ahead of its record."""
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        return {f"d_{s}": operators.delay(t, known[s], -values["value"]) - known[s] for s in SURFACES}
+
+    return Effect(
+        kind="sensor_delay",
+        target="surfaces",
+        linear=False,
+        grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)),
+        series=series,
+        meaningful=0.01,
+        limit=0.5,
+        by_record=True,
+    )
 
 
 @cause(
     "sensor_lag",
-    targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
+    targets=(*SENSOR_CHANNELS, *_GROUPS_OF_OUTPUTS),
     unit="s",
     quantity="time constant",
     sentence="The measured {label} lags with a time constant of {size}.",

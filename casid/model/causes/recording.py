@@ -1,0 +1,158 @@
+"""Causes in how instruments are mounted, fed and written down: misalignment, position errors, the record of thrust,
+clocks of recorders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from casid.model import operators
+from casid.model.causes.instruments import SENSOR_GROUPS, group_channels
+from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.path import SignalPath
+from casid.model.terms import parse_term
+
+if TYPE_CHECKING:
+    from casid.model.aircraft import Aircraft
+
+_DEG = np.pi / 180.0
+_AXES = ("x", "y", "z")
+_TRIADS = (("p", "q", "r"), ("ax", "ay", "az"), ("pdot", "qdot", "rdot"))
+# static ports and upwash depend on the flow angles; each with the smallest slope that matters and the largest plausible
+_POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
+    ("V", "alpha"): (10.0, 200.0),
+    ("V", "beta^2"): (50.0, 1000.0),
+    ("alpha", "beta"): (0.03, 0.6),
+    ("beta", "alpha"): (0.03, 0.6),
+}
+
+
+def _about_every_axis(aircraft: Aircraft) -> Iterable[Effect]:
+    return (sensor_misalignment("inertial", axis) for axis in _AXES)
+
+
+@cause(
+    "sensor_misalignment",
+    targets=("inertial",),
+    terms=_AXES,
+    candidates=_about_every_axis,
+    unit="rad",
+    quantity="angle by which the unit is turned about the body axis that is its term",
+    title="{label}: misalignment about {term}",
+    sentence="The {label} is mounted askew: turned by {size} about body {term}.",
+)
+def sensor_misalignment(target: str, axis: str) -> Effect:
+    i, j = ((1, 2), (2, 0), (0, 1))[_AXES.index(axis)]
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        cosine, sine = ca.cos(values["value"]), ca.sin(values["value"])
+        for names in _TRIADS:
+            a, b = path.output[names[i]], path.output[names[j]]
+            path.output[names[i]], path.output[names[j]] = cosine * a + sine * b, cosine * b - sine * a
+
+    return Effect(
+        kind="sensor_misalignment",
+        target=target,
+        term=axis,
+        reads=group_channels(target),
+        kinematic=True,
+        by_record=True,
+        station="sensors",
+        change=change,
+        meaningful=0.5 * _DEG,
+        limit=10.0 * _DEG,
+    )
+
+
+def _known_dependences(aircraft: Aircraft) -> Iterable[Effect]:
+    return (position_error(channel, term) for channel, term in _POSITION_ERRORS)
+
+
+@cause(
+    "position_error",
+    targets=("V", "alpha", "beta"),
+    needs_term=True,
+    candidates=_known_dependences,
+    unit="{channel}*{term}",
+    quantity="slope of the reading over the term, about the trim of the file",
+    title="{label}: position error with {term}",
+    sentence="The measured {label} has a position error: it depends on {term}, with a slope of {size}.",
+)
+def position_error(channel: str, term: str) -> Effect:
+    dependence = parse_term(term)
+    matters, limit = _POSITION_ERRORS.get((channel, dependence.name), (0.0, np.inf))
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        at_trim = {name: path.aircraft.trim.get(name, 0.0) for name, _ in dependence.factors}
+        off = dependence.evaluate(path.regressor) - dependence.evaluate(at_trim)
+        path.output[channel] += values["value"] * off
+
+    return Effect(
+        kind="position_error",
+        target=channel,
+        term=dependence.name,
+        reads=(channel,),
+        kinematic=True,
+        station="sensors",
+        change=change,
+        meaningful=matters,
+        limit=limit,
+    )
+
+
+@cause(
+    "thrust_scale",
+    unit="1",
+    quantity="relative error of the recorded thrust; true over recorded, less one",
+    sentence="The thrust is {percent} more than its record says.",
+)
+def thrust_scale(target: str = "") -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.surface["thrust"] *= 1.0 + values["value"]
+
+    return Effect(kind="thrust_scale", by_record=True, station="surface", change=change, meaningful=0.05, limit=0.6)
+
+
+def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
+    """By how much [s] what a clock stamped `t` is late."""
+    return (t - t[0]) * values["value"] / (1.0 + values["value"])
+
+
+@cause(
+    "clock_drift",
+    targets=SENSOR_GROUPS,
+    unit="s/s",
+    quantity="seconds that the recorder's clock gains in a second",
+    sentence="The clock that stamps the {label} runs {percent} fast, against the others.",
+)
+def clock_drift(target: str) -> Effect:
+    def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
+        late = _drifted(t, values)
+        return {c: np.interp(t - late, t, readings[c]) for c in group_channels(target) if c in readings}
+
+    def undo(t: np.ndarray, read: Series, values: Values) -> dict[str, np.ndarray]:
+        ahead = (t - t[0]) * values["value"]
+        return {c: operators.earlier(t, read[c], ahead) for c in group_channels(target) if c in read}
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        moved = {c: np.interp(t + (t - t[0]) * values["value"], t, known[c]) for c in group_channels(target)}
+        return {f"d_{c}": moved[c] - known[c] for c in moved}
+
+    of_inputs = target == "surfaces"
+    return Effect(
+        kind="clock_drift",
+        target=target,
+        reads=() if of_inputs else group_channels(target),
+        kinematic=not of_inputs,
+        by_record=True,
+        linear=False,
+        grid=tuple({"value": v} for v in (0.002, 0.005, 0.01, 0.02)),
+        output=None if of_inputs else output,
+        undo=None if of_inputs else undo,
+        series=series if of_inputs else None,
+        meaningful=0.001,
+        limit=0.1,
+    )

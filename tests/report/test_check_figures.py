@@ -1,0 +1,34 @@
+"""The picture of a check. Truth: the channels and samples that were made wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.records.record import Record
+from casid.report.check_figures import check_figure
+from problems.blind.sets import fly_set
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Record:
+    return fly_set("do328", "clean-1", 1).records[0]
+
+
+def test_suspected_channels_are_drawn_as_recorded_and_as_they_should_be(healthy: Record) -> None:
+    """In degrees: the reversed pitch rate twice; of the other channel the outlier is marked."""
+    q, az = -healthy["q"], healthy["az"].copy()
+    az[[300, 500]] += 40.0
+    picture = check_figure(cs.check(healthy.with_channels(q=q, az=az)))
+    assert picture is not None
+    by_title = {axis.get_title(loc="left"): axis for axis in picture.figure.axes}
+    lines = by_title["pitch rate"].lines
+    assert np.allclose(np.asarray(lines[0].get_ydata()), np.degrees(q))
+    assert np.allclose(np.asarray(lines[1].get_ydata()), -np.degrees(q))
+    assert len(np.asarray(by_title["vertical specific force"].lines[-1].get_xdata())) == 2
+    assert "pitch rate" in picture.alt
+
+
+def test_of_clean_data_there_is_no_picture(healthy: Record) -> None:
+    assert check_figure(cs.check(healthy)) is None
