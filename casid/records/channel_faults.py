@@ -24,6 +24,7 @@ _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a r
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _QUICK = frozenset(("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"))
+_ANSWER = 3.0  # of the range of nine tenths of the samples: no answer to a surface is a peak as high
 _SOON = 3  # samples after a step of a surface in which a rate or an acceleration may peak
 _GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
@@ -134,7 +135,8 @@ def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault
         faults, clean = _of_levels(record, name, values, limits)
         if not update_interval(record, name) > _SLOWER * record.dt:
             wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else 0.0)
-            wild &= ~commanded if name in _QUICK else True
+            if name in _QUICK and (wild & commanded).any():
+                wild &= ~commanded | _spikes(clean, parts, limits, least=_ANSWER)
             faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
         for kind, at in faults.items():
             if at.any():
