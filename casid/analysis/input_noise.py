@@ -85,7 +85,7 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
             raise unknown("input", name, problem.model.inputs, "input_noise_errors")
         if not (value >= 0.0 and np.isfinite(value)):
             raise InputError(f"input_noise_errors: sigma of '{name}' is {value}; expected a 1-sigma, zero or more")
-    at = relinearise(fit, method)
+    at = relinearise(fit, replace(method, substeps=1))  # noise of the inputs is that of their samples
     driven, caused = _driven(at, np.array([sigma.get(name, 0.0) for name in problem.model.inputs]))
     measured = _measured_score(at, caused)
     inverse = at.inverse

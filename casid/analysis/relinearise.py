@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -56,12 +56,14 @@ def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
     Raises numpy.linalg.LinAlgError when a record's states are not determined.
     """
     problem = fit.problem
+    if method.substeps is None:
+        method = replace(method, substeps=fit.substeps)
     objective = build_objective(problem, method)
     theta = np.array(list(fit.values.values()))
     if objective.dynamics is None:
         point = Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))
     else:
-        states = [fit.states[record.name].trajectory[:: objective.layout.length] for record in problem.records]
+        states = [fit.states[record.name].trajectory[:: method.interval] for record in problem.records]
         nodes = np.concatenate(states)
         noise = np.zeros((len(objective.layout.tied), nodes.shape[1]))
         point = Point(theta=theta, nodes=nodes, noise=noise)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,17 +12,31 @@ from casid.arguments import an, given
 from casid.errors import EstimationError, InputError
 from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit, StateHistory, channel_fit
+from casid.estimation.integration import (
+    MOST_STEPS,
+    TOLERANCE,
+    integration_error,
+    is_plain,
+    stable_steps,
+    steps_for,
+)
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
-from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+from casid.estimation.transcriptions.transcription import (
+    Collocation,
+    MultipleShooting,
+    SingleShooting,
+    Transcription,
+)
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
+_REFINEMENTS = 5  # solutions with ever more steps per sample interval
 
 
 @single_threaded()
@@ -65,7 +80,46 @@ def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Sol
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         outcome = solver.minimise(objective)
+        if isinstance(method, SingleShooting | MultipleShooting) and method.substeps is None:
+            objective, outcome, method = _integrated(objective, outcome, method, solver)
         return _fit(objective, outcome, method, begin)
+
+
+def _integrated(
+    objective: Objective, outcome: Outcome, method: SingleShooting | MultipleShooting, solver: Solver
+) -> tuple[Objective, Outcome, Transcription]:
+    """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
+    problem, steps = objective.problem, 1
+    if objective.dynamics is None or problem.feedback is not None or objective.soft:
+        return objective, outcome, method
+    chosen: Transcription = method
+    for _ in range(_REFINEMENTS):
+        needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
+        if needed <= steps:
+            break
+        steps = needed
+        chosen = replace(method, substeps=steps) if steps <= MOST_STEPS else Collocation()
+        objective = Objective(problem, chosen.dynamics(problem))
+        outcome = solver.minimise(objective)
+        if steps > MOST_STEPS:
+            break
+    return objective, outcome, chosen
+
+
+def _needed_steps(objective: Objective, outcome: Outcome, finer: Transcription) -> int:
+    steps = objective.layout.substeps
+    if not np.isfinite(outcome.value.cost) or outcome.status.startswith("departed"):
+        return max(stable_steps(objective), steps)
+    if is_plain(objective, outcome.value, outcome.point):
+        return steps
+    linear = outcome.linear
+    if linear is None:
+        with suppress(np.linalg.LinAlgError):
+            linear = objective.linearise(outcome.point, outcome.value)
+    if linear is None:
+        return max(stable_steps(objective), steps)
+    error = integration_error(objective, outcome.point, linear, outcome.value, finer.dynamics(objective.problem))
+    return steps if error < TOLERANCE else max(steps_for(error, steps), steps + 1)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:
@@ -116,6 +170,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: f
         multipliers=outcome.limit_multipliers,
         method=type(method).__name__,
         solver=outcome.solver,
+        substeps=objective.layout.substeps if objective.dynamics is not None else 1,
     )
 
 
@@ -160,7 +215,7 @@ def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
         record.name: StateHistory(
             trajectory=flat[layout.sample[r]],
             nodes=outcome.point.nodes[layout.segments_of(r)],
-            node_times=record.t[:: layout.length],
+            node_times=layout.times[r][:: layout.length],
         )
         for r, record in enumerate(objective.problem.records)
     }

@@ -136,6 +136,7 @@ class Fit:
     multipliers: np.ndarray
     method: str
     solver: str
+    substeps: int = 1
 
     @property
     def converged(self) -> bool:

@@ -176,7 +176,11 @@ def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
     """What two problems on one model must share to share a programme."""
     problem = objective.problem
     shapes = tuple((name, s.shape) for pack in (x, d) for name, s in pack.symbols.items())
-    layout = (tuple(objective.layout.record), objective.layout.length) if objective.dynamics is not None else ()
+    layout = (
+        (tuple(objective.layout.record), objective.layout.length, objective.layout.substeps)
+        if objective.dynamics is not None
+        else ()
+    )
     lengths = tuple(len(record) for record in problem.records)
     limits = (objective.rows.tobytes(), objective.lower.tobytes(), objective.upper.tobytes(), problem.path_constraints)
     return shapes, layout, lengths, problem.parameters, limits, type(problem.cost)

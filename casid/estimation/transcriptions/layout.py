@@ -2,7 +2,8 @@
 
 Sizes: R records, K segments of all records together, L samples per segment, n states, m inputs, o outputs.
 A segment that is shorter than L is padded with steps of no duration and missing outputs, so that no code below
-needs to know about it.
+needs to know about it. Nor need it know of sub-steps: where a sample interval takes several steps, the points between
+them are samples at which nothing is measured. "Sample" means these too, but in `sample`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from casid.estimation.problem import Problem
+from casid.model.system import Model
+from casid.records.record import Record
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,10 +30,13 @@ class Layout:
     z          (K, L, o) measured outputs, zero where missing
     present    (K, L, o) 1 where measured, else 0
     pattern    (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
-    sample     per record (N,) flat index into (K*L) of each sample
+    sample     per record (N,) flat index into (K*L) of each of its own samples
+    times      per record the time stamps [s] of its samples and of the points between them
+    substeps   steps per sample interval
     """
 
     length: int
+    substeps: int
     record: np.ndarray
     first: np.ndarray
     tied: np.ndarray
@@ -44,6 +50,7 @@ class Layout:
     pattern: np.ndarray
     seen: np.ndarray
     sample: tuple[np.ndarray, ...]
+    times: tuple[np.ndarray, ...]
 
     @property
     def segments(self) -> int:
@@ -63,43 +70,74 @@ def _padded(values: np.ndarray, count: int, last: bool) -> np.ndarray:
     return np.concatenate([values, tail])
 
 
-def build_layout(problem: Problem, interval: int | None) -> Layout:
-    """Segments of `interval` samples; None: one segment per record."""
+def build_layout(problem: Problem, interval: int | None, substeps: int = 1, whole: bool = True) -> Layout:
+    """Segments of `interval` samples, None: one segment per record, with `substeps` steps between two samples.
+
+    whole: whether a segment spans whole sample intervals; otherwise the points between samples start segments too.
+    """
     model = problem.model
-    length = interval or max(len(record) for record in problem.records)
+    length = (interval or max(len(record) for record in problem.records)) * (substeps if whole else 1)
     parts: dict[str, list[np.ndarray]] = {k: [] for k in ("u0", "u1", "dt", "z", "present", "guess")}
-    record_of, first, tied, sample = [], [], [], []
+    record_of, first, tied, sample, times = [], [], [], [], []
     count = 0
     for r, record in enumerate(problem.records):
-        segments = -(-len(record) // length)
+        t = _refined(record.t, substeps)
+        segments = -(-len(t) // length)
         total = segments * length
-        u = record.matrix(model.inputs) if model.inputs else np.zeros((len(record), 0))
-        following = np.concatenate([u[1:], u[-1:]]) if record.hold == "linear" else u
-        z = problem.measured(record)
+        u, following = _inputs(model, record, substeps)
+        z = np.full((len(t), len(model.outputs)), np.nan)
+        z[::substeps] = problem.measured(record)
         parts["u0"].append(_padded(u, total, last=True))
         parts["u1"].append(_padded(following, total, last=True))
-        parts["dt"].append(_padded(np.append(np.diff(record.t), 0.0), total, last=False))
+        parts["dt"].append(_padded(np.append(np.diff(t), 0.0), total, last=False))
         parts["z"].append(_padded(np.nan_to_num(z), total, last=False))
         parts["present"].append(_padded(np.isfinite(z).astype(float), total, last=False))
-        parts["guess"].append(_padded(np.asarray(model.guess(record), dtype=float), total, last=True))
+        guess = _refined(np.asarray(model.guess(record), dtype=float), substeps)
+        parts["guess"].append(_padded(guess, total, last=True))
         record_of += [r] * segments
         first.append(count)
         tied += range(count, count + segments - 1)
-        sample.append(count * length + np.arange(len(record)))
+        sample.append(count * length + substeps * np.arange(len(record)))
+        times.append(t)
         count += segments
     arrays = {k: np.concatenate(v).reshape(count, length, *v[0].shape[1:]) for k, v in parts.items()}
     pattern, seen = _patterns(arrays["present"])
     return Layout(
         length=length,
+        substeps=substeps,
         record=np.array(record_of),
         first=np.array(first),
         tied=np.array(tied, dtype=int),
         sample=tuple(sample),
+        times=tuple(times),
         start=arrays["guess"][:, 0].copy(),
         pattern=pattern,
         seen=seen,
         **arrays,
     )
+
+
+def _refined(values: np.ndarray, substeps: int) -> np.ndarray:
+    """(substeps (N-1) + 1, ...) with points between the rows (N, ...), on straight lines."""
+    if substeps == 1:
+        return values
+    share = (np.arange(substeps) / substeps).reshape(-1, *[1] * (values.ndim - 1))
+    between = values[:-1, None] + share * (values[1:] - values[:-1])[:, None]
+    return np.concatenate([between.reshape(substeps * (len(values) - 1), *values.shape[1:]), values[-1:]])
+
+
+def _inputs(model: Model, record: Record, substeps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs at the start and at the end of every step; time itself never stands still."""
+    u = record.matrix(model.inputs) if model.inputs else np.zeros((len(record), 0))
+    straight = _refined(u, substeps)
+    following = np.concatenate([straight[1:], straight[-1:]])
+    if record.hold == "linear":
+        return straight, following
+    held = np.concatenate([np.repeat(u[:-1], substeps, axis=0), u[-1:]])
+    time = [i for i, name in enumerate(model.inputs) if name == "t"]
+    before, after = held, held.copy()
+    before[:, time], after[:, time] = straight[:, time], following[:, time]
+    return before, after
 
 
 def _patterns(present: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,11 +26,34 @@ class Transcription(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SingleShooting:
-    """One simulation per record from its initial state."""
+    """One simulation per record from its initial state.
+
+    Attributes
+    ----------
+    substeps
+        Runge-Kutta steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
+
+    Raises
+    ------
+    InputError
+        For a number of steps that is not whole or below one.
+    """
+
+    substeps: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_substeps(self.substeps, "SingleShooting")
 
     def dynamics(self, problem: Problem) -> Dynamics:
-        """One segment per record."""
-        return Shooting(problem.model, problem.free_index, build_layout(problem, None), {}, problem.feedback)
+        """One segment per record.
+
+        Raises
+        ------
+        EstimationError
+            For sub-steps with a control law in the loop.
+        """
+        layout = build_layout(problem, None, _steps(problem, self.substeps))
+        return Shooting(problem.model, problem.free_index, layout, {}, problem.feedback)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,17 +69,21 @@ class MultipleShooting:
         noise after one second [unit * sqrt(s) of the quantity it drives]. A state's name is noise on its equation,
         a disturbance of the model enters through df/dw. Defects then are random with the covariance that this
         noise gains over the interval, and are paid for in the cost.
+    substeps
+        Runge-Kutta steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
 
     Raises
     ------
     InputError
-        For an interval below one sample or an intensity that is not positive.
+        For an interval or a number of steps that is not whole or below one, or an intensity that is not positive.
     """
 
     interval: int = 25
     process_noise: Mapping[str, float] | None = None
+    substeps: int | None = None
 
     def __post_init__(self) -> None:
+        _check_substeps(self.substeps, "MultipleShooting")
         whole(self.interval, "MultipleShooting: interval (samples)")
         for name, intensity in numbers_by_name(self.process_noise or {}, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
@@ -67,7 +94,7 @@ class MultipleShooting:
         Raises
         ------
         EstimationError
-            For process noise without a given measurement noise.
+            For process noise without a given measurement noise, for sub-steps with a control law in the loop.
         InputError
             Where it drives what the model does not have.
         """
@@ -77,22 +104,37 @@ class MultipleShooting:
                 "solve: with process noise the measurement noise cannot be read off the residuals; "
                 "give Problem(noise={channel: 1-sigma, ...}) or its covariance"
             )
-        layout = build_layout(problem, self.interval)
+        layout = build_layout(problem, self.interval, _steps(problem, self.substeps))
         return Shooting(problem.model, problem.free_index, layout, noise, problem.feedback)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Collocation:
-    """Polynomials of `degree` over each sample interval that satisfy the state equations at Gauss-Radau points."""
+    """Polynomials of `degree` over each step that satisfy the state equations at Gauss-Radau points.
+
+    Attributes
+    ----------
+    degree
+        Of the polynomials, 1 to 9.
+    substeps
+        Steps per sample interval.
+
+    Raises
+    ------
+    InputError
+        For a degree or a number of steps out of range.
+    """
 
     degree: int = 3
+    substeps: int = 1
 
     def __post_init__(self) -> None:
+        whole(self.substeps, "Collocation: substeps")
         if whole(self.degree, "Collocation: degree") > 9:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
 
     def dynamics(self, problem: Problem) -> Dynamics:
-        """One segment per sample interval.
+        """One segment per step.
 
         Raises
         ------
@@ -104,4 +146,16 @@ class Collocation:
                 "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or "
                 "MultipleShooting()"
             )
-        return LiftedCollocation(problem.model, problem.free_index, build_layout(problem, 1), self.degree)
+        layout = build_layout(problem, 1, self.substeps, whole=False)
+        return LiftedCollocation(problem.model, problem.free_index, layout, self.degree)
+
+
+def _check_substeps(substeps: int | None, where: str) -> None:
+    if substeps is not None:
+        whole(substeps, f"{where}: substeps")
+
+
+def _steps(problem: Problem, substeps: int | None) -> int:
+    if problem.feedback is not None and (substeps or 1) > 1:
+        raise EstimationError("solve: a control law acts once per sample, so substeps must be 1 with it in the loop")
+    return substeps or 1

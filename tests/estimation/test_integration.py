@@ -1,0 +1,102 @@
+"""Truth: solutions by matrix exponential, with the samples and rates of COPS' isomerisation of alpha-pinene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import casid as cs
+from casid.errors import InputError
+
+RATES = {"p0": 5.93e-5, "p1": 2.96e-5, "p2": 2.05e-5, "p3": 27.5e-5, "p4": 4.0e-5}
+
+
+def pinene(start: float) -> cs.Model:
+    return cs.define_model(
+        "alpha-pinene",
+        states=[f"x{i}" for i in range(5)],
+        inputs=(),
+        parameters=dict.fromkeys(RATES, start),
+        outputs=[f"y{i}" for i in range(5)],
+        dynamics=lambda s: {
+            "x0": -(s.p0 + s.p1) * s.x0,
+            "x1": s.p0 * s.x0,
+            "x2": s.p1 * s.x0 - (s.p2 + s.p3) * s.x2 + s.p4 * s.x4,
+            "x3": s.p2 * s.x2,
+            "x4": s.p3 * s.x2 - s.p4 * s.x4,
+        },
+        output=lambda s: {f"y{i}": getattr(s, f"x{i}") for i in range(5)},
+        state_scale={f"x{i}": 100.0 for i in range(5)},
+    )
+
+
+def flown(t: np.ndarray, noise: float, rng: np.random.Generator) -> cs.Record:
+    p0, p1, p2, p3, p4 = RATES.values()
+    a = np.zeros((5, 5))
+    a[0, 0], a[1, 0], a[2, 0] = -(p0 + p1), p0, p1
+    a[2, 2], a[2, 4], a[3, 2] = -(p2 + p3), p4, p2
+    a[4, 2], a[4, 4] = p3, -p4
+    x = np.array([expm(a * tk) @ [100.0, 0.0, 0.0, 0.0, 0.0] for tk in t])
+    y = x + noise * rng.standard_normal(x.shape)
+    return cs.Record(name="m1", t=t, channels={f"y{i}": y[:, i] for i in range(5)})
+
+
+SAMPLES = np.array([0.0, 1230.0, 3060.0, 4920.0, 7800.0, 10680.0, 15030.0, 22620.0, 36420.0])
+
+
+def problem(noise: float = 0.3) -> cs.Problem:
+    known = cs.InitialState(
+        value={"x0": 100.0, "x1": 0.0, "x2": 0.0, "x3": 0.0, "x4": 0.0}, std={f"x{i}": 1e-6 for i in range(5)}
+    )
+    record = flown(SAMPLES, noise, np.random.default_rng(3))
+    sigma = {f"y{i}": noise for i in range(5)}
+    return cs.Problem(pinene(1e-5), [record], free=["*"], noise=sigma, initial_state=known)
+
+
+def test_steps_are_chosen_for_samples_far_apart():
+    """One step over 13800 s, four times the fastest time constant, is wrong by far; what is chosen is not."""
+    once = cs.solve(problem(), cs.SingleShooting(substeps=1))
+    chosen, many = cs.solve(problem(), cs.SingleShooting()), cs.solve(problem(), cs.SingleShooting(substeps=60))
+    assert chosen.converged and many.converged and chosen.substeps > 1 and many.substeps == 60
+    for name, truth in RATES.items():
+        assert abs(chosen[name].value - many[name].value) < 0.1 * many[name].std
+        assert abs(chosen[name].value - truth) < 4.0 * chosen[name].std
+    off = max(abs(once[name].value - many[name].value) / many[name].std for name in RATES)
+    assert off > 1.0 and chosen.states["m1"].trajectory.shape == (9, 5)
+
+
+def test_multiple_shooting_and_collocation_take_steps_between_samples_too():
+    wanted = cs.solve(problem(), cs.SingleShooting(substeps=60))
+    for method in (cs.MultipleShooting(interval=2, substeps=60), cs.Collocation(substeps=20)):
+        found = cs.solve(problem(), method)
+        assert found.converged and found.substeps == method.substeps
+        for name in RATES:
+            assert found[name].value == pytest.approx(wanted[name].value, abs=1e-3 * wanted[name].std)
+            assert found[name].std == pytest.approx(wanted[name].std, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", [cs.SingleShooting, cs.MultipleShooting, cs.Collocation])
+@pytest.mark.parametrize("substeps", [0, -1, 20.5, True, "two"])
+def test_a_number_of_steps_that_is_none_is_refused(method, substeps):
+    with pytest.raises(InputError, match="substeps"):
+        method(substeps=substeps)
+
+
+def test_sub_steps_of_time_and_of_held_inputs():
+    """xdot = t + u: time runs on within a held sample, whatever the number of steps."""
+    model = cs.define_model(
+        "ramp",
+        states=("x",),
+        inputs=("t", "u"),
+        parameters={"k": 1.0},
+        outputs=("x",),
+        dynamics=lambda s: {"x": s.k * s.t + s.u},
+        output=lambda s: {"x": s.x},
+    )
+    t, u = np.arange(0.0, 5.0, 0.5), np.array([1.0, -1.0] * 5)
+    x = t**2 + np.concatenate([[0.0], np.cumsum(0.5 * u[:-1])])
+    record = cs.Record(name="m1", t=t, channels={"u": u, "x": x}, hold="held")
+    for substeps in (1, 3):
+        fit = cs.solve(cs.Problem(model, [record], free=["k"]), cs.MultipleShooting(interval=4, substeps=substeps))
+        assert fit["k"].value == pytest.approx(2.0, abs=1e-9)
