@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.model.vocabulary import KINDS
 from problems.blind.case import Answer
 from problems.blind.score import same
 
@@ -25,12 +26,13 @@ class Stated:
 
 
 def stated(answer: Answer, found: Mapping[str, Any]) -> list[Stated]:
-    """Every cause of a set that had a probability, and every hidden one that had none, at the floor."""
+    """Every cause of a set that had a probability; every hidden one of the catalogue that had none, at the floor."""
     believed = {name: float(p) for name, p in found.get("believed", {}).items()}
     right = {name: any(same(one, parsed(name)) for one in answer.hidden) for name in believed}
     pairs = [Stated(probability=p, true=right[name]) for name, p in believed.items()]
-    told = sum(any(same(one, parsed(name)) for name in believed) for one in answer.hidden)
-    return pairs + [Stated(probability=_FLOOR, true=True)] * (len(answer.hidden) - told)
+    nameable = [one for one in answer.hidden if one.kind in KINDS]
+    told = sum(any(same(one, parsed(name)) for name in believed) for one in nameable)
+    return pairs + [Stated(probability=_FLOOR, true=True)] * (len(nameable) - told)
 
 
 def parsed(name: str) -> dict[str, str | None]:

@@ -20,6 +20,8 @@ def test_probabilities_are_scored_against_what_was_hidden() -> None:
     told = {"believed": {"actuator_lag(delta_e)": 0.8, "sensor_bias(q)": 0.3}}
     pairs = stated(answer(lag, term), told)
     assert [(one.probability, one.true) for one in pairs] == [(0.8, True), (0.3, False), (1e-4, True)]
+    drift = Hidden(kind="sensor_drift", target="theta", value=0.02)
+    assert stated(answer(drift), {"believed": {}}) == []  # nothing of the catalogue could be stated
     assert log_score(pairs) == pytest.approx(np.log(0.8) + np.log(0.7) + np.log(1e-4))
     assert [(row["stated"], row["causes"], row["hidden"]) for row in reliability(pairs)] == [
         ("0 to 0.1", 1, "1.000"),

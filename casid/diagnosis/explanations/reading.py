@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
+from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation
 from casid.diagnosis.explanations.asking import TURBULENCE
 from casid.diagnosis.explanations.posterior import Belief
@@ -80,7 +80,7 @@ class Reading:
 
     def _notable(self, one: Attached) -> float:
         """Probability that structure which is expected of any aircraft is large enough to be told as a cause."""
-        if one.slight:
+        if one.slight or not is_sure(self.evidence, one.name):
             return 0.0
         share, std = meaningful_share(self.fit, one), deviation(self.evidence, one.name)
         value = abs(one.values["value"])
