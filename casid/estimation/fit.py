@@ -156,8 +156,8 @@ class Fit:
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
         """name -> Estimate."""
-        with np.errstate(invalid="ignore"):
-            std, corrected = (np.sqrt(np.diagonal(c)) for c in (self.covariance, self.covariance_corrected))
+        both = (self.covariance, self.covariance_corrected)
+        std, corrected = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in both)
         prior, prior_std = self.problem.nominal, self.problem.prior_std
         return {
             name: Estimate(
@@ -185,7 +185,7 @@ class Fit:
     @property
     def correlations(self) -> np.ndarray:
         """(parameters, parameters) correlation matrix; zero off the diagonal for a parameter without variance."""
-        std = np.sqrt(np.diagonal(self.covariance))
+        std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))  # rounding may leave less than nothing
         outer = np.outer(std, std)
         with np.errstate(invalid="ignore", divide="ignore"):
             matrix = np.where(outer > 0, self.covariance / outer, np.where(np.isnan(outer), np.nan, 0.0))

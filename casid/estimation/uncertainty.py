@@ -91,7 +91,10 @@ class Uncertainty:
     def _inverse(self) -> np.ndarray | None:
         if self.linear is None or self.confused:
             return None
-        return inverse_along(self._free, self.linear.hessian)
+        try:
+            return inverse_along(self._free, self.linear.hessian)
+        except np.linalg.LinAlgError:  # the parameters are not determined: their errors are no numbers
+            return None
 
     @property
     def _unknown(self) -> np.ndarray:

@@ -22,6 +22,7 @@ from casid.report.style import (
 )
 from casid.signals import label_of
 
+_DEPARTED = 1e9  # standard deviations of noise: further away is no more telling
 _WINDOW = 14.0  # s
 
 
@@ -87,9 +88,10 @@ def _telling_window(before: View, after: View, channels: list[str], r: int) -> s
     record = before.fit.flight.records[r]
     index = [before.fit.model.outputs.index(c) for c in channels]
     noise = np.array([before.channels[c].noise for c in channels])
-    wrong = before.simulated.residual[: len(record), r, :][:, index] / noise
-    moved = (after.simulated.output - before.simulated.output)[: len(record), r, :][:, index] / noise
-    size = np.nan_to_num(np.sum((moved if moved.any() else wrong) ** 2, axis=1))
+    wrong = _within(before.simulated.residual[: len(record), r, :][:, index] / noise)
+    outputs = [_within(view.simulated.output[: len(record), r, :][:, index] / noise) for view in (after, before)]
+    moved = outputs[0] - outputs[1]
+    size = np.sum((moved if moved.any() else wrong) ** 2, axis=1)
     count = int(_WINDOW / record.dt)
     if count >= len(record):
         return slice(0, len(record))
@@ -101,7 +103,14 @@ def _telling_window(before: View, after: View, channels: list[str], r: int) -> s
 def _worst_record(view: View, channels: list[str]) -> int:
     index = [view.fit.model.outputs.index(c) for c in channels]
     noise = np.array([view.channels[c].noise for c in channels])
-    return int(np.argmax(np.nanmean((view.simulated.residual[..., index] / noise) ** 2, axis=(0, 2))))
+    seen = np.isfinite(view.simulated.residual[..., index])
+    total = np.sum(_within(view.simulated.residual[..., index] / noise) ** 2, axis=(0, 2))
+    return int(np.argmax(total / np.maximum(seen.sum(axis=(0, 2)), 1)))
+
+
+def _within(values: np.ndarray) -> np.ndarray:
+    """Numbers to compute with: nothing for what is missing, a large one for a simulation that has departed."""
+    return np.clip(np.nan_to_num(values, nan=0.0, posinf=_DEPARTED, neginf=-_DEPARTED), -_DEPARTED, _DEPARTED)
 
 
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:

@@ -224,5 +224,8 @@ def _history(
         return [(np.zeros(n), np.zeros(n)) for _ in range(records)]
     root = np.sqrt(variance) * _prior_root(nodes, tau, records)
     posterior = root @ np.linalg.inv(np.eye(records * n) + root.T @ gram @ root) @ root.T
-    mean, sigma = posterior @ match, np.sqrt(np.diag(posterior))
+    mean, sigma = (
+        posterior @ match,
+        np.sqrt(np.maximum(np.diag(posterior), 0.0)),
+    )  # rounding may leave less than nothing
     return [(mean[r * n : (r + 1) * n], sigma[r * n : (r + 1) * n]) for r in range(records)]

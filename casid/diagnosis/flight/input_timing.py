@@ -65,7 +65,9 @@ def surface_shares(fitted: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     information[range(k), range(k)] += fitted.prior_weight
     covariance = scaled_inverse(information)[k:]
     change, variance = covariance @ (both.T @ left.reshape(-1)), np.diag(covariance[:, k:])
-    return fitted.flight.held + change, np.sqrt(variance), change**2 / variance
+    known = variance > 0.0  # rounding may leave less than nothing of what the records do not tell
+    gain = np.divide(change**2, variance, out=np.zeros(len(change)), where=known)
+    return fitted.flight.held + change, np.sqrt(np.where(known, variance, np.inf)), gain
 
 
 def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
