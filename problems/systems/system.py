@@ -16,6 +16,7 @@ from casid.model.system import Model
 from casid.records.record import Record
 
 _FINER = 20  # points per sample along which operators are followed
+_BEFORE = 0.05  # of a record, that runs before it
 _SCATTER = 0.03  # of true parameters about the nominal ones, 1-sigma
 
 
@@ -87,7 +88,9 @@ class System:
 
     def _record(self, rng: np.random.Generator, name: str, p: Mapping[str, float], fault: Fault | None) -> Record:
         t = np.arange(0.0, self.duration, self.step)
-        fine = np.linspace(t[0], t[-1], (len(t) - 1) * _FINER + 1)
+        # it has run before the record begins, with the inputs as they are there: a late reading has something to show
+        before = int(_BEFORE * len(t))
+        fine = np.linspace(t[0] - before * self.step, t[-1], (len(t) - 1 + before) * _FINER + 1)
         commanded, x0 = self.inputs(rng, t), self.start(rng)
         there = fault is not None and (not fault.records or name in fault.records)
         one = fault if there else None
@@ -104,7 +107,7 @@ class System:
 
         solved = solve_ivp(
             rates,
-            (t[0], t[-1]),
+            (fine[0], fine[-1]),
             list(x0.values()),
             t_eval=fine,
             rtol=1e-8,
@@ -115,7 +118,7 @@ class System:
         readings = self.reads(dict(zip(x0, solved.y, strict=True)), p)
         channels = dict(commanded)
         for n, values in readings.items():
-            seen = _operated(one, n, fine, values)[::_FINER]
+            seen = _operated(one, n, fine, values)[before * _FINER :: _FINER]
             channels[n] = seen + self.sigma[n] * rng.standard_normal(len(t))
         return Record(name=name, t=t, channels=channels)
 
