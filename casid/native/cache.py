@@ -33,6 +33,8 @@ def cache_folder() -> Path:
 
 def find(key: str) -> Path | None:
     """The library of a key, when it is in the cache and its content is what its name says."""
+    if not cache_folder().exists():
+        return None  # nothing is made before something is compiled
     for library in _folder(cache_folder()).glob(f"{key}-*.so"):
         if _is_whole(library):
             with suppress(OSError):
