@@ -72,8 +72,7 @@ def main() -> None:
             results,
             list(AIRCRAFT),
             given.method,
-            BASIN_METHODS,
-            BASIN_PARAMETERS,
+            (BASIN_METHODS, BASIN_PARAMETERS),
             RIGHT,
             made_with,
         )

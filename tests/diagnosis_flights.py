@@ -59,6 +59,7 @@ _DOUBLET = ((1, 1), (1, -1))
 def flights(
     hidden: Sequence[Attached] = (),
     seed: int = 0,
+    *,
     count: int = 3,
     duration_s: float = 20.0,
     rate_hz: float = 25.0,

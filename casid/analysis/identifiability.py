@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from casid.analysis.excitation import Candidate, Excitation, Suggestion, best_manoeuvre, candidates, excitations
+from casid.analysis.excitation import Excitation, Suggestion, best_manoeuvre, candidates, excitations
 from casid.analysis.relinearise import relinearise
 from casid.arguments import an
 from casid.errors import unknown
@@ -221,7 +221,16 @@ def identifiability(
     for k in reversed(range(len(singular))):
         if singular[0] > _INDEX * singular[k]:
             part = shares[:, k] / np.where(seen, total, 1.0)
-            weak.append(_direction(fit, singular, vectors[:, k], k, scale, part, size, found, information, moves))
+            vector = vectors[:, k]
+            coordinate = np.divide(vector, scale, out=np.zeros_like(scale), where=scale > 0)
+            one = _Weak(
+                singular=float(singular[k]),
+                largest=float(singular[0]),
+                along=scale * vector,
+                part=part,
+                help=best_manoeuvre(found, information, coordinate),
+            )
+            weak.append(_direction(fit, one, size, moves))
     inflation = np.sqrt(np.where(seen, total, np.inf))
     inflation[total > 0.01 / _NOTHING] = np.inf
     return Identifiability(
@@ -248,38 +257,43 @@ def _sizes(fit: Fit) -> np.ndarray:
     return np.array([size if size > 0.0 else math.nan for size in sizes])
 
 
-def _direction(
-    fit: Fit,
-    singular: np.ndarray,
-    vector: np.ndarray,
-    k: int,
-    scale: np.ndarray,
-    part: np.ndarray,
-    size: np.ndarray,
-    found: Sequence[Candidate],
-    information: np.ndarray,
-    moves: Sequence[Excitation],
-) -> Direction:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Weak:
+    """A direction of the parameters that the data show little of.
+
+    singular, largest   its singular value, and that of the direction that they show most of
+    along               (parameters,) the direction
+    part                (parameters,) of the variance of each that is along it
+    help                the manoeuvre that would show most of it
+    """
+
+    singular: float
+    largest: float
+    along: np.ndarray
+    part: np.ndarray
+    help: Suggestion | None
+
+
+def _direction(fit: Fit, weak: _Weak, size: np.ndarray, moves: Sequence[Excitation]) -> Direction:
     # a weak direction of unit columns has two members at least
+    part, along = weak.part, weak.along
     members = [int(i) for rank, i in enumerate(np.argsort(-part)) if part[i] > _PROPORTION or rank < 2]
-    along = scale * vector
-    lost = singular[k] == 0.0
+    lost = weak.singular == 0.0
     own = np.where(np.isnan(size), 1.0, size)[members]
-    change = along / singular[k] if not lost else along * np.min(own / np.abs(along[members]))
+    change = along / weak.singular if not lost else along * np.min(own / np.abs(along[members]))
     change = change * np.sign(change[members[0]])
     names = fit.problem.parameters
     cannot = lost or bool((np.abs(change[members]) > size[members]).any())
     values = [abs(fit[names[i]].value) for i in members]
     share = {names[i]: float(change[i] / v) if v > 0.0 else math.inf for i, v in zip(members, values, strict=True)}
-    coordinate = np.divide(vector, scale, out=np.zeros_like(vector), where=scale > 0)
     return Direction(
-        singular_value=float(singular[k]),
-        condition=math.inf if lost else float(singular[0] / singular[k]),
+        singular_value=weak.singular,
+        condition=math.inf if lost else weak.largest / weak.singular,
         change={names[i]: float(change[i]) for i in members},
         share=share,
         cannot=cannot,
         poor=_poor([names[i] for i in members], moves),
-        help=best_manoeuvre(found, information, coordinate),
+        help=weak.help,
     )
 
 

@@ -6,7 +6,7 @@ the arrays as in `innovations`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -83,9 +83,7 @@ class Filter:
         linear, index = self.linear, np.asarray(stations, dtype=int)
         begin = np.arange(len(index)) if first is None else np.asarray(first, dtype=int)
         if self.kernel is not None:
-            parts = (linear.Dw, linear.Bw0, linear.Bw1)
-            of_filter = (self.A, self.C, self.gain, self.inverse_root)
-            return self.kernel.whiten_histories(*of_filter, index, begin, series, *parts).swapaxes(0, 1)
+            return self.kernel.whiten_histories(self, index, begin, series).swapaxes(0, 1)
 
         def entering(by: np.ndarray, at: int) -> np.ndarray:
             return np.add.reduceat(by[..., index] * series[at][:, None, :], begin, axis=2)
@@ -127,7 +125,7 @@ class Filter:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc)."""
         if self.kernel is not None:
-            return self.kernel.whiten(self.A, self.C, self.gain, self.inverse_root, Y, F, first, keep)
+            return self.kernel.whiten(self, Y, F, first, keep)
         return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], first, keep)
 
     def _run(
@@ -281,38 +279,72 @@ def residual_about(
     return Y, F, first
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Sources:
+    """What is random: places among the model's disturbances, and strengths in their order.
+
+    coloured, white, inputs   indices; inputs are the noise of recorded ones
+    sigma, tau                standard deviation and correlation time [s] of the coloured ones
+    of_white, of_inputs       1-sigma of the others
+    variance                  (ny,) of the measurements
+    """
+
+    coloured: list[int]
+    white: list[int]
+    inputs: list[int]
+    sigma: np.ndarray
+    tau: np.ndarray
+    of_white: np.ndarray
+    of_inputs: np.ndarray
+    variance: np.ndarray
+
+
+def _sources(linear: Linear, noise: NoiseModel) -> _Sources:
+    model = linear.model
+
+    def places(names: Iterable[str]) -> list[int]:
+        return [model.disturbances.index(name) for name in names]
+
+    return _Sources(
+        coloured=places(noise.coloured),
+        white=places(noise.white),
+        inputs=places(noise.inputs),
+        sigma=np.array([value for value, _ in noise.coloured.values()]),
+        tau=np.array([value for _, value in noise.coloured.values()]),
+        of_white=np.array(list(noise.white.values()), dtype=float),
+        of_inputs=np.array(list(noise.inputs.values()), dtype=float),
+        variance=np.array([noise.measurement[name] ** 2 for name in model.outputs]),
+    )
+
+
 def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[Any, ...]:
     """A, C, Q, M of the model with its coloured disturbances as further states, S that state and outputs share (None
     without noise of inputs), and the initial covariance; `plain` in numpy, as without a compiler."""
     model, ny = linear.model, linear.C.shape[2]
-    coloured, white = ([model.disturbances.index(name) for name in names] for names in (noise.coloured, noise.white))
-    sigma = np.array([value for value, _ in noise.coloured.values()])
-    tau = np.array([value for _, value in noise.coloured.values()])
-    of_white, of_inputs = (np.array(list(names.values()), dtype=float) for names in (noise.white, noise.inputs))
-    variance = np.array([noise.measurement[name] ** 2 for name in model.outputs])
-    n = len(model.states) + len(coloured)
+    sources = _sources(linear, noise)
+    n = len(model.states) + len(sources.coloured)
     kernel = None if plain else filter_kernel(n, ny)
     if kernel is None:
-        *made, S = _augmented(linear, coloured, white, sigma, tau, of_white, _input_noise(linear, noise), variance)
+        *made, S = _augmented(linear, sources, _input_noise(linear, noise))
     else:
-        inputs = [model.disturbances.index(name) for name in noise.inputs]
-        *made, S = kernel.augmented(linear, coloured, white, inputs, sigma, tau, of_white, of_inputs, variance)
+        *made, S = kernel.augmented(linear, sources)
     P = np.zeros((linear.C.shape[1], n, n))
-    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sigma**2]
+    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sources.sigma**2]
     return *made, S if noise.inputs else None, P
 
 
-def _augmented(linear: Linear, coloured, white, sigma, tau, of_white, inputs, variance) -> tuple[np.ndarray, ...]:
+def _augmented(linear: Linear, sources: _Sources, inputs: InputNoise) -> tuple[np.ndarray, ...]:
     """(A, C, Q, M, S), as the compiled recursions compute them."""
+    coloured, white, sigma = sources.coloured, sources.white, sources.sigma
     N, records, ny, nx = linear.C.shape
     n = nx + len(coloured)
-    phi = np.exp(-linear.dt[..., None] / tau) if coloured else np.zeros((N - 1, records, 0))
+    phi = np.exp(-linear.dt[..., None] / sources.tau) if coloured else np.zeros((N - 1, records, 0))
     A = np.zeros((N - 1, records, n, n))
     A[..., :nx, :nx] = linear.A
     A[..., :nx, nx:] = linear.Bw0[..., coloured] + linear.Bw1[..., coloured] * phi[..., None, :]
     A[..., range(nx, n), range(nx, n)] = phi
     C = np.concatenate([linear.C, linear.Dw[..., coloured]], axis=3)
-    G = (linear.Bw0 + linear.Bw1)[..., white] * of_white
+    G = (linear.Bw0 + linear.Bw1)[..., white] * sources.of_white
     now, out = inputs.now * np.sqrt(inputs.variance), inputs.out * np.sqrt(inputs.variance)
     Q = np.zeros((N - 1, records, n, n))
     Q[..., :nx, :nx] = G @ G.swapaxes(2, 3) + now @ now.swapaxes(2, 3)
@@ -322,9 +354,9 @@ def _augmented(linear: Linear, coloured, white, sigma, tau, of_white, inputs, va
     Q[..., :nx, nx:] = through
     Q[..., nx:, :nx] = through.swapaxes(2, 3)
     Q[..., :nx, :nx] += through @ linear.Bw1[..., coloured].swapaxes(2, 3)
-    feed = linear.Dw[..., white] * of_white
+    feed = linear.Dw[..., white] * sources.of_white
     M = feed @ feed.swapaxes(2, 3) + out @ out.swapaxes(2, 3)
-    M[..., range(ny), range(ny)] += np.where(linear.seen, variance, 1.0)
+    M[..., range(ny), range(ny)] += np.where(linear.seen, sources.variance, 1.0)
     S = np.zeros((N - 1, records, n, ny))
     S[..., :nx, :] = now @ out[:-1].swapaxes(2, 3)
     return A, C, Q, M, S

@@ -46,18 +46,18 @@ class FilterKernel:
         _call(self._interval, N, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
         return tuple(made)
 
-    def augmented(
-        self, linear, coloured, white, inputs, sigma, tau, white_sigma, input_sigma, variance
-    ) -> tuple[np.ndarray, ...]:
-        """(A, C, Q, M, S) of `kalman.augmented`; `coloured`, `white` and `inputs` are indices of disturbances."""
-        (N, R, ny, nx), nw, nz = linear.C.shape, linear.Dw.shape[3], len(coloured)
+    def augmented(self, linear, sources) -> tuple[np.ndarray, ...]:
+        """(A, C, Q, M, S) of `kalman.augmented`."""
+        (N, R, ny, nx), nw, nz = linear.C.shape, linear.Dw.shape[3], len(sources.coloured)
         n = nx + nz
         shapes = ((1, (n, n)), (0, (ny, n)), (1, (n, n)), (0, (ny, ny)), (1, (n, ny)))
         made = [np.empty((N - steps, R, *shape)) for steps, shape in shapes]
-        index = [np.asarray(one, dtype=ctypes.c_long) for one in (coloured, white, inputs)]
+        places = (sources.coloured, sources.white, sources.inputs)
+        index = [np.asarray(one, dtype=ctypes.c_long) for one in places]
+        strength = (sources.sigma, sources.tau, sources.of_white, sources.of_inputs, sources.variance)
         given = (linear.dt, linear.seen.astype(np.uint8), linear.A, linear.Bw0, linear.Bw1, linear.C, linear.Dw)
-        sizes = (N, R, nx, ny, nw, nz, len(white), len(inputs))
-        _call(self._augment, N, sizes, *index, sigma, tau, white_sigma, input_sigma, variance, *given, *made)
+        sizes = (N, R, nx, ny, nw, *(len(one) for one in places))
+        _call(self._augment, N, sizes, *index, *strength, *given, *made)
         return tuple(made)
 
     def covariance(self, A, C, Q, M, S, P0) -> tuple[np.ndarray, ...]:
@@ -70,25 +70,27 @@ class FilterKernel:
             raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
         return gain, root, kept, log_determinant
 
-    def whiten(self, A, C, gain, root, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Innovations (R, N, ny, nc) of columns Y, F, first; states (N, R, n, nc) when they are to be kept."""
-        (N, R, ny, n), nc = C.shape, Y.shape[3]
+    def whiten(self, of, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns Y, F, first; states (N, R, n, nc) when they are
+        to be kept."""
+        (N, R, ny, n), nc = of.C.shape, Y.shape[3]
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
         columns = (Y, F, first, ctypes.c_long(0), *[None] * 6)
-        _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *columns, white, kept)
+        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *columns, white, kept)
         return white, states
 
-    def whiten_histories(self, A, C, gain, root, stations, first, series, Dw, B0, B1) -> np.ndarray:
-        """Innovations (R, N, ny, nc) of columns that are sums of time histories (N, R, histories) at disturbance
-        `stations`, from number `first` (nc,) on to that of the next column."""
-        (N, R, ny, n), nc = C.shape, len(first)
+    def whiten_histories(self, of, stations, first, series) -> np.ndarray:
+        """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns that are sums of time histories (N, R,
+        histories) at disturbance `stations`, from number `first` (nc,) on to that of the next column."""
+        (N, R, ny, n), nc = of.C.shape, len(first)
+        Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
         white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
         histories = (None, None, None, nw, index, begin, series, Dw, B0, B1)
-        _call(self._whiten, _tiles(R, nc), sizes, A, C, gain, root, *histories, white, None)
+        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *histories, white, None)
         return white
 
     def costates(self, A, C, gain, root, white) -> np.ndarray:

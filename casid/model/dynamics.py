@@ -30,6 +30,7 @@ from casid.model.path import (
     fly,
 )
 from casid.model.system import Model
+from casid.model.tables import Table
 from casid.model.terms import derivative_term
 from casid.records.given import given_record
 from casid.records.record import Record, check_radians
@@ -131,22 +132,14 @@ def aircraft_model(
     aircraft = given_aircraft(aircraft, "aircraft_model")
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "aircraft_model")
-    moving = MOVING[axes]
-    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else _FRAME_OUTPUTS[axes]
-    valid = (*_FRAME_OUTPUTS[axes], *INTEGRATED[axes])
-    for name in chosen:
-        if name not in valid:
-            raise unknown("output", name, valid, f"{axes} model of '{aircraft.name}'")
+    moving, chosen = MOVING[axes], _outputs(aircraft, axes, outputs)
     values = _effect_values(aircraft)
     chosen_effects = [effect_of(e) for e in aircraft.effects] if effects is None else list(effects)
     symbolic = [e for e in chosen_effects if e.change is not None]
     derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
-    free_tables = [one for one in aircraft.tables if one.free]
-    knots = {name: value for one in free_tables for name, value in one.knots.items()}
-    asked = {*chosen, *(channel for e in symbolic for channel in e.reads)}
-    further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in symbolic for s, c in e.states.items()}
+    knots = {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
-    further |= {AIR_STATES[axis][0]: AIR_STATES[axis][0] for axis in turning}
+    further = _further_states(chosen, symbolic, turning)
     nominal = derivatives | knots | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
     nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
     given = tuple(known)
@@ -188,8 +181,25 @@ def aircraft_model(
         guess=state_guess(aircraft, moving, further),
         prior_std={n: relative * abs(v) for n, v in (derivatives | knots).items() if relative * abs(v) > 0.0},
         equation=equation_error(aircraft, p, tuple(nominal), moved_coefficients(aircraft, axes), symbolic, given),
-        units=parameter_units(nominal, symbolic, {name: one.unit for one in free_tables for name in one.knots}),
+        units=parameter_units(nominal, symbolic, aircraft.tables),
     )
+
+
+def _outputs(aircraft: Aircraft, axes: str, outputs: Iterable[str] | None) -> tuple[str, ...]:
+    """The channels that are asked for; raises InputError for one that these axes do not have."""
+    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else _FRAME_OUTPUTS[axes]
+    valid = (*_FRAME_OUTPUTS[axes], *INTEGRATED[axes])
+    for name in chosen:
+        if name not in valid:
+            raise unknown("output", name, valid, f"{axes} model of '{aircraft.name}'")
+    return tuple(chosen)
+
+
+def _further_states(outputs: Iterable[str], effects: Sequence[Effect], turning: Iterable[str]) -> dict[str, str]:
+    """State besides those that the axes move -> the channel that it is as large as."""
+    asked = {*outputs, *(channel for e in effects for channel in e.reads)}
+    further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in effects for s, c in e.states.items()}
+    return further | {AIR_STATES[axis][0]: AIR_STATES[axis][0] for axis in turning}
 
 
 def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
@@ -197,11 +207,9 @@ def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
     return tuple(c for c in coefficient_names(aircraft.force_axes) if c[1] in _FRAME_COEFFICIENTS[axes])
 
 
-def parameter_units(
-    names: Iterable[str], effects: Sequence[Effect], knots: Mapping[str, str] = MappingProxyType({})
-) -> dict[str, str]:
-    """Unit of each parameter of an aircraft model; of the `knots` of tables they are known."""
-    units = dict(knots) | {e.name: e.unit for e in effects}
+def parameter_units(names: Iterable[str], effects: Sequence[Effect], tables: Sequence[Table] = ()) -> dict[str, str]:
+    """Unit of each parameter of an aircraft model, with those of its effects and the knots of its free tables."""
+    units = {name: one.unit for one in tables if one.free for name in one.knots} | {e.name: e.unit for e in effects}
     units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.further}
     return units | {
         name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit

@@ -63,27 +63,8 @@ def equation_error(
     )
     m = ca.SX.sym("m", len(channels))
     c = dict(zip(channels, ca.vertsplit(m), strict=True))
-    velocity = [
-        c["V"] * ca.cos(c["alpha"]) * ca.cos(c["beta"]),
-        c["V"] * ca.sin(c["beta"]),
-        c["V"] * ca.sin(c["alpha"]) * ca.cos(c["beta"]),
-    ]
-    disturbance = {d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft.force_axes)}
     path = fly(
-        SignalPath(
-            aircraft=aircraft,
-            inputs=c,
-            parameter=dict(zip(parameters, ca.vertsplit(p), strict=True)),
-            state={
-                "u": velocity[0],
-                "v": velocity[1],
-                "w": velocity[2],
-                **{s: c[s] for s in "pqr"},
-                "phi": ca.SX(0),
-                "theta": ca.SX(0),
-            },
-            disturbance=disturbance,
-        ),
+        _measured_path(aircraft, c, dict(zip(parameters, ca.vertsplit(p), strict=True))),
         by_station(e for e in effects if e.in_equations),
     )
     found = _coefficients_from_accelerations(aircraft, path, c)
@@ -97,6 +78,29 @@ def equation_error(
     target, prediction = ca.substitute([target, prediction], [m], [full])
     return EquationError(
         names=names, channels=tuple(channels[i] for i in used), m=wanted, target=target, prediction=prediction
+    )
+
+
+def _measured_path(aircraft: Aircraft, c: dict[str, ca.SX], parameter: dict[str, ca.SX]) -> SignalPath:
+    """The signal path with the measured motion in the place of states."""
+    velocity = [
+        c["V"] * ca.cos(c["alpha"]) * ca.cos(c["beta"]),
+        c["V"] * ca.sin(c["beta"]),
+        c["V"] * ca.sin(c["alpha"]) * ca.cos(c["beta"]),
+    ]
+    return SignalPath(
+        aircraft=aircraft,
+        inputs=c,
+        parameter=parameter,
+        state={
+            "u": velocity[0],
+            "v": velocity[1],
+            "w": velocity[2],
+            **{s: c[s] for s in "pqr"},
+            "phi": ca.SX(0),
+            "theta": ca.SX(0),
+        },
+        disturbance={d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft.force_axes)},
     )
 
 

@@ -148,7 +148,7 @@ def _add_extra(
     absent: set[str],
     notes: list[str],
     *,
-    mapped: bool,
+    mapped: bool = False,
 ) -> None:
     """Keep a column that is no channel casid knows, or say what is wrong with it."""
     name = headers[index][0]

@@ -18,8 +18,7 @@ _PISTON = MappingProxyType({"fcs/advance-cmd-norm": 1.0, "fcs/mixture-cmd-norm":
 
 def _frame(
     model: str,
-    speed_mps: float,
-    altitude_m: float,
+    flown: tuple[float, float],
     engines: int,
     *,
     propeller: bool = False,
@@ -28,13 +27,13 @@ def _frame(
     configuration: Mapping[str, float],
     steps: Mapping[str, float],
 ) -> Airframe:
-    """sizes, units_s: elevator, aileron, rudder, throttle."""
+    """flown: speed [m/s] and altitude [m]; sizes, units_s: elevator, aileron, rudder, throttle."""
     controls = ("delta_e", "delta_a", "delta_r", "throttle")
     return Airframe(
         name=f"{model}, cruise",
         model=model,
-        speed_mps=speed_mps,
-        altitude_m=altitude_m,
+        speed_mps=flown[0],
+        altitude_m=flown[1],
         engines=engines,
         propeller=propeller,
         sizes=dict(zip(controls, sizes, strict=True)),
@@ -49,8 +48,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
     {
         "A320": _frame(
             "A320",
-            200.0,
-            8000.0,
+            (200.0, 8000.0),
             2,
             sizes=(0.060, 0.077, 0.017, 0.067),
             units_s=(0.9, 1.2, 1.7, 1.2),
@@ -59,8 +57,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "T37": _frame(
             "T37",
-            130.0,
-            4000.0,
+            (130.0, 4000.0),
             2,
             sizes=(0.027, 0.046, 0.085, 0.071),
             units_s=(0.6, 0.8, 0.9, 1.0),
@@ -69,8 +66,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "c310": _frame(
             "c310",
-            72.0,
-            2000.0,
+            (72.0, 2000.0),
             2,
             propeller=True,
             sizes=(0.058, 0.150, 0.060, 0.036),
@@ -80,8 +76,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "787-8": _frame(
             "787-8",
-            230.0,
-            10000.0,
+            (230.0, 10000.0),
             2,
             sizes=(0.060, 0.300, 0.080, 0.077),
             units_s=(1.0, 1.4, 1.9, 1.3),
@@ -90,8 +85,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "f15": _frame(
             "f15",
-            200.0,
-            6000.0,
+            (200.0, 6000.0),
             2,
             sizes=(0.020, 0.097, 0.069, 0.048),
             units_s=(0.8, 0.8, 1.1, 1.0),
@@ -100,8 +94,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "c182": _frame(
             "c182",
-            60.0,
-            1800.0,
+            (60.0, 1800.0),
             1,
             propeller=True,
             sizes=(0.047, 0.076, 0.048, 0.120),
@@ -111,8 +104,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "B747": _frame(
             "B747",
-            220.0,
-            9000.0,
+            (220.0, 9000.0),
             4,
             sizes=(0.075, 0.300, 0.080, 0.063),
             units_s=(1.3, 1.5, 1.9, 1.4),
@@ -121,8 +113,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "OV10": _frame(
             "OV10",
-            100.0,
-            2500.0,
+            (100.0, 2500.0),
             2,
             propeller=True,
             sizes=(0.036, 0.056, 0.068, 0.072),
@@ -132,8 +123,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "global5000": _frame(
             "global5000",
-            220.0,
-            10000.0,
+            (220.0, 10000.0),
             2,
             sizes=(0.026, 0.081, 0.045, 0.080),
             units_s=(1.2, 0.9, 1.4, 1.3),
@@ -142,8 +132,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "t6texan2": _frame(
             "t6texan2",
-            120.0,
-            3000.0,
+            (120.0, 3000.0),
             1,
             propeller=True,
             sizes=(0.024, 0.025, 0.035, 0.059),
@@ -153,8 +142,7 @@ _FRAMES: Mapping[str, Airframe] = MappingProxyType(
         ),
         "A4": _frame(
             "A4",
-            180.0,
-            6000.0,
+            (180.0, 6000.0),
             1,
             sizes=(0.018, 0.035, 0.029, 0.046),
             units_s=(0.8, 0.7, 0.8, 1.0),

@@ -100,13 +100,14 @@ def test_likelihood_is_that_of_the_dense_gaussian():
     A, B0, B1 = linear.A[:, 0], linear.Bw0[:, 0], linear.Bw1[:, 0]
     C, D = linear.C[:, 0], linear.Dw[:, 0]
     phi = np.exp(-DT / 0.5)
+    system = (A, B0, B1, C, D, phi)
     # independent sources: initial state, initial gust, gust drive and pitch per step, each through the linear system
     sources = [np.r_[5.0 * s * np.eye(nx)[i], 0.0] for i, s in enumerate(model.scale_vector())]
-    columns = [(*_respond(source, A, B0, B1, C, D, phi, {}),) for source in [*sources, np.r_[0.0, 0.0, 0.01]]]
+    columns = [(*_respond(source, system, {}),) for source in [*sources, np.r_[0.0, 0.0, 0.01]]]
     driven = 0.01 * np.sqrt(1.0 - phi**2)
     for k in range(N - 1):
-        columns.append(_respond(np.zeros(3), A, B0, B1, C, D, phi, {k: ("gust", driven)}))
-        columns.append(_respond(np.zeros(3), A, B0, B1, C, D, phi, {k: ("pitch", 0.2)}))
+        columns.append(_respond(np.zeros(3), system, {k: ("gust", driven)}))
+        columns.append(_respond(np.zeros(3), system, {k: ("pitch", 0.2)}))
     F = np.stack([np.ravel(c) for c in columns], axis=1)
     covariance = F @ F.T + np.diag(np.tile([NOISE["alpha"] ** 2, NOISE["q"] ** 2], N))
     drift = np.zeros((N, nx))
@@ -117,8 +118,9 @@ def test_likelihood_is_that_of_the_dense_gaussian():
     assert np.sum(white**2) + kalman.log_determinant.sum() == pytest.approx(expected, rel=1e-8)
 
 
-def _respond(start, A, B0, B1, C, D, phi, kick) -> np.ndarray:
+def _respond(start, system, kick) -> np.ndarray:
     """(N, ny) outputs of [state; gust] from a start, with one kick of a source over one sample."""
+    A, B0, B1, C, D, phi = system
     x, gust = start[:2].copy(), start[2]
     out = [C[0] @ x + D[0, :, 0] * gust]
     for k in range(len(A)):

@@ -21,6 +21,7 @@ def _surface_operator(
     operate: Callable,
     meaningful: float,
     limit: float,
+    *,
     unsigned: tuple[str, ...] = ("value",),
     noise: Callable[[float, float, Values], tuple[float, float]] | None = None,
 ) -> Effect:
@@ -65,7 +66,9 @@ def actuator_lag(surface: str) -> Effect:
     sentence="The {label} follows its command {size} [late|early].",
 )
 def input_delay(surface: str) -> Effect:
-    return _surface_operator("input_delay", surface, (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay, 0.01, 0.5, ())
+    return _surface_operator(
+        "input_delay", surface, (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay, 0.01, 0.5, unsigned=()
+    )
 
 
 @cause(

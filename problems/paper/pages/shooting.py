@@ -138,16 +138,15 @@ def write_shooting_page(
     results: Results,
     aircraft: Sequence[str],
     methods: Sequence[str],
-    basin: Sequence[str],
-    names: Sequence[str],
+    basin: tuple[Sequence[str], Sequence[str]],
     right: float,
     made_with: Mapping[str, Any],
 ) -> None:
-    """Write the page of the comparison; `basin` are the methods of the basin picture, `names` its two derivatives."""
+    """Write the page of the comparison; `basin`: methods of the basin picture, and its two derivatives."""
     pictures = [success_picture(results, aircraft, methods)]
-    shown = [m for m in basin if any(f"/{m}/basin" in key for key in results)]
+    shown = [m for m in basin[0] if any(f"/{m}/basin" in key for key in results)]
     if shown:
-        pictures.append(basin_picture(results, aircraft, shown, names))
+        pictures.append(basin_picture(results, aircraft, shown, basin[1]))
     sections = [Section(title="Pictures", parts=[figure(picture) for picture in pictures])]
     for name in aircraft:
         parts = [table(HEAD, summary(results, name, methods), f"{name} aircraft")]

@@ -4,41 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from problems.paper.pages.page import Section, paragraph, table, write_page
+from problems.paper.published import Cells, Claim, Part, claims
 
-Cells = Mapping[tuple[str, str, str], float]
 _ESTIMATORS = ("equation", "output", "combined")
-
-
-class Part(Protocol):
-    """One countable statement of a claim."""
-
-    @property
-    def words(self) -> str: ...
-    @property
-    def holds(self) -> int: ...
-    @property
-    def cells(self) -> int: ...
-    @property
-    def largest(self) -> float | None: ...
-    @property
-    def answer(self) -> str: ...
-
-
-class Claim(Protocol):
-    """A claim and its parts."""
-
-    @property
-    def number(self) -> int: ...
-    @property
-    def words(self) -> str: ...
-    @property
-    def parts(self) -> Sequence[Part]: ...
-    @property
-    def answer(self) -> str: ...
-
 
 DEPARTURE = (
     "A run has departed when the motion that the estimator ended with, or the flight of the model with the estimate "
@@ -55,15 +26,14 @@ def write_table_page(
     rows: Sequence[Mapping[str, Any]],
     published: Cells,
     answers: Mapping[str, Sequence[Claim]],
-    printed: Sequence[Claim],
     words: Mapping[str, str],
     timing: str,
     made_with: Mapping[str, Any],
 ) -> None:
-    """Write the page. rows: case, estimator, method, statistic, value; answers: method -> claims counted in our table;
-    printed: the same in the paper's; words: method -> what it is."""
+    """Write the page. rows: case, estimator, method, statistic, value; answers: method -> claims counted in our table,
+    to stand beside those of the `published` one; words: method -> what it is."""
     sections = [
-        Section(title="The paper's four claims", parts=[_claims(answers, printed)]),
+        Section(title="The paper's four claims", parts=[_claims(answers, claims(published))]),
         Section(
             title="Departures",
             parts=[
