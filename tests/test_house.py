@@ -21,6 +21,8 @@ from casid.views import VIEWS, view
 
 REPO = Path(__file__).resolve().parent.parent
 MAX_LINES = 400
+MAX_FUNCTION = 60  # lines of a function without its docstring
+MAX_ARGUMENTS = 7  # of a function, see `arguments_of`
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
 _CORE = {"errors", "arguments", "signals", "views", "keeping"}
@@ -194,6 +196,64 @@ def test_casid_needs_only_its_declared_dependencies() -> None:
 )
 def test_files_stay_small(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
+
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def functions(*folders: str) -> Iterator[tuple[str, Function]]:
+    """(file and line, definition) of every function and method."""
+    for path in sources(*folders):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, Function):
+                yield f"{path.relative_to(REPO)}:{node.lineno} {node.name}", node
+
+
+def lines_of(function: Function) -> int:
+    """From `def` to the end, but for the docstring: that of a public function is as long as its arguments want."""
+    first = function.body[0]
+    said = ast.get_docstring(function) is not None and (first.end_lineno or 0) - first.lineno + 1
+    return (function.end_lineno or 0) - function.lineno + 1 - said
+
+
+def arguments_of(function: Function) -> int:
+    """How many arguments a caller must know: `self` and `cls` are given by Python; an option, which is keyword-only
+    with a default, is named where it is given and left away elsewhere."""
+    given = function.args
+    by_place = [one.arg for one in (*given.posonlyargs, *given.args)]
+    by_place = by_place[1:] if by_place[:1] in (["self"], ["cls"]) else by_place
+    return len(by_place) + sum(default is None for default in given.kw_defaults)
+
+
+def test_lines_and_arguments_are_counted() -> None:
+    source = 'class A:\n    def f(self, a, b=1, *c, d, e=2):\n        """One.\n\n        Two."""\n        return a\n'
+    (method,) = [node for node in ast.walk(ast.parse(source)) if isinstance(node, Function)]
+    assert (lines_of(method), arguments_of(method)) == (2, 3)
+
+
+def test_no_line_is_kept_from_the_formatter() -> None:
+    mark = "# fmt" + ":"
+    found = [path for path in sources("casid", "problems", "scripts", "tests") if mark in path.read_text("utf-8")]
+    assert not found
+
+
+def test_modules_import_each_other_in_no_circle() -> None:
+    """At module level, where the order of loading decides; within one room, too."""
+    graph = {}
+    for path in sources("casid", "problems"):
+        parts = path.relative_to(REPO).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        top = [
+            n for n in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(n, ast.Import | ast.ImportFrom)
+        ]
+        wanted = {
+            module
+            for _, module in imported_modules(
+                ast.unparse(ast.Module(top, [])), ".".join(path.relative_to(REPO).parent.parts)
+            )
+        }
+        graph[name] = {module for module in wanted if module.split(".")[0] in {"casid", "problems"}} - {name}
+    tuple(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError
 
 
 def test_import_casid_is_light_and_leaves_the_environment_alone() -> None:

@@ -134,13 +134,11 @@ def aircraft_model(
         raise unknown("axes", str(axes), MOVING, "aircraft_model")
     moving, chosen = MOVING[axes], _outputs(aircraft, axes, outputs)
     values = _effect_values(aircraft)
-    chosen_effects = [effect_of(e) for e in aircraft.effects] if effects is None else list(effects)
-    symbolic = [e for e in chosen_effects if e.change is not None]
-    derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
-    knots = {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
+    symbolic = [e for e in (map(effect_of, aircraft.effects) if effects is None else effects) if e.change is not None]
+    aerodynamic = _aerodynamic_values(aircraft)
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
-    nominal = derivatives | knots | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
+    nominal = aerodynamic | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
     nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
     given = tuple(known)
     disturbances = tuple(d for d in disturbance_names(aircraft.force_axes) if d not in given)
@@ -162,7 +160,6 @@ def aircraft_model(
         ),
         by_station(symbolic),
     )
-    relative = aircraft.relative_uncertainty or 0.0
     return Model(
         name=aircraft.name,
         states=tuple(named_states),
@@ -179,10 +176,21 @@ def aircraft_model(
         nominal=nominal,
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
-        prior_std={n: relative * abs(v) for n, v in (derivatives | knots).items() if relative * abs(v) > 0.0},
+        prior_std=_prior_std(aircraft, aerodynamic),
         equation=equation_error(aircraft, p, tuple(nominal), moved_coefficients(aircraft, axes), symbolic, given),
         units=parameter_units(nominal, symbolic, aircraft.tables),
     )
+
+
+def _aerodynamic_values(aircraft: Aircraft) -> dict[str, float]:
+    """Derivatives and terms of the file, and the values of its free tables."""
+    derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
+    return derivatives | {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
+
+
+def _prior_std(aircraft: Aircraft, values: Mapping[str, float]) -> dict[str, float]:
+    stds = {name: (aircraft.relative_uncertainty or 0.0) * abs(value) for name, value in values.items()}
+    return {name: std for name, std in stds.items() if std > 0.0}
 
 
 def _outputs(aircraft: Aircraft, axes: str, outputs: Iterable[str] | None) -> tuple[str, ...]:

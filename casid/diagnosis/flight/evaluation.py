@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -225,6 +225,15 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
+def _held_noise(work: Work, linear: Linear) -> tuple[NoiseModel, Mapping[str, float]]:
+    """The noise with that of recorded inputs as strong in the motion as in the reference, and the reference."""
+    into = _into_the_motion(linear, work.noise.inputs)
+    reference = work.reference or into
+    most = work.flight.criteria.noise.largest_input
+    strength = {name: s * _as_strong(into[name], reference[name], most) for name, s in work.noise.inputs.items()}
+    return replace(work.noise, inputs=strength), reference
+
+
 def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
     """The hypothesis at values of its slots, along a motion."""
     batch, model = work.batch, work.model
@@ -245,11 +254,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     late, seen = _lateness(attached, work), linear.seen
     if late.any():
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
-    into = _into_the_motion(linear, work.noise.inputs)
-    reference = work.reference or into
-    most = work.flight.criteria.noise.largest_input
-    strength = {name: s * _as_strong(into[name], reference[name], most) for name, s in work.noise.inputs.items()}
-    held = replace(work.noise, inputs=strength)
+    held, reference = _held_noise(work, linear)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     Y, F = _columns(work, attached, linear, made_of, late)

@@ -203,31 +203,7 @@ def _of_output(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
         sentence="The reading of {target} is off by the part {size} of itself{where}.",
     )
     variation = _variation(measured)
-    for kind, operator, change, words in (
-        ("sensor_delay", operators.delay, "late", "is {size} late"),
-        ("sensor_lag", operators.lag, "lagged", "lags by {size}"),
-    ):
-        smooth = [
-            np.interp(r.t, r.t[np.isfinite(r[name])], r[name][np.isfinite(r[name])]) for r in records if name in r
-        ]
-        changes = {
-            step: [operator(r.t, y, step) - y for r, y in zip((r for r in records if name in r), smooth, strict=True)]
-            for step in _doubling(records)
-        }
-        part = {step: np.sqrt(np.mean(np.concatenate(of) ** 2)) / variation for step, of in changes.items()}
-        grid = tuple((step, _NEAR * step) for step, share in part.items() if _SEEN < share < _WHOLE)
-        if grid:
-            yield Cause(
-                kind=kind,
-                target=name,
-                unit="s",
-                port=disturbance,
-                grid=grid,
-                history=_change_of_output(operator, name),
-                late=kind == "sensor_delay",
-                change=_through(change, name),
-                sentence=f"The reading of {{target}} {words}{{where}}.",
-            )
+    yield from _behind(port, records, variation)
     mean = float(np.mean(np.concatenate(measured)))
     yield Cause(
         kind="sensor_stuck",
@@ -240,6 +216,35 @@ def _of_output(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
         change=lambda draft, value, flag: draft.reads(name, lambda y: y + flag * (value - y)),
         sentence="The reading of {target} is stuck at {size}{where}.",
     )
+
+
+def _behind(port: Port, records: Sequence[Record], variation: float) -> Iterator[Cause]:
+    """Readings of a port that come late or lag, by steps that make a part of its `variation`."""
+    name = port.name
+    having = [r for r in records if name in r]
+    whole = [np.interp(r.t, r.t[np.isfinite(r[name])], r[name][np.isfinite(r[name])]) for r in having]
+    for kind, operator, change, words in (
+        ("sensor_delay", operators.delay, "late", "is {size} late"),
+        ("sensor_lag", operators.lag, "lagged", "lags by {size}"),
+    ):
+        changes = {
+            step: [operator(r.t, y, step) - y for r, y in zip(having, whole, strict=True)]
+            for step in _doubling(records)
+        }
+        part = {step: np.sqrt(np.mean(np.concatenate(of) ** 2)) / variation for step, of in changes.items()}
+        grid = tuple((step, _NEAR * step) for step, share in part.items() if _SEEN < share < _WHOLE)
+        if grid:
+            yield Cause(
+                kind=kind,
+                target=name,
+                unit="s",
+                port=port.disturbance,
+                grid=grid,
+                history=_change_of_output(operator, name),
+                late=kind == "sensor_delay",
+                change=_through(change, name),
+                sentence=f"The reading of {{target}} {words}{{where}}.",
+            )
 
 
 def _change_of_output(operator: Operator, name: str) -> Callable[[Run, float], np.ndarray]:
