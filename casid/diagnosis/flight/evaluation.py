@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -225,7 +225,7 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
-def _held_noise(work: Work, linear: Linear) -> tuple[NoiseModel, Mapping[str, float]]:
+def _held_noise(work: Work, linear: Linear) -> tuple[NoiseModel, dict[str, np.ndarray]]:
     """The noise with that of recorded inputs as strong in the motion as in the reference, and the reference."""
     into = _into_the_motion(linear, work.noise.inputs)
     reference = work.reference or into
