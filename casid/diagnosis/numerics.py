@@ -110,6 +110,53 @@ class NamingNumerics:
     ranking: int = number(40, "candidates that the result keeps")
 
 
+# Sums of the score; nothing is decided by these. Rows of a record that are multiplied at a time; the part of the
+# largest of its column at which a response has died away; of a unit diagonal, what keeps apart what rounding joins.
+ROWS_AT_A_TIME = 2000
+DIED_AWAY = 1e-7
+RIDGE = 1e-13
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreNumerics:
+    """Of naming by the score: which explanations are looked at, and how finely."""
+
+    causes: int = number(5, "causes in an explanation at most")
+    beam: int = number(24, "explanations of each number of causes that are grown further")
+    negligible: float = number(
+        9.0, "log weight behind the best explanation from which one is left out", "derived: 1e-4 of its weight"
+    )
+    entrances: int = number(12, "levels at ports that causes are added to")
+    changed: int = number(12, "explanations that are changed by dropping and swapping causes")
+    noted: int = number(300, "explanations with one cause more that are kept")
+    pairs: int = number(2, "causes that are added whatever the first of them promises alone")
+    loose: int = number(3, "ports with something unknown at most")
+    settings: int = number(6, "settings of scales and ports that are gone through at most")
+    rounds: int = number(6, "rounds of search and refit at most")
+    rivals: int = number(3, "rivals that are fitted as wholes")
+    linear: float = number(0.1, "part of an explanation's log odds that linearisation may be wrong by")
+    near: float = number(10.0, "log odds that it may be wrong by, if that is more")
+    moves: int = number(2, "moves of an event's onset in a refit")
+    amplitudes: tuple[float, float] = number(
+        (0.3, 1.8), "amplitudes of a nonlinear size between which linearisation is asked about it"
+    )
+    colour_rounds: int = number(3, "searches with the colour that the one before left")
+    colour_stays: float = number(0.2, "change of the logarithm of what readings are worth that ends these")
+    longest_lag: float = number(0.2, "part of a record; longer lags tell of nothing but its mean")
+    ranked: int = number(45, "candidates of each ranking")
+    of_a_kind: int = number(2, "candidates of each kind, whatever their rank")
+    timed: int = number(4, "events whose onsets are looked at more finely")
+    onset_step: float = number(0.2, "time between their onsets", unit="s")
+    onset_near: float = number(1.0, "time about the best coarse onset", unit="s")
+    onset_edge: float = number(0.3, "time after the beginning within which nothing can set in", unit="s")
+    spacing: float = number(0.5, "time between nodes of an unknown history", unit="s")
+    most_nodes: int = number(400, "nodes of all records together; longer records are looked at less finely")
+    further: float = number(0.5, "prior 1-sigma of a further value of an effect in the fit, of that value")
+    smallest_further: float = number(1e-3, "and at least, in its unit")
+    responses: int = number(48, "whitened responses in memory twice")
+    told: int = number(8, "explanations that are told")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Numerics:
     """Resolution and breadth of every search."""

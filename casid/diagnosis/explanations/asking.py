@@ -16,14 +16,12 @@ from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.responses import responses
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.causes import sensor_bias
 from casid.model.effects import catalogue
 
 TURBULENCE = "turbulence"
 WINDS = ("wind_x", "wind_y", "wind_z")
-_SPACING, _MOST_NODES = 0.5, 400  # s, between nodes, and of all records: longer ones are looked at less finely
-_LEAST = 1e-3  # of a further value of an attached effect, that it may be off by
-_FURTHER = 0.5  # part of it that it may be off by
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +61,7 @@ def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Ma
     )
     levels = _levels(base)
     late, there = _late(base), [i for i in range(len(base.slots)) if i not in slots]
-    spacing = max(_SPACING, sum(r.duration for r in base.flight.records) / _MOST_NODES)
+    spacing = max(priors.numerics.spacing, sum(r.duration for r in base.flight.records) / priors.numerics.most_nodes)
     records = _records(evidence, there, late, white, list(levels), spacing)
     for r, one in enumerate(records):  # what is attached competes: its response goes back to what is to be explained
         for column, attached_one in zip(causes, attached, strict=False):
@@ -72,7 +70,9 @@ def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Ma
     return Asked(
         innovations=Innovations(
             records=tuple(records),
-            precision=np.append(_precision(base, there), [3.0] * len(late)),  # uniform between a sample early and late
+            precision=np.append(
+                _precision(base, there, priors.numerics), [3.0] * len(late)
+            ),  # uniform between a sample early and late
             pull=np.append(base.prior_pull[there], [0.0] * len(late)),
             small_information=evidence.small_information,
             owners=tuple(owner for owner, _ in evidence.terms),
@@ -117,13 +117,13 @@ def _own_column(base: Fit, one: Attached, column: CauseColumn, priors: Priors) -
     return replace(column, mean=1.0, scales=(priors.grid,), matters=1.0 / max(share, 1e-12), value=one.values["value"])
 
 
-def _precision(base: Fit, there: Sequence[int]) -> np.ndarray:
+def _precision(base: Fit, there: Sequence[int], numerics: ScoreNumerics) -> np.ndarray:
     """Of the nuisance: of the further values of an attached effect, as loose as they are known."""
     precision = base.prior_weight[there].copy()
     for i, at in enumerate(there):
         slot = base.slots[at]
         if slot.attached is not None and slot.key != "value":
-            precision[i] = max(_FURTHER * abs(base.values[at]), _LEAST) ** -2.0
+            precision[i] = max(numerics.further * abs(base.values[at]), numerics.smallest_further) ** -2.0
     return precision
 
 

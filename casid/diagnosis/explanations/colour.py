@@ -29,10 +29,6 @@ from casid.diagnosis.explanations.score import (
 )
 from casid.diagnosis.explanations.search import Found, search
 
-_WHITE = 0.5  # worth from which a channel is taken as white: less moves no probability from one side to the other
-_ROUNDS, _STAYS = 3, 0.2
-_LONGEST = 0.2  # part of a record: longer lags tell of nothing but its mean
-
 
 def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Found, dict[int, float]]:
     """The search over again with the colour allowed for that its best explanation leaves, until that stays; and what
@@ -42,14 +38,13 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
     """
     every = sorted({int(c) for one in channels for c in np.unique(one)} - {-1})
     now, worths = found, dict.fromkeys(every, 1.0)
-    for _ in range(_ROUNDS):
+    numerics = found.priors.numerics
+    for _ in range(numerics.colour_rounds):
         left = left_by(found.sums, found.priors, now.explanations[0])
-        before, worths = (
-            worths,
-            {c: worth([e[at == c] for e, at in zip(left, channels, strict=True) if np.any(at == c)]) for c in every},
-        )
-        worths = {c: w if w < _WHITE else 1.0 for c, w in worths.items()}
-        if all(abs(np.log(worths[c] / before[c])) < _STAYS for c in every):
+        of = {c: [e[at == c] for e, at in zip(left, channels, strict=True) if np.any(at == c)] for c in every}
+        before, worths = worths, {c: worth(of[c], numerics.longest_lag) for c in every}
+        worths = {c: w if w < found.priors.white else 1.0 for c, w in worths.items()}
+        if all(abs(np.log(worths[c] / before[c])) < numerics.colour_stays for c in every):
             break
         weights = [np.array([worths.get(int(c), 1.0) for c in at]) for at in channels]
         now = search(tempered(found.asked, weights), found.priors, found.explanations[0])
@@ -98,11 +93,11 @@ def _followed(sums: Sums, priors: Priors, one: Explanation, r: int, y: np.ndarra
     return np.sum(parts, axis=0)
 
 
-def worth(left: Sequence[np.ndarray]) -> float:
+def worth(left: Sequence[np.ndarray], longest: float) -> float:
     """Part of the readings of a channel, in stretches without gaps, that independent ones would be as good as."""
     square, T = float(np.mean(np.concatenate(left) ** 2)), 1.0
     energy = sum(float(e @ e) for e in left)
-    for lag in range(1, max(2, int(_LONGEST * max(map(len, left))))):
+    for lag in range(1, max(2, int(longest * max(map(len, left))))):
         correlation = sum(float(e[lag:] @ e[:-lag]) for e in left if len(e) > lag) / max(energy, 1e-300)
         if correlation <= 0.0:
             break

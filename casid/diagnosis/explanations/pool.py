@@ -17,13 +17,9 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming.events import configuration_changes
 from casid.diagnosis.naming.size import meaningful_share, plausible
+from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
-
-_MOST, _OF_A_KIND = 45, 2  # of each ranking, and of each kind whatever its rank
-_TIMED = 4  # events whose onsets are looked at more finely
-_FINE, _NEAR = 0.2, 1.0  # s
-_EDGE = 0.3  # s
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,7 +40,7 @@ def competitors(evidence: Evidence, priors: Priors, banned: Collection[str] = ()
     of_kind, kinds = Counter(e.kind for e in every), len({e.kind for e in every})
     found: list[Competitor] = []
     seen: set[object] = set()
-    for candidate in _ranked(evidence, effects):
+    for candidate in _ranked(evidence, effects, priors.numerics):
         for one in _shapes(base, candidate):
             key = one.name, one.records, tuple(sorted(one.onsets.items())), tuple(sorted(one.values.items()))
             if key in seen:
@@ -75,7 +71,7 @@ def _column(base: Fit, one: Attached, matters: float, log_prior: float, priors: 
     )
 
 
-def _ranked(evidence: Evidence, effects: Sequence[Effect]) -> list[Candidate]:
+def _ranked(evidence: Evidence, effects: Sequence[Effect], numerics: ScoreNumerics) -> list[Candidate]:
     """The best with small terms allowed for and without, the best of every kind, switches, and events finely."""
     found: dict[object, Candidate] = {}
 
@@ -87,21 +83,21 @@ def _ranked(evidence: Evidence, effects: Sequence[Effect]) -> list[Candidate]:
     prints = fingerprints(evidence, effects)
     for exact in (False, True):
         ranking = rank(Screen(evidence, exact), prints)
-        add(ranking[:_MOST])
+        add(ranking[: numerics.ranked])
         number: Counter[str] = Counter()
         for c in ranking:
             number[c.attached.effect.kind] += 1
-            if number[c.attached.effect.kind] <= _OF_A_KIND:
+            if number[c.attached.effect.kind] <= numerics.of_a_kind:
                 add([c])
     timed = sorted((c for c in found.values() if c.attached.effect.timed), key=lambda c: -c.statistic)
-    for c in timed[:_TIMED]:
-        add(_finely(evidence, c))
+    for c in timed[: numerics.timed]:
+        add(_finely(evidence, c, numerics))
     if not any(a.effect.members for a in evidence.fit.attached):
         add(configuration_changes(evidence))
     return list(found.values())
 
 
-def _finely(evidence: Evidence, coarse: Candidate) -> list[Candidate]:
+def _finely(evidence: Evidence, coarse: Candidate, numerics: ScoreNumerics) -> list[Candidate]:
     """An event with its onsets, and how long it takes, on a finer grid about the best of a coarse one."""
     effect, base = coarse.attached.effect, evidence.fit
     extent = next((k for k in ("length", "duration") if np.isfinite(coarse.attached.values.get(k, np.inf))), None)
@@ -109,8 +105,9 @@ def _finely(evidence: Evidence, coarse: Candidate) -> list[Candidate]:
         effect = replace(effect, grid=tuple({extent: coarse.attached.values[extent] * f} for f in (0.75, 1.0, 1.33)))
     first = {record.name: record.t[0] for record in base.flight.records}
     since = [t - first[name] for name, t in coarse.attached.onsets.items()]
-    onsets = np.unique(np.round([t + d for t in since for d in np.arange(-_NEAR, _NEAR + _FINE / 2, _FINE)], 2))
-    found = rank(Screen(evidence), fingerprints(evidence, [effect], onsets[onsets > _EDGE]))
+    near, step = numerics.onset_near, numerics.onset_step
+    onsets = np.unique(np.round([t + d for t in since for d in np.arange(-near, near + step / 2, step)], 2))
+    found = rank(Screen(evidence), fingerprints(evidence, [effect], onsets[onsets > numerics.onset_edge]))
     return [replace(one, tries=coarse.tries) for one in found[:1]]
 
 

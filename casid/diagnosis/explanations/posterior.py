@@ -15,10 +15,6 @@ from scipy.special import ndtr
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
 from casid.diagnosis.explanations.search import Found
 
-_HOLDS = 0.95  # of the probability, by an ambiguity set
-_ALIKE = 0.8  # cosine of responses from which causes may stand for each other
-_ADDS = 0.005  # of probability: less makes no member of a set
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Belief:
@@ -216,17 +212,17 @@ def _belief(about: _About, name: str) -> Belief:
 
 
 def _set(about: _About, name: str) -> tuple[tuple[tuple[str, float], ...], float]:
-    """The other members of the smallest set about a cause that holds `_HOLDS`, and the probability that one of all
-    these is there and matters."""
-    parts = about.parts
+    """The other members of the smallest set about a cause that holds `Priors.holds`, and the probability that one of
+    all these is there and matters."""
+    parts, priors = about.parts, about.found.priors
     there = {p.number: p.weight for p in parts[name]}
     matters = {p.number: p.weight * p.matters for p in parts[name]}
     members: list[str] = []
-    rivals = [o for o in parts if o != name and about.likely[o] > _ADDS and _exchangeable(about, name, o)]
-    while sum(there.values()) < _HOLDS and rivals:
+    rivals = [o for o in parts if o != name and about.likely[o] > priors.adds and _exchangeable(about, name, o)]
+    while sum(there.values()) < priors.holds and rivals:
         adds = {other: sum(p.weight for p in parts[other] if p.number not in there) for other in rivals}
         best = max(rivals, key=lambda other: (adds[other], other))
-        if adds[best] < _ADDS:
+        if adds[best] < priors.adds:
             break
         rivals.remove(best)
         members.append(best)
@@ -246,4 +242,7 @@ def _exchangeable(about: _About, one: str, other: str) -> bool:
     of_one, of_other = ([i for i, c in enumerate(columns) if c.name == name] for name in (one, other))
     if a in columns and b in columns:
         of_one, of_other = [columns.index(a)], [columns.index(b)]
-    return bool(of_one and of_other) and float(np.abs(about.found.alike[np.ix_(of_one, of_other)]).max()) > _ALIKE
+    return (
+        bool(of_one and of_other)
+        and float(np.abs(about.found.alike[np.ix_(of_one, of_other)]).max()) > about.found.priors.alike
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from casid.diagnosis.criterion import number
+from casid.diagnosis.numerics import ScoreNumerics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +48,16 @@ class Priors:
     )
     wrong: float = number(10.0, "cost of a wrong name", "chosen: it sends someone to look in the wrong place")
     missed: float = number(1.0, "cost of a name that is not given", "derived: the unit of cost")
+
+    holds: float = number(0.95, "probability that a set of causes which stand for each other must hold")
+    alike: float = number(0.8, "cosine of responses from which causes may stand for each other")
+    adds: float = number(0.005, "probability below which a cause is no member of such a set")
+    white: float = number(
+        0.5,
+        "worth of a channel's readings from which it is taken as white",
+        "chosen: more moves no probability from one side to the other",
+    )
+    numerics: ScoreNumerics = ScoreNumerics()
 
     @property
     def named(self) -> float:

@@ -23,8 +23,6 @@ from casid.diagnosis.naming.size import meaningful_share, missing_share
 from casid.diagnosis.result import Cause, place_of
 from casid.model.vocabulary import effect_sentence
 
-_TOLD = 8  # explanations that are told
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reading:
@@ -157,7 +155,7 @@ class Reading:
     def explanations(self) -> tuple[tuple[tuple[str, ...], float], ...]:
         """What the most probable explanations name, and their probabilities."""
         of = self.explained.posterior.explanations
-        return tuple((tuple(sorted(names)), p) for names, p in list(of.items())[:_TOLD])
+        return tuple((tuple(sorted(names)), p) for names, p in list(of.items())[: self.priors.numerics.told])
 
     @property
     def believed(self) -> dict[str, float]:

@@ -26,13 +26,6 @@ from casid.diagnosis.naming.events import Intervals, at_peak, further_records
 from casid.diagnosis.naming.size import plausible
 from casid.errors import InputError
 
-_ROUNDS = 6
-_RIVALS = 3
-_LINEAR = 0.1  # part of what an explanation gains that linearisation may be wrong by
-_NEAR = 10.0  # nats, if that is more
-_MOVES = 2  # of the onsets of an event
-_AMPLITUDE = (0.3, 1.8)  # of a non-linear size that linearisation is asked about
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Weighed:
@@ -87,7 +80,7 @@ def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing
     report("explanations, round 1")
     first = lead = _weighed(start, priors, own, banned)
     seen = {_content(lead)}
-    for number in range(2, _ROUNDS + 1):
+    for number in range(2, priors.numerics.rounds + 1):
         if _agrees(lead, lead.best):
             break
         report(f"explanations, round {number}")
@@ -163,9 +156,10 @@ def _strongest(now: Weighed) -> Explanation:
     """The best explanation without causes that are nothing beside its strongest: they may be what linearisation is
     wrong by, of the strongest, and are found again if they are not. Those in the fit are judged as they stand."""
     best, columns = now.best, now.asked.innovations.causes
+    linear = now.found.priors.numerics.linear
     names = [columns[e.column].name for e in best.elements]
     odds = [best.log - now.found.without[name].log for name in names]
-    kept = [i for i, name in enumerate(names) if name in now.own or odds[i] > _LINEAR * max(odds)]
+    kept = [i for i, name in enumerate(names) if name in now.own or odds[i] > linear * max(odds)]
     elements = tuple(best.elements[i] for i in kept)
     return replace(best, elements=elements, amplitudes=tuple(best.amplitudes[i] for i in kept))
 
@@ -184,12 +178,12 @@ def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str],
     for element, (amplitude, _) in zip(best.elements, best.amplitudes, strict=True):
         column, one = causes[element.column], now.asked.ones[element.column]
         if one.name not in now.own:
-            one = _sized(one, amplitude)
+            one = _sized(one, amplitude, priors)
         chosen.append(replace(one, passes=False))
         own[one.name] = now.own.get(one.name, column)
     try:
         fitted = fit(now.fit.flight, [*others, *chosen], now.fit.noise, now.fit, iterations=12, tolerance=2.0)
-        fitted, intervals = _events(fitted, set(own) - set(now.own))
+        fitted, intervals = _events(fitted, set(own) - set(now.own), priors.numerics.moves)
     except (InputError, ArithmeticError, ValueError, MemoryError):
         # of these sizes it makes an aircraft that cannot fly the record, or a shape ran off
         banned |= set(own) - set(now.own)
@@ -202,35 +196,36 @@ def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str],
     return replace(weighed, intervals={**now.intervals, **intervals})
 
 
-def _sized(one: Attached, amplitude: float) -> Attached:
+def _sized(one: Attached, amplitude: float, priors: Priors) -> Attached:
     if one.effect.members:
         return one
     if one.effect.linear:
         return one.with_values({"value": amplitude})
-    return one.with_values({"value": one.values["value"] * float(np.clip(amplitude, *_AMPLITUDE))})
+    return one.with_values({"value": one.values["value"] * float(np.clip(amplitude, *priors.numerics.amplitudes))})
 
 
-def _events(fitted: Fit, new: set[str]) -> tuple[Fit, dict[str, Intervals]]:
+def _events(fitted: Fit, new: set[str], moves: int) -> tuple[Fit, dict[str, Intervals]]:
     """The fit with onsets of new events moved to where they belong, and in further records where they recur."""
     intervals: dict[str, Intervals] = {}
     for name in sorted(new):
         at = next(i for i, one in enumerate(fitted.attached) if one.name == name)
         if not fitted.attached[at].effect.timed:
             continue
-        evidence, intervals[name] = at_peak(weigh(fitted), _MOVES, which=at)
+        evidence, intervals[name] = at_peak(weigh(fitted), moves, which=at)
         wider = further_records(evidence, evidence.fit.attached[at])
         fitted = evidence.fit
         if len(wider.onsets) > len(fitted.attached[at].onsets):
             attached = [wider if i == at else one for i, one in enumerate(fitted.attached)]
             fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=8, tolerance=2.0)
-            evidence, intervals[name] = at_peak(weigh(fitted), _MOVES, which=at)
+            evidence, intervals[name] = at_peak(weigh(fitted), moves, which=at)
             fitted = evidence.fit
     return fitted, intervals
 
 
 def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[str], None]) -> list[Weighed]:
     """The best other explanations, each fitted as a whole: as far behind as linearisation may be wrong."""
-    within = max(_NEAR, _LINEAR * (lead.best.log - lead.found.nothing))
+    numerics = priors.numerics
+    within = max(numerics.near, numerics.linear * (lead.best.log - lead.found.nothing))
     every = [*lead.found.without.values(), *lead.found.explanations]
     causes = lead.asked.innovations.causes
     ranked: dict[frozenset[str], Explanation] = {}
@@ -239,7 +234,7 @@ def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[s
         if names and lead.best.log - one.log < within and not names >= lead.own.keys():
             ranked.setdefault(names, one)
     found: list[Weighed] = []
-    for one in list(ranked.values())[:_RIVALS]:
+    for one in list(ranked.values())[: numerics.rivals]:
         report("explanations, rivals")
         other = _refitted(lead, one, priors, set(banned), alone=True)
         if other is not None:

@@ -11,18 +11,16 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached, readings, station_series
 from casid.model.terms import parse_term
 
-_AT_ONCE = 48  # responses that are in memory twice
-
 
 def responses(base: Fit, ones: Sequence[Attached]) -> list[np.ndarray]:
     """(N, R, ny) of each: to its whole where it is not linear, in every record that it concerns."""
     found: dict[int, np.ndarray] = {}
     histories = {i: history for i, one in enumerate(ones) if (history := _history(base, one)) is not None}
-    for some in _parts(list(histories)):
+    for some in _parts(base, list(histories)):
         found |= dict(zip(some, _of_histories(base, [histories[i] for i in some]), strict=True))
     others = [i for i in range(len(ones)) if i not in histories]
     symbolic = symbolic_columns(base, [ones[i].effect for i in others if ones[i].effect.symbolic])
-    for some in _parts(others):
+    for some in _parts(base, others):
         parts = [_direct(base, ones[i], symbolic) for i in some]
         Y, F = (np.stack([part[k] for part in parts], axis=3) for k in (0, 1))
         white = base.filter.whiten(Y, F)
@@ -30,8 +28,9 @@ def responses(base: Fit, ones: Sequence[Attached]) -> list[np.ndarray]:
     return [found[i] for i in range(len(ones))]
 
 
-def _parts(of: Sequence[int]) -> Iterator[Sequence[int]]:
-    return (of[first : first + _AT_ONCE] for first in range(0, len(of), _AT_ONCE))
+def _parts(base: Fit, of: Sequence[int]) -> Iterator[Sequence[int]]:
+    together = base.flight.criteria.priors.numerics.responses
+    return (of[first : first + together] for first in range(0, len(of), together))
 
 
 def _history(base: Fit, one: Attached) -> Mapping[str, np.ndarray] | None:

@@ -22,10 +22,7 @@ from scipy.special import ndtr
 
 from casid.diagnosis.explanations.explanation import Entrance, Innovations, RecordColumns, Setting, Unknown
 from casid.diagnosis.explanations.prior import Priors
-
-_ROWS = 2000  # of a record that are multiplied at a time
-_NOTHING = 1e-7  # of the largest of its column: a response that has died away
-_RIDGE = 1e-13  # of a unit diagonal: columns that rounding makes dependent
+from casid.diagnosis.numerics import DIED_AWAY, RIDGE, ROWS_AT_A_TIME
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,9 +75,9 @@ def _record_sums(asked: Innovations, record: RecordColumns) -> RecordSums:
     whole = np.zeros((sum(sizes),) * 2)
     unit = np.repeat([port.matters for port in asked.ports], len(record.nodes))
     largest = [np.abs(h).max(axis=0, initial=0.0) for h in record.histories]
-    gone = _NOTHING * (np.concatenate(largest) if largest else np.zeros(0)) * unit
-    for first in range(0, len(record.residual), _ROWS):
-        rows = slice(first, first + _ROWS)
+    gone = DIED_AWAY * (np.concatenate(largest) if largest else np.zeros(0)) * unit
+    for first in range(0, len(record.residual), ROWS_AT_A_TIME):
+        rows = slice(first, first + ROWS_AT_A_TIME)
         H = [h[rows] for h in record.histories]
         h = np.concatenate(H, axis=1).astype(float) * unit if H else np.zeros((len(record.residual[rows]), 0))
         alive = np.flatnonzero(np.abs(h).max(axis=0, initial=0.0) > gone)
@@ -335,7 +332,7 @@ def root_of(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     diagonal = np.diag(square)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0)
     scaled = square * scale[:, None] * scale
-    return np.linalg.cholesky(scaled + np.diag(np.where(diagonal > 0.0, _RIDGE, 1.0))), scale
+    return np.linalg.cholesky(scaled + np.diag(np.where(diagonal > 0.0, RIDGE, 1.0))), scale
 
 
 def solved(L: np.ndarray, scale: np.ndarray, right: np.ndarray) -> np.ndarray:

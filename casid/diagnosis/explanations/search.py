@@ -32,16 +32,6 @@ from casid.diagnosis.explanations.score import (
     with_priors,
 )
 
-_MOST = 5  # causes in an explanation
-_BEAM = 24  # explanations of each number of causes that are grown further
-_NEGLIGIBLE = 9.0  # nats behind the best: 1e-4 of its weight
-_ENTRANCES = 12  # levels at ports that causes are added to
-_BETTER = 12  # explanations that are changed by dropping and swapping
-_NOTED = 300  # explanations with one cause more that are kept
-_PAIRS = 2  # causes that are added whatever the first of them promises alone
-_LOOSE = 3  # ports with something unknown
-_SETTINGS = 6
-
 _Key = tuple[int, tuple[int, ...]]  # number of the loosened history, -1 for none, and of the entries
 
 
@@ -81,7 +71,7 @@ def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None) ->
     if about is not None:
         todo = [(about.setting.level, (), {**ones, **{o: v for o, v in about.setting.scales if o in ones}})]
     gone = _Gone(sums, priors)
-    while todo and len(gone.done) < _SETTINGS:
+    while todo and len(gone.done) < priors.numerics.settings:
         wanted = todo.pop(0)
         if _named(wanted) not in gone.done:
             gone.through(wanted)
@@ -126,7 +116,7 @@ class _Gone:
         self.done.append(_named(wanted))
         back = background(self.sums, self.priors, self.held(level, loose), scales)
         one = _Search(back, self.priors, self.large)
-        known = sorted(self._found.values(), key=lambda one: -one.log)[:_BETTER]
+        known = sorted(self._found.values(), key=lambda one: -one.log)[: self.priors.numerics.changed]
         for explanation in one.run([explanation.elements for explanation in known]):
             key = explanation.setting, explanation.unknown, explanation.elements
             self._found.setdefault(key, explanation)
@@ -138,7 +128,8 @@ class _Gone:
 
     def found(self) -> Found:
         best = self.best
-        kept = sorted((o for o in self._found.values() if o.log > best.log - _NEGLIGIBLE), key=lambda one: -one.log)
+        least = best.log - self.priors.numerics.negligible
+        kept = sorted((o for o in self._found.values() if o.log > least), key=lambda one: -one.log)
         K = self._alike[best.setting]
         unit = 1.0 / np.sqrt(np.maximum(np.diag(K), 1e-300))
         return Found(
@@ -153,7 +144,8 @@ class _Gone:
 
 def _asked_for(gone: _Gone, best: Explanation) -> list[_Wanted]:
     """The settings that the best explanation asks for: other scales, and what it loosens as a part of all others."""
-    level, scales, loose = best.setting.level, dict(best.setting.scales), best.unknown[: _LOOSE - 1]
+    level, scales = best.setting.level, dict(best.setting.scales)
+    loose = best.unknown[: gone.priors.numerics.loose - 1]
     held = gone.held(level, loose)
     likely, bare = (likely_scales(gone.sums, held, elements, gone.priors) for elements in (best.elements, ()))
     return [(level, loose, wanted) for wanted in (likely, bare, scales)]
@@ -248,7 +240,7 @@ class _Search:
         return [self._explanation(key) for key, (log, prior) in self.found.items() if self._counts(log + prior)]
 
     def _counts(self, total: float) -> bool:
-        return total > self.top - _NEGLIGIBLE
+        return total > self.top - self.priors.numerics.negligible
 
     def _note(self, state: _State) -> None:
         self.found[state.key] = state.log, state.prior
@@ -257,7 +249,7 @@ class _Search:
     def _entrances(self, beside: _Key) -> list[_State]:
         """The best loosened histories, by themselves or with the one cause that adds most, and beside the causes that
         are known to be best."""
-        promise = []
+        promise, most = [], self.priors.numerics.entrances
         for i, option in enumerate(self.options):
             self.found[i, ()] = option.log, option.log_prior
             self.top = max(self.top, option.log + option.log_prior)
@@ -265,12 +257,12 @@ class _Search:
             K = self.diagonal - option.d @ option.f**2
             more = max(0.0, float(np.max(self._gains(z, K), initial=0.0)))
             promise.append((option.log + option.log_prior + more, i))
-        states = [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:_ENTRANCES]]
+        states = [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:most]]
         if beside[1]:
             both = [self._state((i, beside[1])) for i in range(len(self.options))]
             for state in both:
                 self._note(state)
-            states += sorted(both, key=lambda state: -(state.log + state.prior))[:_ENTRANCES]
+            states += sorted(both, key=lambda state: -(state.log + state.prior))[:most]
         return states
 
     def _gains(self, z: np.ndarray, K: np.ndarray) -> np.ndarray:
@@ -306,19 +298,20 @@ class _Search:
         """All explanations with one cause more that are not negligible, noted; of each column the best scale."""
         option, entries = state.key
         self.expanded.add(state.key)
-        if not len(self.column) or len(entries) >= _MOST:
+        if not len(self.column) or len(entries) >= self.priors.numerics.causes:
             return []
         more = self._gains(self.back.z - state.U.T @ state.u, self.diagonal - np.einsum("ij,ij->j", state.U, state.U))
         taken = np.isin(self.name, self.name[list(entries)])
         totals = np.where(taken, -np.inf, state.log + state.prior + more)
         self.top = max(self.top, float(totals.max()))
-        counts = np.flatnonzero(totals > self.top - _NEGLIGIBLE)
-        for entry in counts[np.argsort(-totals[counts], kind="stable")][:_NOTED].tolist() or [int(np.argmax(totals))]:
+        counts = np.flatnonzero(totals > self.top - self.priors.numerics.negligible)
+        noted = counts[np.argsort(-totals[counts], kind="stable")][: self.priors.numerics.noted]
+        for entry in noted.tolist() or [int(np.argmax(totals))]:
             if np.isfinite(totals[entry]):
                 log = float(state.log + more[entry] - self.prior[entry])
                 self.found[option, tuple(sorted((*entries, entry)))] = log, float(state.prior + self.prior[entry])
         best = np.maximum.reduceat(totals, self.starts)  # of every column
-        columns = np.argsort(-best, kind="stable")[:_BEAM]
+        columns = np.argsort(-best, kind="stable")[: self.priors.numerics.beam]
         first = [self.starts[c] + int(np.argmax(totals[self.starts[c] : self.ends[c]])) for c in columns]
         return [
             (float(totals[e]), (option, tuple(sorted((*entries, int(e)))))) for e in first if np.isfinite(totals[e])
@@ -326,23 +319,23 @@ class _Search:
 
     def _grow(self, states: Iterable[_State]) -> None:
         """Causes added one by one, the best explanations of each number kept."""
-        states, before = list(states), -np.inf
-        for number in range(1, _MOST + 1):
+        states, before, numerics = list(states), -np.inf, self.priors.numerics
+        for number in range(1, numerics.causes + 1):
             children: dict[object, tuple[float, _Key]] = {}
             for state in states:
                 for total, key in self._children(state):
                     alike = key[0], tuple(sorted(int(self.column[e]) for e in key[1]))
                     if alike not in children or total > children[alike][0]:
                         children[alike] = total, key
-            best = sorted(children.values(), key=lambda child: -child[0])[:_BEAM]
-            if not best or (number > _PAIRS and best[0][0] < before):
+            best = sorted(children.values(), key=lambda child: -child[0])[: numerics.beam]
+            if not best or (number > numerics.pairs and best[0][0] < before):
                 return
             states, before = [self._state(key) for _, key in best], best[0][0]
 
     def _swapped(self) -> None:
         """Causes of the best explanations dropped, and others put in their place, while that finds better ones."""
-        for _ in range(_MOST):
-            ranked = sorted(self.found, key=lambda key: -sum(self.found[key]))[:_BETTER]
+        for _ in range(self.priors.numerics.causes):
+            ranked = sorted(self.found, key=lambda key: -sum(self.found[key]))[: self.priors.numerics.changed]
             fewer = {
                 (option, entries[:i] + entries[i + 1 :]) for option, entries in ranked for i in range(len(entries))
             }

@@ -12,6 +12,7 @@ from casid.diagnosis.explanations.explanation import CauseColumn, Innovations, R
 from casid.diagnosis.explanations.posterior import posterior
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.search import search
+from casid.diagnosis.numerics import ScoreNumerics
 
 
 def test_what_is_left_is_the_expected_noise() -> None:
@@ -33,7 +34,7 @@ def test_readings_of_a_first_order_process_are_worth_what_theory_says(rho: float
     """Unit variance, correlation rho^k: (1 - rho) / (1 + rho) of the readings."""
     rng = np.random.default_rng(3)
     series = [lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], rng.standard_normal(20000)) for _ in range(3)]
-    assert worth(series) == pytest.approx(expected, rel=0.2)
+    assert worth(series, ScoreNumerics().longest_lag) == pytest.approx(expected, rel=0.2)
 
 
 def coloured(seed: int) -> Innovations:
