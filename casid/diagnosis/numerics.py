@@ -110,6 +110,9 @@ class NamingNumerics:
     ranking: int = number(40, "candidates that the result keeps")
 
 
+# Log likelihood below which a level of a channel, and the sign of a derivative, are impossible anyhow.
+IMPOSSIBLE, IMPOSSIBLE_SIGN = -60.0, -40.0
+
 # Sums of the score; nothing is decided by these. Rows of a record that are multiplied at a time; the part of the
 # largest of its column at which a response has died away; of a unit diagonal, what keeps apart what rounding joins.
 ROWS_AT_A_TIME = 2000

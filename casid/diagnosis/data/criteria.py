@@ -42,3 +42,19 @@ class DataCriteria:
     bias_force: float = number(
         0.5, "1-sigma of what biases leave of a mean acceleration", "measured: 1.1 in a raw Twin Otter", unit="m/s2"
     )
+    level_bank: float = number(0.5, "bank up to which the climb is told by theta - alpha", unit="rad")
+    usual_v: float = number(100.0, "airspeed that `usual_speed` is about", unit="m/s")
+    quick: float = number(0.5, "window of rates of rotation", unit="s")
+    slow: float = number(4.0, "window of what gravity and drag change", unit="s")
+    fewest: int = number(7, "samples of a window at least")
+    windows: int = number(6, "windows in a record at least")
+    instants: int = number(6, "instants of a window that are kept")
+    present: float = number(0.5, "part of a window's samples that must be there")
+    smallest: float = number(0.2, "part of a file's derivative by a surface that is there at least, with its sign")
+    least: float = number(0.1, "part of a coefficient's variation that a linear model leaves at least")
+    faults: int = number(8, "faults of one set of records at most")
+    hopeless: float = number(
+        -20.0, "log likelihood ratio at which the rest of an explanation is not computed", signed=True
+    )
+    stretch: float = number(1.3, "factor between rates from which time may be stretched")
+    telling: float = number(0.7, "what two sides of a relation have unlike, up to which it tells of time")

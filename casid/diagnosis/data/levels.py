@@ -11,21 +11,19 @@ from scipy import special
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
+from casid.diagnosis.numerics import IMPOSSIBLE
 from casid.model.aircraft import Aircraft
 
-_LEAST = -60.0  # log likelihood below which a level is impossible anyhow
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
-_LEVEL_BANK = 0.5  # rad
-_USUAL_V = 100.0  # m/s
 
 
 def _normal(x: float, sigma: float) -> float:
-    return max(-0.5 * (x / sigma) ** 2, _LEAST) if math.isfinite(x) else _LEAST
+    return max(-0.5 * (x / sigma) ** 2, IMPOSSIBLE) if math.isfinite(x) else IMPOSSIBLE
 
 
 def _ratio(value: float, expected: float, sigma: float) -> float:
     """Log likelihood of a positive quantity that should be as expected."""
-    return _normal(math.log(value / expected), sigma) if value > 0.0 < expected else _LEAST
+    return _normal(math.log(value / expected), sigma) if value > 0.0 < expected else IMPOSSIBLE
 
 
 def _mean(record: Read, name: str) -> float:
@@ -44,7 +42,7 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
 
 def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """theta - alpha is the climb angle."""
-    at = c.known("theta", "alpha", "phi") & (np.abs(c.value("phi")) < _LEVEL_BANK)
+    at = c.known("theta", "alpha", "phi") & (np.abs(c.value("phi")) < criteria.level_bank)
     if at.sum() < 20:
         return 0.0
     path = float(np.mean((c.value("theta") - c.value("alpha"))[at]))
@@ -82,7 +80,7 @@ def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[...,
 
 
 def _usual_speed(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    return _ratio(_mean(c, "V"), _USUAL_V, criteria.usual_speed)
+    return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual_speed)
 
 
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -107,7 +105,7 @@ def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., 
         every = len(y) / max(c.independent * float(at.mean()), 1.0)
         scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
         sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
-        return max(float(special.log_ndtr(sigmas)), _LEAST)
+        return max(float(special.log_ndtr(sigmas)), IMPOSSIBLE)
 
     return level
 
@@ -160,6 +158,6 @@ def _of_means(relation: Relation, gravity: float, criteria: DataCriteria) -> Cal
             return 0.0
         left, right = relation.sides(c, gravity)
         off = float(np.mean(left[at] - right[at]))
-        return -2.0 * math.log1p((off / sigma) ** 2 / 3.0) if math.isfinite(off) else _LEAST
+        return -2.0 * math.log1p((off / sigma) ** 2 / 3.0) if math.isfinite(off) else IMPOSSIBLE
 
     return term

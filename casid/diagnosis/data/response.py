@@ -17,14 +17,12 @@ from scipy import special
 from casid.diagnosis.data.alternatives import Alternative
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read, Reading
+from casid.diagnosis.numerics import IMPOSSIBLE_SIGN
 from casid.model.aircraft import Aircraft
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
-_PART = 0.2  # of a derivative of the file that is there at least, with its sign
-_IMPOSSIBLE = -40.0  # log probability below which nothing is told apart
-_LEAST = 0.1  # of a coefficient's variation: what a linear model of constant derivatives leaves at least
 _NEEDED: Mapping[str, tuple[str, ...]] = {
     "Cl": ("p",),
     "Cm": ("q",),
@@ -67,7 +65,7 @@ class Response:
     """The response that an aircraft file predicts, and what records say of it."""
 
     def __init__(self, aircraft: Aircraft, criteria: DataCriteria) -> None:
-        self._aircraft, self._doubt = aircraft, criteria.derivative
+        self._aircraft, self._criteria = aircraft, criteria
         self._rows = _rows(aircraft)
 
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
@@ -117,11 +115,11 @@ class Response:
         for coefficient, sigma in noise.items():
             names, terms, prior = self._rows[coefficient]
             squares = _together(plain, coefficient)
-            base = _log_evidence(squares, terms, prior, sigma, self._doubt)
+            base = _log_evidence(squares, terms, prior, sigma, self._criteria)
             for i, (name, term) in enumerate(zip(names, terms, strict=True)):
                 if term in SURFACES:
                     flipped = np.where(np.arange(len(prior)) == i, -prior, prior)
-                    gain = _log_evidence(squares, terms, flipped, sigma, self._doubt) - base
+                    gain = _log_evidence(squares, terms, flipped, sigma, self._criteria) - base
                     alternative = Alternative(kind="file_sign", target=name, reading=Reading())
                     found.append((alternative, [gain / len(plain)] * len(plain)))
         return found
@@ -152,11 +150,11 @@ class Response:
         """1-sigma of what is left with free derivatives."""
         known = {c for one in parts for c in one}
         sums = {c: _together(parts, c) for c in known}
-        return {c: float(np.sqrt(max(s.left, _LEAST**2 * s.yy / s.samples))) for c, s in sums.items()}
+        return {c: float(np.sqrt(max(s.left, self._criteria.least**2 * s.yy / s.samples))) for c, s in sums.items()}
 
     def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float]) -> float:
         return sum(
-            _log_evidence(_together(parts, c), *self._rows[c][1:], sigma, self._doubt) for c, sigma in noise.items()
+            _log_evidence(_together(parts, c), *self._rows[c][1:], sigma, self._criteria) for c, sigma in noise.items()
         )
 
 
@@ -164,12 +162,14 @@ def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
     return reduce(add, (one[coefficient] for one in parts if coefficient in one))
 
 
-def _log_evidence(squares: _Squares, terms: Sequence[str], prior: np.ndarray, noise: float, doubt: float) -> float:
+def _log_evidence(
+    squares: _Squares, terms: Sequence[str], prior: np.ndarray, noise: float, criteria: DataCriteria
+) -> float:
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
-    Derivatives are about `prior`, within a part of it, `doubt`. Those of surfaces are not of the other sign, nor less
-    than `_PART` of it."""
-    spread = doubt * np.abs(prior)
+    Derivatives are about `prior`, within a part of it. Those of surfaces are not of the other sign, nor less than
+    `criteria.smallest` of it."""
+    spread = criteria.derivative * np.abs(prior)
     off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
     b = spread * (squares.Xy - squares.XX @ prior) / noise**2
     inverse = np.linalg.inv(np.eye(len(prior)) + spread[:, None] * squares.XX * spread / noise**2)
@@ -177,9 +177,9 @@ def _log_evidence(squares: _Squares, terms: Sequence[str], prior: np.ndarray, no
     evidence = -0.5 * float(off / noise**2 - shift @ b) + 0.5 * float(np.linalg.slogdet(inverse)[1])
     for i, term in enumerate(terms):
         if term in SURFACES:
-            above = (1.0 - _PART) / doubt
+            above = (1.0 - criteria.smallest) / criteria.derivative
             posterior = (above + np.sign(prior[i]) * shift[i]) / np.sqrt(inverse[i, i])
-            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), _IMPOSSIBLE)
+            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), IMPOSSIBLE_SIGN)
     return evidence
 
 

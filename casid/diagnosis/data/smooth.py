@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.records.checks import INPUTS
 from casid.records.record import Record
 
-QUICK, SLOW = 0.5, 4.0  # s: windows of rates of rotation, and of what gravity and drag change
-_FEWEST, _PARTS = 7, 6  # samples of a window; windows in a record
-_PER_WINDOW = 6  # instants kept
-_KNOWN = 0.5  # of a window's samples must be there
 _ANGLES = ("psi",)
 
 
@@ -41,26 +38,26 @@ class Smooth:
         return float(self.t[-1] - self.t[0])
 
 
-def smooth(record: Record, window: float) -> Smooth:
+def smooth(record: Record, window: float, criteria: DataCriteria) -> Smooth:
     """The record on a uniform grid of its median interval, every channel by a mean over a `window` [s]."""
     dt = record.dt
-    count = max(_FEWEST, min(round(window / dt), len(record) // _PARTS)) | 1
+    count = max(criteria.fewest, min(round(window / dt), len(record) // criteria.windows)) | 1
     weights = np.hanning(count + 2)[1:-1]
     weights /= weights.sum()
     t = np.arange(record.t[0], record.t[-1] + 0.5 * dt, dt)
     values, rates, known = dict[str, np.ndarray](), dict[str, np.ndarray](), dict[str, np.ndarray]()
     for name, series in record.channels.items():
         good = np.isfinite(series)
-        if good.sum() < max(_FEWEST, len(series) // 10) or len(t) < 2 * count:
+        if good.sum() < max(criteria.fewest, len(series) // 10) or len(t) < 2 * count:
             continue
         there = np.unwrap(series[good]) if name in _ANGLES else series[good]
         even = np.interp(t, record.t[good], there)
         values[name] = np.convolve(np.pad(even, count // 2, mode="edge"), weights, mode="valid")
         rates[name] = np.gradient(values[name], dt)
         nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * dt
-        known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= _KNOWN
+        known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.present
         known[name][: count // 2], known[name][-(count // 2) :] = False, False
-    every = slice(None, None, max(1, count // _PER_WINDOW))
+    every = slice(None, None, max(1, count // criteria.instants))
     kept = ({name: series[every] for name, series in table.items()} for table in (values, rates, known))
     values, rates, known = kept
     independent = max(2.0, len(t) / count)

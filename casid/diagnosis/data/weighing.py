@@ -14,17 +14,13 @@ from casid.diagnosis.data.levels import level_terms
 from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
 from casid.diagnosis.data.relations import CLOSE, RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
-from casid.diagnosis.data.smooth import QUICK, SLOW, Smooth, smooth
+from casid.diagnosis.data.smooth import Smooth, smooth
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from casid.signals import SURFACES
 
 _OF_THE_FILE = ("file_sign",)
-_MOST = 8  # faults of one set of records
 _LEAST_DEFLECTION, _MOST_DEFLECTION = 0.004, 3.0  # rad from stop to stop: 0.2 deg excite nothing, none has 170 deg
-_HOPELESS = -20.0  # log likelihood ratio at which the rest is not computed
-_STRETCH = 1.3  # factor between rates from which time may be stretched
-_TELLING = 0.7  # what is unlike, up to which a relation tells of time
 
 Term = Callable[[Read], float | None]
 
@@ -55,8 +51,8 @@ class Weighing:
         self._criteria = criteria
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else 9.80665
-        self._quick = [smooth(record, QUICK) for record in records]
-        self._slow = [smooth(record, SLOW) for record in records]
+        self._quick = [smooth(record, criteria.quick, criteria) for record in records]
+        self._slow = [smooth(record, criteria.slow, criteria) for record in records]
         self.names = [record.name for record in records]
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
@@ -86,7 +82,7 @@ class Weighing:
     def found(self) -> list[Weighed]:
         """The faults that the records show, most telling first; each is corrected before the next is sought."""
         found: list[Weighed] = []
-        for _ in range(_MOST):
+        for _ in range(self._criteria.faults):
             best = self._best([self._gains(a) for a in self._outputs()])
             if best is None:
                 break
@@ -135,12 +131,12 @@ class Weighing:
                 seen = agreement(relation, self._read(j, relation.slow, self.readings[j]), self._gravity)
                 if seen is None or seen.both <= 0.0:
                     continue
-                if 1.0 - seen.both**2 / (seen.left * seen.right) < _TELLING:
+                if 1.0 - seen.both**2 / (seen.left * seen.right) < self._criteria.telling:
                     factors.append(0.5 * np.log(seen.left / seen.right))
         if len(factors) < 2:
             return None
         middle, spread = float(np.median(factors)), float(np.median(np.abs(factors - np.median(factors))))
-        return float(np.exp(middle)) if abs(middle) > np.log(_STRETCH) and spread < 0.1 else None
+        return float(np.exp(middle)) if abs(middle) > np.log(self._criteria.stretch) and spread < 0.1 else None
 
     def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
         """Log likelihood ratio of an alternative in every record."""
@@ -168,7 +164,7 @@ class Weighing:
         for slow, term, now, room in terms:
             hope -= room
             gain += (term(self._read(j, slow, other)) or 0.0) - now
-            if gain + hope < _HOPELESS:
+            if gain + hope < self._criteria.hopeless:
                 return gain + hope
         return gain
 
