@@ -10,12 +10,12 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.held_noise import held_noise
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise, disturbance_series, readings
 from casid.diagnosis.flight.prior import OFFSET, prior
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
 from casid.model.causes import group_channels
-from casid.model.path import STATES
 from casid.model.system import Model
 
 # what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
@@ -225,15 +225,6 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
-def _held_noise(work: Work, linear: Linear) -> tuple[NoiseModel, dict[str, np.ndarray]]:
-    """The noise with that of recorded inputs as strong in the motion as in the reference, and the reference."""
-    into = _into_the_motion(linear, work.noise.inputs)
-    reference = work.reference or into
-    most = work.flight.criteria.noise.largest_input
-    strength = {name: s * _as_strong(into[name], reference[name], most) for name, s in work.noise.inputs.items()}
-    return replace(work.noise, inputs=strength), reference
-
-
 def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
     """The hypothesis at values of its slots, along a motion."""
     batch, model = work.batch, work.model
@@ -254,7 +245,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     late, seen = _lateness(attached, work), linear.seen
     if late.any():
         linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
-    held, reference = _held_noise(work, linear)
+    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     Y, F = _columns(work, attached, linear, made_of, late)
@@ -294,22 +285,6 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         deviance=data + float(np.sum(work.weight * deviation**2)),
         converged=False,
     )
-
-
-def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
-    """name -> (states of an aircraft,) what noise of an input does to the motion, on average, in typical sizes."""
-    model = linear.model
-    drive = (linear.Bw0 + linear.Bw1).mean(axis=(0, 1)) / model.scale_vector()[:, None]
-    rows = [i for i, state in enumerate(model.states) if state in STATES]
-    return {name: drive[rows, model.disturbances.index(name)] for name in inputs}
-
-
-def _as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
-    """Factor with which noise of an input does no more to the motion than in the reference: a cause must not gain by
-    making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
-    measured, and not stronger than that; and there are no more than `most` 1-sigmas of it."""
-    ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
-    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / most, 1.0))
 
 
 def _lateness(attached: Sequence[Attached], work: Work) -> np.ndarray:

@@ -12,9 +12,10 @@ from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Screen, rank
-from casid.diagnosis.flight.evaluation import Work, _as_strong, gauss_newton_step
+from casid.diagnosis.flight.evaluation import Work, gauss_newton_step
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.held_noise import as_strong
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
@@ -78,7 +79,7 @@ def test_a_cause_gains_neither_by_a_stronger_nor_by_a_weaker_control(effectivene
     """Noise does no more to the motion than before, and is never stronger than measured. (It was: a cubic term of a
     rudder with a dead zone made the rudder weaker, its noise 2.3 times as strong, and went before the dead zone.)"""
     before = np.array([0.3, -0.01, 0.0, 2.0])
-    assert _as_strong(effectiveness * before, before, most=3.0) == pytest.approx(strength)
+    assert as_strong(effectiveness * before, before, most=3.0) == pytest.approx(strength)
 
 
 @pytest.mark.parametrize("guess", [0.05, 0.3])
