@@ -9,7 +9,7 @@ Expectation  DIR/report.html (one page for a person), DIR/diagnosis.json (the sa
              Status 0 whatever is found; 2 and one line for bad input.
 
     python scripts/diagnose.py [RECORD ...] [--aircraft FILE] [--hold-out RECORD ...] [--map CHANNEL=COLUMN:unit]
-        [--out DIR] [--seed N] [--quick] [--criteria FILE]
+        [--axes full|longitudinal|lateral] [--out DIR] [--seed N] [--quick] [--criteria FILE]
 """
 
 from casid.cli.diagnose import diagnose

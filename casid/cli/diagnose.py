@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import DEMO, AsJson, Files, Flag, Folder, Maps, Whole, records_of
+from casid.cli.options import DEMO, AsJson, Axes, Files, Flag, Folder, Maps, Whole, records_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
@@ -29,6 +31,7 @@ def diagnose(
     aircraft: Path | None = None,
     hold_out: Files | None = None,
     maps: Maps | None = None,
+    axes: Axes | None = None,
     out: Folder = Path("out/diagnosis"),
     seed: Whole = 0,
     quick: Flag = False,
@@ -51,6 +54,8 @@ def diagnose(
         Records that are never fitted. Without, the last record is held back, or of a single one its last third.
     maps
         Column map: alpha=ALCG:deg, or a TOML file.
+    axes
+        What is judged. Without, what surfaces and motion of the records can tell of.
     out
         Folder for the results.
     seed
@@ -73,7 +78,9 @@ def diagnose(
     fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [])
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
-    _write(aircraft or DEMO / "aircraft.toml", fitted, held_out, by, out, seed, as_json)
+    file = aircraft or DEMO / "aircraft.toml"
+    diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, criteria=by, axes=axes)
+    _write(diagnosed, file, by, out, seed, as_json)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -101,18 +108,12 @@ def _flight(patterns: Sequence[str], held: Sequence[str], maps: Sequence[str]) -
 
 
 def _write(
-    file: Path,
-    fitted: list[Record],
-    held_out: list[Record],
-    criteria: Criteria,
-    out: Path,
-    seed: int,
-    as_json: bool,
+    diagnosed: Callable[..., Diagnosis], file: Path, criteria: Criteria, out: Path, seed: int, as_json: bool
 ) -> None:
-    aircraft = Aircraft.read(file)
+    """Run a diagnosis of an aircraft file into its folder."""
     made_with = provenance(seed) | {"criteria": criteria.changes}
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        diagnosis = diagnosis_of.diagnose(aircraft, fitted, held_out, report=stage, criteria=criteria)
+        diagnosis = diagnosed(report=stage)
         stage("report")
         diagnosis.write(folder / "diagnosis.json")
         like = file if file.suffix.lower() == ".toml" else None

@@ -137,6 +137,9 @@ class StructureCriteria:
     )
     dependent: float = number(1e-6, "part of a term beside the fitted ones below which it is one of them")
     resting: float = number(1e-7, "variation of a variable below which it rests", "derived: rounding", unit="rad")
+    rounding: float = number(
+        1e-9, "variation of a term below which it rests, of its size", "derived: rounding, of a surface away from zero"
+    )
     ridge: float = number(1e-3, "ridge on the prior of terms that are nearly the sum of others")
     demanded: float = number(50.0, "gain of an expected term or small offset that is put in beforehand", unit=_GAIN)
     sure: float = number(3.0, "spreads by which a value must differ from zero", "derived: 3 sigmas")
@@ -297,6 +300,28 @@ class VerdictCriteria:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GivenCriteria:
+    """The simulation as it is given: what contradicts it, and what the records can tell of."""
+
+    window: float = number(
+        5.0, "beginning of a record to which the initial state of the file as given is fitted", unit="s"
+    )
+    sigmas: float = number(3.0, "honest 1-sigmas by which flight contradicts a number of the file", "derived: 3 sigmas")
+    unstated: float = number(0.1, "part of a number within which it stands where its uncertainty is not stated")
+    from_records: float = number(
+        0.5, "part of the information on a number that must come from the records", "derived: more than the file's own"
+    )
+    beside: float = number(
+        0.25,
+        "motion of an axis, of the other's, below which it is not judged",
+        "measured: records of one axis show 0.03 to 0.21, of all axes 0.3 and more",
+    )
+    worse: float = number(1.05, "ratio of the error on held-out records that is a loss")
+    above_noise: float = number(1.1, "error over noise that shows")
+    refined: float = number(1.5, "ratio of errors that values within their stated uncertainty must gain for a word")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Criteria:
     """All criteria of a diagnosis, by subject.
 
@@ -309,6 +334,7 @@ class Criteria:
 
     data: DataCriteria = DataCriteria()
     noise: NoiseCriteria = NoiseCriteria()
+    given: GivenCriteria = GivenCriteria()
     input_timing: InputTimingCriteria = InputTimingCriteria()
     prior: PriorCriteria = PriorCriteria()
     kinematics: KinematicCriteria = KinematicCriteria()

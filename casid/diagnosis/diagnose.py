@@ -14,15 +14,16 @@ from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.explanations.by_score import Begun, by_score
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, without
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run
 from casid.diagnosis.flight.noise_level import with_noise_level
 from casid.diagnosis.flight.view import view_of
-from casid.diagnosis.given.as_given import fly_as_given
+from casid.diagnosis.given.as_given import AsGiven, fly_as_given, fly_recorded
 from casid.diagnosis.given.budget import budget_of
-from casid.diagnosis.given.contradicted import contradicted
 from casid.diagnosis.given.flight_values import flight_values
+from casid.diagnosis.given.reach import reach_of
+from casid.diagnosis.judging.conclusion import concluded
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.judging.verdict import (
@@ -42,9 +43,9 @@ from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
-from casid.model.effects import catalogue, effect_of
+from casid.model.effects import effect_of
 from casid.model.given import given_aircraft
-from casid.model.linearised import given_slopes, linearised
+from casid.model.linearised import linearised
 from casid.native.processors import side_by_side
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
@@ -63,6 +64,7 @@ def diagnose(
     *,
     naming: Literal["rules", "score"] = "rules",
     as_recorded: bool = False,
+    axes: str | None = None,
 ) -> Diagnosis:
     """Diagnose an aircraft file on flight records.
 
@@ -83,6 +85,8 @@ def diagnose(
         probabilities.
     as_recorded
         The data stay as they were recorded: faults are told, and neither corrected nor left out.
+    axes
+        "longitudinal", "lateral" or "full": what is judged; by default what the records can tell of.
 
     Raises
     ------
@@ -92,16 +96,21 @@ def diagnose(
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     stages, criteria = Stages(report), criteria or Criteria()
-    stages.begin("reading the records")
+    stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
     checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)
-    fitted, held = split(checked.records[: len(records)], checked.records[len(records) :], criteria.held_out)
-    flight = prepare(aircraft, fitted, criteria)
-    flight.with_records(flight.aircraft, held)  # what they lack is said before the work begins
-    known = attached_effects(flight)
-    flight = with_noise_level(flight, known)
+    stages.begin("reading the records")
+    mended, recorded = (
+        split(both[: len(records)], both[len(records) :], criteria.held_out)
+        for both in (checked.records, checked.recorded)
+    )
+    reach = reach_of(aircraft, mended, criteria, axes)
+    known = attached_effects(reach.flight)
+    flight = with_noise_level(reach.flight, known)
     stages.begin("simulation as given")
-    given, held_given = fly_as_given(flight, held, known)
+    given = fly_as_given(flight, reach.held, known)
+    if any(one.handled != "reported" for one in checked.findings):
+        given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
     stages.begin("refit of the file")
     calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
     flight, offsets = calm.flight, demanded_offsets(calm)
@@ -110,19 +119,42 @@ def diagnose(
     stages.begin("refit of the file")
     begun = _begun(calm, found.turbulence, found.slight)
     stages.begin("naming")
-    if naming == "score":
-        start = Begun(
-            calm=begun.calm,
-            structure=begun.structure,
-            structured=begun.structured,
-            start=begun.start,
-            turbulence=begun.turbulence,
-            kinematic=tuple(found.ranked),
-            given=given,
-            held_given=held_given,
-        )
-        return replace(by_score(aircraft, start, held, stages), data=checked.findings)
-    begun, by_rules = _named(begun, found, known, report)
+    named = _by_score if naming == "score" else _by_rules
+    return concluded(named(aircraft, begun, found, given, reach.held, stages), reach, checked.findings)
+
+
+def _by_score(
+    aircraft: Aircraft,
+    begun: _Begun,
+    found: KinematicFindings,
+    given: AsGiven,
+    held: Sequence[Record],
+    stages: Stages,
+) -> Diagnosis:
+    """Causes by the posterior over explanations."""
+    start = Begun(
+        calm=begun.calm,
+        structure=begun.structure,
+        structured=begun.structured,
+        start=begun.start,
+        turbulence=begun.turbulence,
+        kinematic=tuple(found.ranked),
+        given=given,
+    )
+    return by_score(aircraft, start, held, stages)
+
+
+def _by_rules(
+    aircraft: Aircraft,
+    begun: _Begun,
+    found: KinematicFindings,
+    given: AsGiven,
+    held: Sequence[Record],
+    stages: Stages,
+) -> Diagnosis:
+    """Causes one after the other, by rules about what each gains."""
+    criteria, known = begun.calm.criteria, begun.calm.attached
+    begun, by_rules = _named(begun, found, known, stages.begin)
     stages.begin("held-out records")
     kept = _kept(held, begun, by_rules)
     stages.begin("missing inputs")
@@ -147,28 +179,27 @@ def diagnose(
     refitted, extended, held_refitted, held_extended = [
         view_of(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
     ]
-    against = contradicted(aircraft, flight_values(kept.evidence), given_slopes(aircraft, records))
-    extended_file = extended_aircraft(flight.aircraft, kept.fit, causes, minor)
+    values = flight_values(kept.evidence)
+    extended_file = extended_aircraft(begun.calm.flight.aircraft, kept.fit, causes, minor)
     stages.end()
     return Diagnosis(
         verdict=verdict,
+        headline=sentence,
         sentence=sentence,
-        not_judged=(),
-        data=checked.findings,
-        contradicted=against,
         aircraft=aircraft,
         extended_aircraft=extended_file,
         causes=causes,
         minor=minor,
         ranking=candidates[: criteria.numerics.naming.ranking],
         rounds=by_rules.rounds,
-        as_given=given,
+        as_given=given.fitted,
         refitted=refitted,
         extended=extended,
-        held_out_as_given=held_given,
+        held_out_as_given=given.held,
         held_out_refitted=held_refitted,
         held_out_extended=held_extended,
-        budget=budget_of(held_given, held_given, held_refitted, held_extended),
+        budget=budget_of(given, held_refitted, held_extended),
+        flight=values,
         bare=bare,
         missing_before=tuple(first),
         missing_after=tuple(exact),
@@ -216,7 +247,7 @@ def _named(
     named; without turbulence, if that is not there any more; and from another minimum of the baseline, if nothing could
     be named that far from the data."""
     flight, skews = begun.calm.flight, [one for one in found.slight if one.effect.late]
-    effects = catalogue(flight.aircraft, flight.outputs)
+    effects = flight.effects
     by_kinematics = found.evidence, found.ranked
     naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
     share = as_inputs_run(naming.evidence.fit, named=True).flight.held

@@ -20,10 +20,12 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.size import missing_share
+from casid.diagnosis.parameter import Parameter
 from casid.keeping import save
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
@@ -149,33 +151,6 @@ class Round:
         return fit
 
 
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """A derivative, term or effect of the aircraft file in `unit`: its value there (0 where the file has none), fitted
-    with the structure of the file, and in the extended model; `*_std` 1-sigma (Cramer-Rao)."""
-
-    name: str
-    unit: str
-    a_priori: float
-    refitted: float
-    refitted_std: float
-    extended: float
-    extended_std: float
-
-    @property
-    def change(self) -> float:
-        """What the extension moved it by, in 1-sigmas of both."""
-        return (self.extended - self.refitted) / math.hypot(self.refitted_std, self.extended_std)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "unit": self.unit,
-            "a_priori": self.a_priori,
-            "refitted": {"value": self.refitted, "std": self.refitted_std},
-            "extended": {"value": self.extended, "std": self.extended_std},
-        }
-
-
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Diagnosis:
     """The verdict and everything it rests on.
@@ -186,6 +161,7 @@ class Diagnosis:
     as_given, refitted, extended  the file unmodified; its values fitted; with what was found. On the records that were
                                   fitted; `held_out_*` on records never used
     budget                        what each of these steps is worth on records never used
+    flight                        what flight says of each number of the file, by the extended model
     bare                          the model before any cause: the file refitted, with the structure that is expected of
                                   any aircraft and in the air as it moves
     missing_before, missing_after anonymous inputs: where something is missing, in `bare` and in the extended model, the
@@ -201,10 +177,11 @@ class Diagnosis:
     """
 
     verdict: str
+    headline: str
     sentence: str
-    not_judged: tuple[NotJudged, ...]
-    data: tuple[Finding, ...]
-    contradicted: tuple[Contradiction, ...]
+    not_judged: tuple[NotJudged, ...] = ()
+    data: tuple[Finding, ...] = ()
+    contradicted: tuple[Contradiction, ...] = ()
     aircraft: Aircraft
     extended_aircraft: Aircraft
     causes: tuple[Cause, ...]
@@ -218,6 +195,7 @@ class Diagnosis:
     held_out_refitted: View
     held_out_extended: View
     budget: Budget
+    flight: Mapping[str, FlightValue]
     bare: Fit
     missing_before: tuple[MissingInput, ...]
     missing_after: tuple[MissingInput, ...]
@@ -241,6 +219,11 @@ class Diagnosis:
     def is_extended(self) -> bool:
         """Whether the extended model has anything that the refitted file has not, be it a cause or minor."""
         return self.extended.fit is not self.refitted.fit
+
+    @property
+    def best(self) -> str:
+        """What the extended model is called: where nothing was added it is the file refitted."""
+        return "extended model" if self.is_extended else "refitted file"
 
     @property
     def bic(self) -> float:
@@ -271,6 +254,7 @@ class Diagnosis:
                 refitted_std=before.std(name),
                 extended=after[name],
                 extended_std=after.std(name),
+                flight=self.flight[name],
             )
             for name in names
             if name in there
@@ -294,8 +278,16 @@ class Diagnosis:
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
         lines += [f"  - data: {one.sentence}" for one in self.data]
+        lines += [f"  - values: {one.sentence}" for one in self.contradicted]
         lines += [f"  - {cause.sentence} (gain {cause.statistic:.0f})" for cause in self.causes]
         lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
+        lines += [f"  - not judged: {one.what} ({one.because})" for one in self.not_judged]
+        steps = self.budget.together
+        lines.append(
+            f"error on {', '.join(self.budget.records)}, times the noise: {steps.as_given:.2g} as given, "
+            f"{steps.data_mended:.2g} with the data mended, {steps.values:.2g} with values refitted, "
+            f"{steps.structure:.2g} with the structure extended"
+        )
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:

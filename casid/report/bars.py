@@ -124,7 +124,7 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
         [max(before[s], 1.0) for s in order],
         height,
         color=BASELINE,
-        label="today's simulation",
+        label="file refitted, without causes",
     )
     if extended:
         ax.barh(y + height / 2, [max(after[s], 1.0) for s in order], height, color=EXTENDED, label="extended model")

@@ -19,9 +19,7 @@ def heatmap(diagnosis: Diagnosis) -> Picture:
     fit = diagnosis.refitted.fit
     fastest = 0.5 / max(record.dt for record in fit.flight.records)
     edges = np.array([e for e in _EDGES if e < fastest])
-    views = [("today's simulation", diagnosis.as_given)]
-    if diagnosis.causes:
-        views.append(("extended model", diagnosis.extended))
+    views = [("file as given", diagnosis.as_given), (diagnosis.best, diagnosis.extended)]
     outputs = fit.model.outputs
     figure = blank(0.27 * len(outputs) + 1.8)
     axes = figure.subplots(1, len(views), sharey=True, squeeze=False)[0]
@@ -46,8 +44,7 @@ def heatmap(diagnosis: Diagnosis) -> Picture:
         title="Which channels, which frequencies",
         caption="Palest: nothing but noise. Darkest: ten thousand times the energy of the noise. Fitted records.",
         alt=f"Heatmap of residual over noise energy, channel by frequency. Largest before: {worst}, "
-        f"{energies[0][i, b]:.0f} times the noise"
-        + (f"; after: {energies[1][i, b]:.0f} times." if len(energies) > 1 else "."),
+        f"{energies[0][i, b]:.0f} times the noise; after: {energies[1][i, b]:.0f} times.",
     )
 
 

@@ -8,6 +8,7 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.model.effects import effect_of
 from casid.report.bars import kinematic, ladder, missing
+from casid.report.budget_figures import budget
 from casid.report.heatmap import ambiguity, heatmap
 from casid.report.onset import onset
 from casid.report.reconstruction import Reconstruction, reconstruct
@@ -22,6 +23,7 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
     with settings():
         lead = _lead(diagnosis, seen)
         further = [
+            budget(diagnosis.budget),
             gain(diagnosis),
             *_further(diagnosis, seen),
             histories(diagnosis),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -16,14 +16,22 @@ from casid.report import tables
 from casid.report.folder import provenance
 from casid.report.lead import pictures
 from casid.report.style import Picture
-from casid.report.words import pretty
+from casid.report.words import cause_name, digits, place, pretty
 from casid.signals import label_of
 
 FIGURES = "report_figures"
 _COLOURS: Mapping[str, str] = MappingProxyType(
-    {"adequate": "#00694E", "explained": "#005A8F", "partly explained": "#A34700", "unexplained": "#9B2F6B"}
+    {
+        "adequate": "#00694E",
+        "values wrong": "#7A5B00",
+        "explained": "#005A8F",
+        "partly explained": "#A34700",
+        "unexplained": "#9B2F6B",
+        "data at fault": "#A3122A",
+    }
 )
-_GAIN = ("gain",)
+_TOLD = 3  # of a kind that the opening tells one by one
+_GAIN = ("budget", "gain")
 _EVIDENCE = ("missing_history", "wind", "shape", "onset", "histories", "residuals", "heatmap")
 _CAUSES = ("ladder", "ambiguity")
 _WHERE = ("still_missing", "missing", "kinematic")
@@ -57,23 +65,23 @@ def _figure(picture: Picture, svg: bytes) -> str:
 
 
 def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, Any]) -> str:
-    lead, extended = next(iter(html)), diagnosis.is_extended
+    lead, best = next(iter(html)), diagnosis.best
     rest = {name: figure for name, figure in html.items() if name != lead}
 
     def those(names: tuple[str, ...]) -> str:
         return "\n".join(rest[name] for name in names if name in rest)
 
-    held = tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, extended)
+    held = tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, best)
     template = Template(files("casid.report").joinpath("page.html").read_text(encoding="utf-8"))
     return template.substitute(
         aircraft=escape(diagnosis.aircraft.name),
         verdict=escape(diagnosis.verdict.capitalize()),
         colour=_COLOURS[diagnosis.verdict],
-        sentence=_verdict(diagnosis) + _data(diagnosis),
-        gain=escape(gain_sentence(diagnosis)),
+        sentence=_verdict(diagnosis),
+        opening=_opening(diagnosis),
         facts=escape(_facts(diagnosis)),
         lead=html[lead],
-        gain_section=(those(_GAIN) if extended else "<p>Nothing was added to the model.</p>") + held,
+        gain_section=those(_GAIN) + held,
         evidence=those(_EVIDENCE),
         where=those(_WHERE),
         cause_section=tables.causes(diagnosis)
@@ -81,9 +89,13 @@ def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, An
         + tables.alternatives(diagnosis)
         + "<h3>Minor</h3>"
         + tables.minor(diagnosis),
-        numbers=tables.channels(diagnosis.as_given, diagnosis.extended, extended) + tables.parameters(diagnosis),
-        unseen=_UNSEEN + tables.unseen(diagnosis),
-        made=tables.remarks(diagnosis) + tables.seconds(diagnosis) + tables.made_with(made_with),
+        values=tables.contradicted(diagnosis) + tables.parameters(diagnosis),
+        numbers=tables.channels(diagnosis.as_given, diagnosis.extended, best),
+        unseen=tables.not_judged(diagnosis) + _UNSEEN + tables.unseen(diagnosis),
+        made=tables.findings(diagnosis)
+        + tables.remarks(diagnosis)
+        + tables.seconds(diagnosis)
+        + tables.made_with(made_with),
     )
 
 
@@ -94,59 +106,78 @@ _UNSEEN = (
 )
 
 
+def _opening(diagnosis: Diagnosis) -> str:
+    """What is wrong in data, values and structure, what got better and worse, and what was not judged: a line each."""
+    lines = {
+        "Data": _several([one.sentence for one in diagnosis.data]) or "No fault was found in them.",
+        "Values": _values(diagnosis),
+        "Structure": _structure(diagnosis),
+        "Unseen data": gain_sentence(diagnosis),
+        "Not judged": "; ".join(f"{one.what} ({one.because})" for one in diagnosis.not_judged) or "Nothing.",
+    }
+    items = "".join(f"<dt>{head}</dt><dd>{escape(pretty(line))}</dd>" for head, line in lines.items())
+    return f"<dl class='opening'>{items}</dl>"
+
+
+def _several(sentences: Sequence[str]) -> str:
+    more = f" And {len(sentences) - _TOLD} more." if len(sentences) > _TOLD else ""
+    return " ".join(sentences[:_TOLD]) + more
+
+
+def _values(diagnosis: Diagnosis) -> str:
+    told = sum(one.told for one in diagnosis.flight.values())
+    against = diagnosis.contradicted
+    if not against:
+        return f"None of the {told} numbers of the file that these records tell of stands against flight."
+    names = ", ".join(one.parameter for one in against)
+    return f"{len(against)} of the file's numbers, of {told} that these records tell of, against flight: {names}."
+
+
+def _structure(diagnosis: Diagnosis) -> str:
+    named = "; ".join(cause_name(c.kind, c.target, c.term) for c in diagnosis.causes)
+    left = ", ".join(dict.fromkeys(place(one.station) for one in diagnosis.unexplained))
+    parts = [f"Missing: {named}." if named else "", f"Unexplained at: {left}." if left else ""]
+    return " ".join(part for part in parts if part) or "Nothing of a size that matters is missing."
+
+
 def gain_sentence(diagnosis: Diagnosis) -> str:
-    """What the extension is worth on records that no fit has seen, in a sentence."""
-    before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
-    names = ", ".join(before.fit.flight.names)
-    if not diagnosis.causes:
-        table = {o: c.rms / c.noise for o, c in after.channels.items()}
-        worst = max(table, key=lambda o: table[o])
-        return (
-            f"On {names}, which no fit has seen, the open-loop simulation stays within {table[worst]:.1f} times the "
-            f"instrument's noise in every channel (worst: {label_of(worst)})."
-        )
-    per_sample = f"{(after.log_likelihood - before.log_likelihood) / before.samples:+.2f}".replace("-", "−")
-    if diagnosis.turbulence.named:
-        return (
-            f"On {names}, which no fit has seen, log likelihood per sample changes by {per_sample}; "
-            "gusts are new in every record, so that open-loop residuals need not shrink."
-        )
-    ratio = {o: after.channels[o].rms / c.rms for o, c in before.channels.items()}
-    best = sorted(ratio, key=lambda o: ratio[o])[:3]
-    told = ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f} %".replace("-", "−") for o in best)
+    """What got better and what got worse on records that no fit has seen."""
+    steps, ratio = diagnosis.budget.together, diagnosis.rms_ratio
+    names = ", ".join(diagnosis.budget.records)
+    better = sorted((o for o in ratio if ratio[o] < 1.0), key=lambda o: ratio[o])
+    worse = [o for o in ratio if ratio[o] >= 1.0]
+
+    def told(channels: Sequence[str]) -> str:
+        return ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f} %".replace("-", "−") for o in channels)
+
+    more = f" and {len(better) - _TOLD} more" if len(better) > _TOLD else ""
+    gusts = " Gusts are new in every record, so that open-loop residuals need not shrink."
     return (
-        f"On {names}, which no fit has seen, the extended model changes the r.m.s. residual by: {told}; "
-        f"log likelihood per sample {per_sample}."
+        f"On {names} the open-loop error is {digits(steps.as_given, 2)} times the noise as given and "
+        f"{digits(steps.structure, 2)} with the {diagnosis.best}. Better: {told(better[:_TOLD]) or 'nothing'}{more}. "
+        f"Worse: {told(worse) or 'nothing'}.{gusts if diagnosis.turbulence.named else ''}"
     )
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
     """The verdict's sentence; several causes become a list, and what follows them its last line."""
-    rest, items = diagnosis.sentence, []
+    rest, items = diagnosis.headline, []
     for cause in diagnosis.causes:
         if cause.told in rest:
             rest = rest.replace(cause.told, "", 1)
             items.append(cause.told)
     if len(items) < 2:
-        return f"<p class='sentence'>{escape(pretty(diagnosis.sentence))}</p>"
+        return f"<p class='sentence'>{escape(pretty(diagnosis.headline))}</p>"
     lines = "".join(f"<li>{escape(pretty(item))}</li>" for item in items)
     return f"<ol class='sentence'>{lines}</ol><p class='sentence'>{escape(pretty(rest.strip()))}</p>"
 
 
-def _data(diagnosis: Diagnosis) -> str:
-    """What is wrong with the data, as a list; nothing when nothing is."""
-    if not diagnosis.data:
-        return ""
-    lines = "".join(f"<li>{escape(pretty(one.sentence))}</li>" for one in diagnosis.data)
-    return f"<p>Of the data:</p><ul>{lines}</ul>"
-
-
 def _facts(diagnosis: Diagnosis) -> str:
-    view, held = diagnosis.as_given, diagnosis.held_out_as_given
+    view, held = diagnosis.refitted, diagnosis.held_out_as_given
     fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.fit.flight.records)
     unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records)
     count = f"{view.samples:,}".replace(",", " ")
     return (
         f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings; "
-        f"{len(view.fit.derivatives)} derivatives fitted."
+        f"{sum(diagnosis.flight[o].told for o in view.fit.derivatives)} derivatives told by them."
     )

@@ -15,7 +15,7 @@ from casid.diagnosis.result import Diagnosis
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reconstruction:
-    """Station -> what an unknown input there would be, by today's model and by the extended one."""
+    """Station -> what an unknown input there would be, by the file refitted and by the extended one."""
 
     before: dict[str, MissingInput]
     after: dict[str, MissingInput]

@@ -23,6 +23,7 @@ from casid.report.style import (
 from casid.signals import label_of
 
 _DEPARTED = 1e9  # standard deviations of noise: further away is no more telling
+AS_GIVEN = "file as given"
 _WINDOW = 14.0  # s
 
 
@@ -32,21 +33,17 @@ def misfit(view: View) -> dict[str, float]:
 
 
 def telling_channels(before: View, after: View, count: int) -> list[str]:
-    """The channels whose innovations lose most by the extension; without one, the worst of the baseline."""
+    """The channels whose innovations lose most from the file as given to the extended model."""
     outputs = before.fit.model.outputs
-    if before.fit is after.fit or before.fit.deviance == after.fit.deviance:
-        table = misfit(before)
-        return sorted(outputs, key=lambda o: -table[o])[:count]
     drop = np.sum(before.fit.white**2 - after.fit.white**2, axis=(0, 1))
     return [outputs[i] for i in np.argsort(-drop)[:count]]
 
 
 def histories(diagnosis: Diagnosis) -> Picture:
-    """Measured, baseline and extended in one held-out record."""
+    """Measured, as given and by the best model in one held-out record."""
     before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
-    extended = diagnosis.is_extended
     old, new = misfit(before), misfit(after)
-    channels = sorted(old, key=lambda o: new[o] - old[o] if extended else -old[o])[:3]
+    channels = sorted(old, key=lambda o: new[o] - old[o])[:3]
     r = _worst_record(before, channels)
     record = before.fit.flight.records[r]
     window = _telling_window(before, after, channels, r)
@@ -56,10 +53,8 @@ def histories(diagnosis: Diagnosis) -> Picture:
         i, (factor, _) = before.fit.model.outputs.index(channel), channel_scale(channel)
         t = record.t[window]
         ax.plot(t, factor * record[channel][window], color="#C4C4C4", lw=4.5, label="measured")
-        label = "today's simulation" if extended else "simulated"
-        ax.plot(t, factor * before.simulated.output[window, r, i], "--", color=BASELINE, label=label)
-        if extended:
-            ax.plot(t, factor * after.simulated.output[window, r, i], color=EXTENDED, label="extended model")
+        ax.plot(t, factor * before.simulated.output[window, r, i], "--", color=BASELINE, label=AS_GIVEN)
+        ax.plot(t, factor * after.simulated.output[window, r, i], color=EXTENDED, label=diagnosis.best)
         ax.set_ylabel(channel_axis(channel))
         ax.set_title(label_of(channel), loc="left")
         ax.margins(x=0.01)
@@ -73,13 +68,12 @@ def histories(diagnosis: Diagnosis) -> Picture:
         figure=figure,
         title=f"Flown again: record {record.name}, which no fit has seen",
         caption=(
-            "Open-loop simulation from the estimated initial state with the recorded control inputs, against the "
-            "measurement. "
-            + part
-            + ("The channels that the extension improves most." if extended else "The worst channels.")
+            "Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
+            f"from the state that fits the first seconds best, and by the {diagnosis.best}. {part}The channels that "
+            "differ most."
         ),
-        alt=f"Time histories of {names} in held-out record {record.name}: measured, and simulated by today's "
-        + ("and by the extended model." if extended else "model."),
+        alt=f"Time histories of {names} in held-out record {record.name}: measured, simulated by the file as given, "
+        f"and by the {diagnosis.best}.",
     )
 
 
@@ -116,7 +110,6 @@ def _within(values: np.ndarray) -> np.ndarray:
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
     """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left."""
     before, after = diagnosis.as_given, diagnosis.extended
-    extended = diagnosis.is_extended
     channels = channels or telling_channels(before, after, 3)
     r = _worst_record(before, channels)
     record = before.fit.flight.records[r]
@@ -127,12 +120,11 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
         i, noise = before.fit.model.outputs.index(channel), before.channels[channel].noise
         wrong = smooth(before.simulated.residual[:n, r, i] / noise, record.dt)
         ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
-        ax.plot(record.t, wrong, color=BASELINE, label="what the simulation gets wrong")
-        if extended:
-            explained = smooth((after.simulated.output - before.simulated.output)[:n, r, i] / noise, record.dt)
-            left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
-            ax.plot(record.t, explained, "--", color=EXPLAINED, label="explained by the extension")
-            ax.plot(record.t, left, color=EXTENDED, lw=1.1, label="left after it")
+        ax.plot(record.t, wrong, color=BASELINE, label="what the file as given gets wrong")
+        explained = smooth((after.simulated.output - before.simulated.output)[:n, r, i] / noise, record.dt)
+        left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
+        ax.plot(record.t, explained, "--", color=EXPLAINED, label=f"explained by the {diagnosis.best}")
+        ax.plot(record.t, left, color=EXTENDED, lw=1.1, label="left after it")
         ax.set_title(f"{label_of(channel)} {channel}", loc="left")
         ax.set_ylabel("residual / σ")
         ax.margins(x=0.01)
@@ -147,16 +139,14 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
             "Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey band "
             "is noise."
         ),
-        alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band"
-        + (", what the extension explains of them, and what is left." if extended else "."),
+        alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
+        f"{diagnosis.best} explains of them, and what is left.",
     )
 
 
-def gain(diagnosis: Diagnosis) -> Picture | None:
-    """Residual over noise per channel on held-out records, before and after; None when nothing was added."""
+def gain(diagnosis: Diagnosis) -> Picture:
+    """Residual over noise per channel on held-out records, as given and by the best model."""
     before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
-    if not diagnosis.is_extended:
-        return None
     old, new = misfit(before), misfit(after)
     order = sorted(old, key=lambda o: new[o] / old[o], reverse=True)
     figure = blank(0.31 * len(order) + 1.3)
@@ -168,8 +158,8 @@ def gain(diagnosis: Diagnosis) -> Picture | None:
         ax.annotate(
             f"{change:+.0f} %".replace("-", "−"), (1.01, y), xycoords=("axes fraction", "data"), va="center", fontsize=9
         )
-    ax.plot([old[o] for o in order], range(len(order)), "o", color=BASELINE, label="today's simulation")
-    ax.plot([new[o] for o in order], range(len(order)), "D", color=EXTENDED, ms=5, label="extended model")
+    ax.plot([old[o] for o in order], range(len(order)), "o", color=BASELINE, label=AS_GIVEN)
+    ax.plot([new[o] for o in order], range(len(order)), "D", color=EXTENDED, ms=5, label=diagnosis.best)
     ax.set_xscale("log")
     ax.set_yticks(range(len(order)), [f"{label_of(o)} {o}" for o in order])
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
@@ -186,7 +176,7 @@ def gain(diagnosis: Diagnosis) -> Picture | None:
         figure=figure,
         title=f"Gain per channel on {names}, which no fit has seen",
         caption=(
-            "R.m.s. of measured minus open-loop simulation over the noise; the number is its change by the extension."
+            "R.m.s. of measured minus open-loop simulation over the noise; the number is its change."
             + (" Gusts are new in every record: no open-loop simulation can repeat them." if turbulent else "")
         ),
         alt=f"Residual over noise per channel on held-out {names}, before and after; the largest change is that of "

@@ -7,6 +7,7 @@ from html import escape
 from typing import Any
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.naming.size import is_artefact, plausible
 from casid.diagnosis.naming.trials import gain_asked
@@ -71,8 +72,9 @@ def _held(cause: Cause) -> str:
     return "an event: judged in its record" if cause.held_out_gain is None else f"{cause.held_out_gain:+.3f}"
 
 
-def channels(before: View, after: View, extended: bool) -> str:
-    """Quality of fit per channel; r.m.s. in the unit that a person reads."""
+def channels(before: View, after: View, best: str) -> str:
+    """Quality of fit per channel, by the file as given and by the `best` model; r.m.s. in the unit that a person
+    reads."""
     quantities = ("r.m.s. residual", "Theil", "R²", "whiteness p")
     rows = []
     for name, old in before.channels.items():
@@ -84,12 +86,10 @@ def channels(before: View, after: View, extended: bool) -> str:
             (old.R2, new.R2, _three),
             (old.whiteness_p, new.whiteness_p, _p),
         ]
-        cells = [cell for a, b, show in pairs for cell in ((show(a), show(b)) if extended else (show(a),))]
+        cells = [cell for a, b, show in pairs for cell in (show(a), show(b))]
         rows.append((f"{name} [{unit}]", digits(factor * old.noise, 2), *cells))
-    if extended:
-        head = ("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} today", "ext.")))
-    else:
-        head = ("channel", "noise 1σ", *quantities)
+    short = {"extended model": "ext.", "refitted file": "refitted"}[best]
+    head = ("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short)))
     names = escape(", ".join(before.fit.flight.names))
     return table(
         head,
@@ -109,25 +109,59 @@ def _p(value: float) -> str:
 
 
 def parameters(diagnosis: Diagnosis) -> str:
-    """Every derivative and effect of the aircraft file: there, fitted to today's structure, and with what was added."""
-    extended, rows = diagnosis.is_extended, []
+    """Every derivative and effect of the aircraft file: there, by flight, and how far the two are apart."""
+    contradicted, rows = {one.parameter for one in diagnosis.contradicted}, []
     for one in diagnosis.parameters:
-        row = [escape(one.name), digits(one.a_priori), with_std(one.refitted, one.refitted_std, "1")]
-        if extended:
-            shown = f"{one.change:+.1f}".replace("-", "−")
-            row += [
-                with_std(one.extended, one.extended_std, "1"),
-                f"<b>{shown}</b>" if abs(one.change) > 3.0 else shown,
-            ]
-        rows.append(row)
-    head = ["parameter", "aircraft file", "fitted, today's structure"]
-    head += ["fitted, extended model", "change / σ"] if extended else []
+        says, given = one.flight, one.a_priori
+        if not says.told:
+            rows.append((escape(one.name), digits(given), "not told by these records", "", "", ""))
+            continue
+        apart = says.value - given
+        percent = f"{100.0 * apart / given:+.0f} %".replace("-", "−") if given else "–"
+        sigmas = digits(abs(apart) / says.std, 2) if says.std > 0.0 else "–"
+        mark = "<b>contradicted</b>" if one.name in contradicted else ""
+        rows.append((escape(one.name), digits(given), with_std(says.value, says.std, "1"), percent, sigmas, mark))
+    head = ("parameter", "aircraft file", "flight ± 1σ", "deviation", "in σ", "")
     return table(
         head,
         rows,
-        "Derivatives per rad, effects in SI units, ± 1σ (Cramér–Rao). Bold: the extension moved it by more than 3σ.",
+        "Derivatives per rad, effects in SI units. Flight: what the records say by themselves, beside the causes that "
+        "were found; the 1σ allows for coloured residuals, small terms of the structure and stretches of record that "
+        "disagree. Contradicted: beyond the uncertainty that the file states, or a tenth where it states none, and "
+        "beyond 3σ.",
         numeric=True,
     )
+
+
+def contradicted(diagnosis: Diagnosis) -> str:
+    """What of the file stands against flight, worst first, a sentence each; "" when nothing does."""
+    items = "".join(f"<li>{escape(pretty(one.sentence))}</li>" for one in diagnosis.contradicted)
+    return f"<ol>{items}</ol>" if items else ""
+
+
+def findings(diagnosis: Diagnosis) -> str:
+    """Faults of the data, with what was done about them; "" when there are none."""
+    rows = [
+        (
+            escape(f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}"),
+            escape(", ".join(one.records)),
+            escape(_when(one) or "all the time"),
+            one.handled,
+            escape(pretty(one.sentence)),
+        )
+        for one in diagnosis.data
+    ]
+    return table(("fault", "records", "when", "handled", "what"), rows, "Faults of the data")
+
+
+def _when(one: Finding) -> str:
+    return "; ".join(f"{r} {a:.1f}–{b:.1f} s" for r, parts in one.intervals_s.items() for a, b in parts)
+
+
+def not_judged(diagnosis: Diagnosis) -> str:
+    """What these records leave open, and why; "" when nothing is."""
+    rows = [(escape(one.what), escape(one.because)) for one in diagnosis.not_judged]
+    return table(("not judged", "because"), rows, "What these records leave open")
 
 
 def alternatives(diagnosis: Diagnosis) -> str:

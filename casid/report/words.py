@@ -43,7 +43,7 @@ def label(name: str) -> str:
 
 def pretty(sentence: str) -> str:
     """Powers and units raised, products dotted, signs of numbers as long as a minus: "alpha^2*beta", "-1 m/s2"."""
-    sentence = re.sub(r"(?<!\w)-(?=\d)", "−", sentence)
+    sentence = re.sub(r"(?<!\w)-(?=\d)", "−", sentence.replace("+-", "±"))
     raised = re.sub(r"\^([2-9])", lambda m: m[1].translate(_POWERS), re.sub(r"(?<=\w)\*(?=\w)", "·", sentence))
     return re.sub(r"(?<=/)(rad|deg|s|m)([23])\b", lambda m: m[1] + m[2].translate(_POWERS), raised)
 

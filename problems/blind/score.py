@@ -118,7 +118,7 @@ def _family_of(hidden: Hidden) -> str | None:
 
 def _named(hidden: tuple[Hidden, ...], found: Found, first: bool) -> str:
     if not found["causes"]:
-        return NOTHING if found["verdict"] == "adequate" else UNEXPLAINED
+        return NOTHING if found["verdict"] in (NOTHING, "values wrong") else UNEXPLAINED
     strongest = found["causes"][0]
     if first:
         return next(h.kind for h in hidden for o in _set(strongest) if same(h, o))

@@ -96,7 +96,7 @@ def test_milliseconds_are_minor_and_no_displaced_vane(monkeypatch):
     """The inertial unit 4 ms early; left out, a vane stands half a metre off, and more is missing."""
     records = late(flights(seed=12, count=4, rate_hz=50.0, noise=QUIET), UNIT)
     found = stages.diagnose(rough_file(), records)
-    assert found.verdict == "adequate"
+    assert found.verdict == "values wrong"
     assert ("sensor_delay", "inertial") in {(c.kind, c.target) for c in found.minor}
     monkeypatch.setattr(kinematic_stage, "_leading_skews", lambda flight, found: [])
     assert "vane_position" in {c.kind for c in stages.diagnose(rough_file(), records).causes}
@@ -138,12 +138,12 @@ def test_a_fault_is_named_beside_small_offsets_of_all_instruments():
     assert np.isclose(minor["p"], SMALL["p"], rtol=0.15)
 
 
-def test_a_good_model_is_adequate_beside_small_offsets(monkeypatch):
+def test_a_good_structure_is_enough_beside_small_offsets(monkeypatch):
     """In precise records; without the offsets in the model something seems to be missing."""
     records = with_offsets(
         flights(seed=11, count=4, duration_s=30.0, noise={k: 0.3 * s for k, s in NOISE.items()}), SMALL
     )
-    assert stages.diagnose(rough_file(), records).verdict == "adequate"
+    assert stages.diagnose(rough_file(), records).verdict == "values wrong"
     for stage in (stages, naming):
         monkeypatch.setattr(stage, "demanded_offsets", lambda base: [])
     assert stages.diagnose(rough_file(), records).verdict == "unexplained"

@@ -11,11 +11,13 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from small_flight import HIDDEN, NAMES, aircraft_file, records
 
@@ -30,6 +32,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.causes import effectiveness_change
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
+from casid.report.budget_figures import budget
 from casid.report.folder import provenance, whole_folder
 from casid.report.lead import pictures
 from casid.report.onset import onset_profiles
@@ -189,7 +192,18 @@ def test_every_figure_has_words_and_a_file_of_its_own(folder: Path, shown: dict[
 
 def test_page_opens_with_the_verdict_and_the_shape_of_what_is_missing(folder: Path, diagnosis: Diagnosis) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.index(pretty(diagnosis.sentence)) < page.index("figure-shape") < page.index("What it gains")
+    assert page.index(pretty(diagnosis.headline)) < page.index("figure-shape") < page.index("What it gains")
+
+
+def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judged(
+    folder: Path, diagnosis: Diagnosis
+) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    heads = [f"<dt>{head}</dt>" for head in ("Data", "Values", "Structure", "Unseen data", "Not judged")]
+    at = [page.index(head) for head in heads]
+    assert at == sorted(at) and at[-1] < page.index("figure-shape")
+    assert "no channel psi" in page[at[-1] : page.index("figure-shape")]
+    assert "Cm: alpha²" in page[at[2] : at[3]]
 
 
 def test_a_name_with_markup_is_only_text(
@@ -207,10 +221,25 @@ def test_a_name_with_markup_is_only_text(
     assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain" in page and not list(Tags(page).named("script"))
 
 
-def test_gain_in_words_is_the_gain_in_numbers(diagnosis: Diagnosis) -> None:
+def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(diagnosis: Diagnosis) -> None:
     ratios = diagnosis.to_dict()["gain"]["held_out"]["rms_ratio"]
-    best = min(ratios.values())
-    assert f"{100.0 * (best - 1.0):+.0f} %".replace("-", "−") in gain_sentence(diagnosis)
+    before, after = diagnosis.held_out_as_given.channels, diagnosis.held_out_extended.channels
+    assert ratios == {o: pytest.approx(after[o].rms / before[o].rms) for o in before}
+    best, told = min(ratios.values()), gain_sentence(diagnosis)
+    assert f"{100.0 * (best - 1.0):+.0f} %".replace("-", "−") in told
+    worse = {o: c for o, c in after.items() if o in ("p", "V")}
+    lost = {o: replace(c, rms=3.0 * before[o].rms) for o, c in worse.items()}
+    view = replace(diagnosis.held_out_extended, channels={**after, **lost})
+    told = gain_sentence(replace(diagnosis, held_out_extended=view))
+    assert all(f"{name} +200 %" in told.partition("Worse:")[2] for name in ("roll rate", "true airspeed"))
+
+
+def test_every_number_of_the_file_stands_beside_flight(folder: Path, diagnosis: Diagnosis) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    table = page[page.index("Values of the file</h2>") : page.index('<h2 id="numbers"')]
+    for one in diagnosis.parameters:
+        assert f">{one.name}</th>" in table
+    assert table.count("not told by these records") == sum(not one.flight.told for one in diagnosis.parameters)
 
 
 # -- the figures -------------------------------------------------------------------------------------------------------
@@ -243,6 +272,19 @@ def test_figures_are_the_same_bytes_each_time(folder: Path, drawn: dict[str, byt
         assert svg == (folder / FIGURES / f"{name}.svg").read_bytes(), name
 
 
+def test_the_bars_of_the_budget_meet_from_the_file_as_given_down_to_the_noise(diagnosis: Diagnosis) -> None:
+    with settings():
+        axes = budget(diagnosis.budget).figure.axes[0]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    assert rows[0] == "all channels" and len(rows) == len(diagnosis.budget.channels) + 1
+    together = diagnosis.budget.together
+    bars = [b for b in axes.patches if isinstance(b, Rectangle) and abs(b.get_y() + 0.5 * b.get_height()) < 0.5]
+    drawn = {(round(b.get_x(), 6), round(b.get_x() + b.get_width(), 6)) for b in bars}
+    left = [together.as_given, together.data_mended, together.values, together.structure, together.noise]
+    steps = {(round(low, 6), round(high, 6)) for high, low in pairwise(left) if high > 1.02 * low}
+    assert steps <= drawn and len(steps) >= 1
+
+
 def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Picture]) -> None:
     """The dots were made without knowing the term; they must lie about HIDDEN alpha^2."""
     lines = {str(line.get_label()): line for line in shown["shape"].figure.axes[0].lines}
@@ -257,7 +299,7 @@ def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> 
     view, held = diagnosis.refitted, diagnosis.held_out_refitted
     plain = replace(diagnosis, verdict="adequate", causes=(), extended=view, held_out_extended=held, missing_after=())
     names = list(pictures(plain))
-    assert names[0] == "histories" and not {"gain", "shape"} & set(names)
+    assert names[0] == "histories" and "shape" not in names and {"budget", "gain"} <= set(names)
 
 
 def test_what_stays_unexplained_opens_the_page(diagnosis: Diagnosis) -> None:

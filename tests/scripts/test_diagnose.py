@@ -51,6 +51,7 @@ class Seen:
     held: list[str]
     samples: int
     criteria: Criteria
+    axes: str | None
 
     def __call__(
         self,
@@ -59,8 +60,9 @@ class Seen:
         hold_out: Sequence[Record],
         report: Callable,
         criteria: Criteria,
+        axes: str | None,
     ) -> None:
-        self.aircraft, self.samples, self.criteria = aircraft, len(given[0]), criteria
+        self.aircraft, self.samples, self.criteria, self.axes = aircraft, len(given[0]), criteria, axes
         fitted, held = split(given, hold_out, criteria.held_out)
         self.fitted, self.held = [r.name for r in fitted], [r.name for r in held]
         raise KeyboardInterrupt
@@ -105,6 +107,12 @@ def test_of_a_single_record_its_last_third_is_held_out(run: Callable, flight: Pa
     seen = Seen()
     run(flight / "first.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path, instead=seen)
     assert seen.fitted == ["first"] and seen.held == ["first, last third"]
+
+
+def test_axes_are_passed_on(run: Callable, flight: Path, tmp_path: Path) -> None:
+    seen = Seen()
+    run(flight / "*.csv", "--aircraft", flight / "aircraft.toml", "--axes", "lateral", "--out", tmp_path, instead=seen)
+    assert seen.axes == "lateral"
 
 
 def test_what_is_held_out_is_not_fitted(run: Callable, flight: Path, tmp_path: Path) -> None:

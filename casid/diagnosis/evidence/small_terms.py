@@ -66,6 +66,7 @@ def small_terms(fit: Fit) -> SmallTerms:
         left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
         rests = np.array([criteria.resting ** parse_term(term).degree for term in allowed])
+        rests = np.maximum(rests, criteria.rounding * np.abs(whole[fit.batch.live]).max(axis=0))
         varies = np.flatnonzero(spread > np.maximum(criteria.dependent * np.std(whole[fit.batch.live], axis=0), rests))
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]

@@ -18,7 +18,6 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.causes import sensor_bias
-from casid.model.effects import catalogue
 
 TURBULENCE = "turbulence"
 WINDS = ("wind_x", "wind_y", "wind_z")
@@ -131,7 +130,7 @@ def _late(base: Fit) -> list[np.ndarray]:
     """The response to all inputs acting half a sample late: how they run between samples is not known."""
     half = 0.5 * float(np.median(base.batch.dt))
     there = {a.name for a in base.attached}
-    effects = [e for e in catalogue(base.flight.aircraft, base.flight.outputs) if e.kind == "input_delay"]
+    effects = [e for e in base.flight.effects if e.kind == "input_delay"]
     late = responses(base, [Attached(effect=e, values={"value": half}) for e in effects if e.name not in there])
     return [np.sum(late, axis=0)] if late else []
 
@@ -157,7 +156,7 @@ def _entrances(base: Fit, ports: Sequence[str], priors: Priors) -> tuple[Entranc
     winds = tuple(p for p in ports if p in WINDS)
     if len(winds) < 2 or base.noise.coloured:
         return tuple(single)
-    kinds = len({e.kind for e in catalogue(base.flight.aircraft, base.flight.outputs)})
+    kinds = len({e.kind for e in base.flight.effects})
     return (*single, Entrance(name=TURBULENCE, ports=winds, log_prior=priors.cause(kinds)))
 
 

@@ -15,9 +15,9 @@ from casid.diagnosis.explanations.reading import Reading
 from casid.diagnosis.explanations.refit import Explained, explain
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.view import View, view_of
+from casid.diagnosis.flight.view import view_of
+from casid.diagnosis.given.as_given import AsGiven
 from casid.diagnosis.given.budget import budget_of
-from casid.diagnosis.given.contradicted import contradicted
 from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import held_gains, judge_on
@@ -27,7 +27,6 @@ from casid.diagnosis.result import Diagnosis, Round
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
 from casid.model.causes import turbulence as effect_of_turbulence
-from casid.model.effects import catalogue
 from casid.records.record import Record
 
 
@@ -43,8 +42,7 @@ class Begun:
     start: Fit
     turbulence: Turbulence
     kinematic: tuple[Candidate, ...]
-    given: View
-    held_given: View
+    given: AsGiven
 
 
 def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: Stages) -> Diagnosis:
@@ -67,23 +65,22 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     stages.end()
     return Diagnosis(
         verdict=verdict,
+        headline=sentence,
         sentence=sentence,
-        not_judged=(),
-        data=(),
-        contradicted=contradicted(aircraft, flight_values(weigh(final))),
+        flight=flight_values(weigh(final)),
         aircraft=aircraft,
         extended_aircraft=extended_aircraft(begun.calm.flight.aircraft, final, causes, reading.minor),
         causes=causes,
         minor=reading.minor,
         ranking=candidates[: criteria.numerics.naming.ranking],
         rounds=(Round(candidates=candidates, trials=(), equivalents=(), named=False),),
-        as_given=begun.given,
+        as_given=begun.given.fitted,
         refitted=view_of(begun.calm),
         extended=view_of(final),
-        held_out_as_given=begun.held_given,
+        held_out_as_given=begun.given.held,
         held_out_refitted=on_held[0],
         held_out_extended=on_held[1],
-        budget=budget_of(begun.held_given, begun.held_given, *on_held),
+        budget=budget_of(begun.given, *on_held),
         bare=first,
         missing_before=before,
         missing_after=after,
@@ -107,7 +104,7 @@ def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tu
     if not begun.turbulence.named:
         return calm, begun.turbulence, 0.0
     moving = explain(begun.start, priors, begin)
-    kinds = len({e.kind for e in catalogue(begun.calm.flight.aircraft, begun.calm.flight.outputs)})
+    kinds = len({e.kind for e in begun.calm.flight.effects})
     in_air = float(expit(moving.posterior.best.log + priors.cause(kinds) - calm.posterior.best.log))
     return (moving, begun.turbulence, in_air) if in_air > 0.5 else (calm, still_air(begun.calm.flight), in_air)
 
@@ -115,5 +112,5 @@ def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tu
 def _ranking(explained: Explained) -> tuple[Candidate, ...]:
     first = explained.first.fit
     there = {one.effect.key for one in first.attached}
-    every = catalogue(first.flight.aircraft, first.flight.outputs)
+    every = first.flight.effects
     return tuple(screen(weigh(first), [e for e in every if e.key not in there]))

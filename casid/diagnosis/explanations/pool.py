@@ -19,7 +19,6 @@ from casid.diagnosis.naming.events import configuration_changes
 from casid.diagnosis.naming.size import meaningful_share, plausible
 from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.effect import Effect
-from casid.model.effects import catalogue
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,7 +34,7 @@ def competitors(evidence: Evidence, priors: Priors, banned: Collection[str] = ()
     """Causes that are not in the fit already, nor `banned`: found impossible."""
     base = evidence.fit
     there = {a.effect.key for a in base.attached}
-    every = catalogue(base.flight.aircraft, base.flight.outputs)
+    every = base.flight.effects
     effects = [e for e in every if e.key not in there and e.name not in banned]
     of_kind, kinds = Counter(e.kind for e in every), len({e.kind for e in every})
     found: list[Competitor] = []

@@ -165,7 +165,7 @@ class Work:
         self.batch = flight.batch(self.model)
         self.dt = float(np.median(self.batch.dt))
         symbolic = [a.name for a in attached if a.effect.symbolic]
-        aerodynamic = [n for n in self.model.parameters if not n.startswith(OFFSET) and n not in symbolic]
+        aerodynamic = flight.freed
         offsets = [OFFSET + name for name in self.model.outputs]
         by_free = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "offsets": [*offsets, *symbolic]}
         names = by_free.get(free, [])

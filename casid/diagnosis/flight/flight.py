@@ -18,11 +18,14 @@ from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_po
 from casid.model import operators
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
-from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs
+from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
+from casid.model.effect import Effect
+from casid.model.effects import catalogue
 from casid.model.path import (
     AIR_STATES,
     STATES,
     SignalPath,
+    aerodynamic_parameters,
     air_data_station,
     disturbance_names,
     given_series,
@@ -30,7 +33,7 @@ from casid.model.path import (
     wind_station,
 )
 from casid.model.system import Model
-from casid.model.terms import Term
+from casid.model.terms import Term, parse_term
 from casid.native.compiler import BUILDING, Compilable
 from casid.records.noise import density_sigma, high_band_holds, mean_over, motion_edge, pooled_sigma, quiet_windows
 from casid.records.record import Record
@@ -51,6 +54,7 @@ class Flight:
                    to be raised by `with_noise_above`
     turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
     held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
+    unknown        inputs that were never recorded: nothing is judged that hangs on them
     criteria       by which everything that looks at this flight decides
     """
 
@@ -63,6 +67,7 @@ class Flight:
     doubted: tuple[str, ...] = ()
     turning: Mapping[str, float] = field(default_factory=dict)
     held: float = 0.0
+    unknown: tuple[str, ...] = ()
     criteria: Criteria = Criteria()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
@@ -74,6 +79,27 @@ class Flight:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(record.name for record in self.records)
+
+    @cached_property
+    def resting(self) -> tuple[str, ...]:
+        """Surfaces that stand still: their derivatives are part of the offsets."""
+        return tuple(s for s in SURFACES if not np.ptp(np.concatenate([record[s] for record in self.records])) > 0.0)
+
+    @cached_property
+    def freed(self) -> tuple[str, ...]:
+        """Derivatives, terms and knots of tables that act on the states that move, but for those by a surface that
+        stands still."""
+        moved = moved_coefficients(self.aircraft, self.axes)
+        acting = [(name, term) for c, name, term in aerodynamic_parameters(self.aircraft) if c in moved]
+        still = {name for name, term in acting if any(v in self.resting for v, _ in parse_term(term).factors)}
+        knots = [name for name, coefficient in self.aircraft.knots.items() if coefficient in moved]
+        return (*(name for name, _ in acting if name not in still), *knots)
+
+    @property
+    def effects(self) -> list[Effect]:
+        """Every deterministic effect that these records can show."""
+        every = catalogue(self.aircraft, self.outputs)
+        return [e for e in every if e.target not in self.unknown and not e.kind.startswith(self.unknown)]
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """Measurement and input noise, and `coloured` disturbances beside them."""
@@ -178,13 +204,16 @@ class Flight:
         return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
 
 
-def prepare(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria | None = None) -> Flight:
-    """Decide axes, outputs and noise from what the records hold. Offsets of all six coefficients are always fitted.
+def prepare(
+    aircraft: Aircraft, records: Sequence[Record], criteria: Criteria | None = None, axes: str | None = None
+) -> Flight:
+    """Decide outputs and noise from what the records hold, and the axes by their surfaces, if they are not given.
+    Offsets of all six coefficients are always fitted.
 
     Raises InputError when the records cannot feed any model, or hold nothing to be explained.
     """
     criteria = criteria or Criteria()
-    noise, axes = criteria.noise, axes_of(records)
+    noise, axes = criteria.noise, axes or axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
     ready = [flight_inputs(aircraft, record, axes) for record in records]

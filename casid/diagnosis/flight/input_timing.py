@@ -46,7 +46,7 @@ def held_share(fitted: Fit, *, named: bool = False) -> float:
 
 
 def surface_shares(fitted: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each surface that moves the share that linearisation predicts, its 1-sigma, and the drop of the deviance.
+    """Of each surface that moves and acts the share that linearisation predicts, its 1-sigma, and the deviance's drop.
 
     What the fit leaves of each channel is taken as a first-order autoregressive process, whitened once more: timing
     shows in quick movements, and most of what a model may miss is slower.
@@ -65,9 +65,9 @@ def surface_shares(fitted: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     information[range(k), range(k)] += fitted.prior_weight
     covariance = scaled_inverse(information)[k:]
     change, variance = covariance @ (both.T @ left.reshape(-1)), np.diag(covariance[:, k:])
-    known = variance > 0.0  # rounding may leave less than nothing of what the records do not tell
-    gain = np.divide(change**2, variance, out=np.zeros(len(change)), where=known)
-    return fitted.flight.held + change, np.sqrt(np.where(known, variance, np.inf)), gain
+    acts = variance > 0.0  # a surface of axes that do not move tells nothing, and rounding may leave less than that
+    change, variance = change[acts], variance[acts]
+    return fitted.flight.held + change, np.sqrt(variance), change**2 / variance
 
 
 def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -7,6 +7,7 @@ best. A fit over the whole record would bend it to make up for what is wrong wit
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,15 +19,44 @@ from casid.errors import InputError
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
-WINDOW_S = 5.0  # at the beginning of a record, to which its initial state is fitted
 _ITERATIONS, _TOLERANCE = 6, 1.0
 
 
-def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attached]) -> tuple[View, View]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AsGiven:
+    """The unmodified file in the records that are fitted, and in those that are held out, with the data mended; and in
+    both as they were `recorded`, where that is not the same."""
+
+    mended: tuple[View, View]
+    recorded: tuple[View, View] | None = None
+
+    @property
+    def fitted(self) -> View:
+        """In the fitted records as they were recorded."""
+        return (self.recorded or self.mended)[0]
+
+    @property
+    def held(self) -> View:
+        """In the held-out records as they were recorded."""
+        return (self.recorded or self.mended)[1]
+
+
+def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attached]) -> AsGiven:
     """The unmodified file in the records of a flight, and in those that are held out; `known` are its own effects."""
     both = [flight, flight.with_records(flight.aircraft, held)]
     fitted, unseen = side_by_side(lambda one: _flown(one, known), both)
-    return fitted, unseen
+    return AsGiven(mended=(fitted, unseen))
+
+
+def fly_recorded(
+    flight: Flight, recorded: tuple[Sequence[Record], Sequence[Record]], known: Sequence[Attached]
+) -> tuple[View, View] | None:
+    """The same in fitted and held-out records before they were mended; None where it cannot fly in these."""
+    fitted, held = recorded
+    try:
+        return fly_as_given(flight.with_records(flight.aircraft, fitted), held, known).mended
+    except InputError:
+        return None
 
 
 def _flown(flight: Flight, known: Sequence[Attached]) -> View:
@@ -35,8 +65,9 @@ def _flown(flight: Flight, known: Sequence[Attached]) -> View:
 
 
 def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
-    """(R, states) that fit the first `WINDOW_S` of the records best; None where these show too little."""
-    parts = [record.between(record.t[0], record.t[0] + WINDOW_S) for record in flight.records]
+    """(R, states) that fit the first seconds of the records best; None where these show too little."""
+    window = flight.criteria.given.window
+    parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
     try:
         short = flight.with_records(flight.aircraft, parts)
         begun = fit(short, known, short.noise(), free="states", iterations=_ITERATIONS, tolerance=_TOLERANCE)

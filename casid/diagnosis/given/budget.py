@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from casid.diagnosis.flight.view import View
+from casid.diagnosis.given.as_given import AsGiven
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,16 +50,17 @@ class Budget:
         }
 
 
-def budget_of(as_given: View, data_mended: View, values: View, structure: View) -> Budget:
-    """The budget of four models' simulations of the same held-out records."""
-    views = {"as_given": as_given, "data_mended": data_mended, "values": values, "structure": structure}
-    shared = [name for name in as_given.channels if all(name in view.channels for view in views.values())]
+def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
+    """The budget on held-out records: of the file as given, and of the simulations with its `values` refitted and with
+    its `structure` extended."""
+    views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
+    shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
     channels = {name: Steps(**{step: _in_noise(view, name) for step, view in views.items()}) for name in shared}
     together = {
         one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
         for one in fields(Steps)
     }
-    return Budget(records=as_given.records, channels=channels, together=Steps(**together))
+    return Budget(records=given.held.records, channels=channels, together=Steps(**together))
 
 
 def _in_noise(view: View, channel: str) -> float:

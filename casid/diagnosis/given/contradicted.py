@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+from casid.diagnosis.criteria import Criteria, GivenCriteria
 from casid.diagnosis.flight.prior import least_stated
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.model.aircraft import Aircraft
+from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.terms import derivative_term
 from casid.model.vocabulary import effect_title
-
-_SIGMAS = 3.0  # honest deviations of the flight's own value
-_UNSTATED = 0.1  # of a number whose uncertainty the file does not state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,13 +68,19 @@ class Contradiction:
 
 
 def contradicted(
-    aircraft: Aircraft, flight: Mapping[str, FlightValue], slopes: Mapping[str, float] = MappingProxyType({})
+    aircraft: Aircraft,
+    flight: Mapping[str, FlightValue],
+    criteria: Criteria | None = None,
+    slopes: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Contradiction, ...]:
     """What of the file stands against flight: what cannot be first, then reversed signs, then by honest deviations.
 
     `slopes` of derivatives by tables and own aerodynamics, on which those of the file are increments.
     """
-    found = [*_impossible(aircraft, flight), *_derivatives(aircraft, flight, slopes), *_effects(aircraft, flight)]
+    by = criteria or Criteria()
+    beyond = [*_derivatives(aircraft, flight, by, slopes), *_effects(aircraft, flight, by.given)]
+    against = [one for one, margin in beyond if abs(one.flight - one.given) > max(margin, by.given.sigmas * one.std)]
+    found = [*_impossible(aircraft, flight), *against]
     return tuple(sorted(found, key=lambda c: (not c.impossible, not c.reversed, -_rank(c.sigmas))))
 
 
@@ -84,30 +89,32 @@ def _rank(sigmas: float) -> float:
 
 
 def _derivatives(
-    aircraft: Aircraft, flight: Mapping[str, FlightValue], slopes: Mapping[str, float]
-) -> Iterator[Contradiction]:
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, slopes: Mapping[str, float]
+) -> Iterator[tuple[Contradiction, float]]:
+    """What flight says against each derivative and term, and within which margin it stands all the same."""
     given = dict(aircraft.derivatives)
     given |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
     for name, value in given.items():
         coefficient, term = derivative_term(name)
-        whole, told = value + slopes.get(name, 0.0), flight.get(name)
-        if told is not None and name in slopes:
-            told = replace(told, value=told.value + slopes[name])
-        margin = (aircraft.relative_uncertainty or _UNSTATED) * abs(whole)
-        one = _contradiction(name, term.unit, whole, told, max(margin, least_stated(coefficient)))
-        if one is not None:
-            yield one
+        if name not in flight or not flight[name].told:
+            continue
+        whole = value + slopes.get(name, 0.0)
+        told = replace(flight[name], value=flight[name].value + slopes.get(name, 0.0))
+        margin = (aircraft.relative_uncertainty or criteria.given.unstated) * abs(whole)
+        margin = max(margin, least_stated(coefficient, criteria.prior))
+        yield _against(name, term.unit, whole, told, margin), margin
 
 
-def _effects(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
+def _effects(
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: GivenCriteria
+) -> Iterator[tuple[Contradiction, float]]:
+    """The same of the effects that the file has."""
     for value in aircraft.effects:
         effect = effect_of(value)
-        if not _possible(effect.limit, value.value, "value" in effect.unsigned):
-            continue
-        margin = value.std or _UNSTATED * abs(value.value)
-        one = _contradiction(effect.name, effect.unit, value.value, flight.get(effect.name), margin)
-        if one is not None:
-            yield one
+        told = _told(effect, flight)
+        if told is not None and told.told and _possible(effect.limit, value.value, "value" in effect.unsigned):
+            margin = value.std or criteria.unstated * abs(value.value)
+            yield _against(effect.name, effect.unit, value.value, told, margin), margin
 
 
 def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
@@ -116,7 +123,7 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
         effect = effect_of(value)
         if _possible(effect.limit, value.value, "value" in effect.unsigned):
             continue
-        told, title = flight.get(effect.name), effect_title(*effect.key)
+        told, title = _told(effect, flight), effect_title(*effect.key)
         says = f" Flight says {_number(told, effect.unit)}." if told is not None and told.told else ""
         yield Contradiction(
             parameter=effect.name,
@@ -141,18 +148,18 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
         )
 
 
+def _told(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightValue | None:
+    """What flight says of the size of an effect, as it is told."""
+    one = flight.get(effect.name)
+    return replace(one, value=effect.in_words({"value": one.value})["value"]) if one else None
+
+
 def _possible(limit: float, value: float, unsigned: bool) -> bool:
     return abs(value) <= limit and not (unsigned and value < 0.0)
 
 
-def _contradiction(
-    name: str, unit: str, given: float, flight: FlightValue | None, margin: float
-) -> Contradiction | None:
-    """The contradiction, if there is one."""
-    if flight is None or not flight.told:
-        return None
-    if not abs(flight.value - given) > max(margin, _SIGMAS * flight.std):
-        return None
+def _against(name: str, unit: str, given: float, flight: FlightValue, margin: float) -> Contradiction:
+    """Flight beside the file."""
     opposes = flight.value * given < 0.0 and min(abs(flight.value), abs(given)) > margin
     says = "says the opposite sign," if opposes else "says"
     return Contradiction(

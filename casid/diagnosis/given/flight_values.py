@@ -20,9 +20,6 @@ from casid.estimation.residual_colour import (
 )
 from casid.estimation.solvers.quadratic import inverse_along
 
-# of the information on a number that must come from the records for it to count as fitted; less is the file's own
-_FROM_RECORDS = 0.5
-
 
 @dataclass(frozen=True, kw_only=True)
 class FlightValue:
@@ -51,7 +48,7 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
             found[slot.name] = FlightValue(value=value, std=math.inf, told=False)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
-        told = from_records > _FROM_RECORDS
+        told = from_records > fit.flight.criteria.given.from_records
         found[slot.name] = FlightValue(value=own, std=honest / from_records, told=told)
     return found
 

@@ -2,8 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
+
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.given.flight_values import FlightValue
+from casid.diagnosis.kinematics.kinematics import NEEDED
+from casid.records.record import Record
+
+# what a person looks for: angular accelerations and altitude are extras
+_EXPECTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "full": ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az"),
+        "longitudinal": ("V", "alpha", "q", "theta", "ax", "az"),
+        "lateral": ("beta", "p", "r", "phi", "psi", "ay"),
+    }
+)
+_WIND: Mapping[str, str] = MappingProxyType({"V": "x", "alpha": "z", "beta": "y"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,11 +30,33 @@ class NotJudged:
     what: str
     because: str
 
-    @property
-    def sentence(self) -> str:
-        """In words."""
-        return f"Not judged: {self.what}, because {self.because}."
-
     def to_dict(self) -> dict[str, Any]:
         """One entry of `not_judged` in diagnosis.json."""
         return {"what": self.what, "because": self.because}
+
+
+def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, FlightValue]) -> Iterator[NotJudged]:
+    """What stays open in the axes of a flight: instruments, moving air, and numbers of the file.
+
+    given    the records as they were read
+    values   what flight says of every number of the file
+    """
+    absent = [name for name in _EXPECTED[flight.axes] if not any(name in record for record in given)]
+    constant = [name for name in _EXPECTED[flight.axes] if name not in (*flight.outputs, *absent)]
+    for names, because in ((absent, f"no channel {_all_of(absent)}"), (constant, f"{_all_of(constant)} does not move")):
+        if names:
+            air = "".join(f", moving air along {_WIND[name]}" for name in names if name in _WIND)
+            yield NotJudged(what=f"the instruments of {_all_of(names)}{air}", because=because)
+    needed = [name for name in NEEDED[flight.axes] if name not in flight.outputs]
+    if needed:
+        yield NotJudged(what="instruments by kinematics alone", because=f"they take {_all_of(needed)} too")
+    for surface in flight.resting:
+        if any(surface in record for record in given):
+            yield NotJudged(what=f"derivatives by {surface}", because=f"{surface} stands still")
+    untold = [name for name in flight.aircraft.derivatives if name in values and not values[name].told]
+    if untold:
+        yield NotJudged(what=", ".join(untold), because="the records say less of them than the file")
+
+
+def _all_of(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)

@@ -28,6 +28,7 @@ from casid.model.causes import turbulence as turbulence_effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence
 
+ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
 _LASTING = ("length", "duration")  # values that say how long an event takes
 _OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
 
@@ -322,7 +323,7 @@ def verdict_of(
             f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
         )
     remark = " What is expected of such an aircraft, or too small to matter, is listed as minor." if minor else ""
-    adequate = f"The model is adequate: no cause of a size that matters shows in these records.{remark}"
+    adequate = f"{ADEQUATE}{remark}"
     return "adequate", f"{adequate}{_hint(naming)}"
 
 

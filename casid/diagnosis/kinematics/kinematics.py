@@ -68,6 +68,12 @@ class Turbulence:
         return self.as_histories > self.criteria.slow * self.gain
 
 
+# axes -> channels without which the forces cannot be free
+NEEDED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"full": ("ax", "ay", "az", "p", "q", "r"), "longitudinal": ("ax", "az", "q"), "lateral": ("ay", "p", "r")}
+)
+
+
 def still_air(flight: Flight) -> Turbulence:
     """None of it."""
     return _in_air(flight, 0.0, 0.0, 0.0)
@@ -89,8 +95,7 @@ def _in_air(flight: Flight, sigma: float, std: float, gain: float, beyond_one_ax
 
 def available(flight: Flight) -> bool:
     """Whether the records hold accelerations and rates enough to free the forces."""
-    needed = {"full": ("ax", "ay", "az", "p", "q", "r"), "longitudinal": ("ax", "az", "q"), "lateral": ("ay", "p", "r")}
-    return all(name in flight.outputs for name in needed[flight.axes])
+    return all(name in flight.outputs for name in NEEDED[flight.axes])
 
 
 def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:

@@ -17,7 +17,6 @@ from casid.diagnosis.naming.events import at_peak
 from casid.diagnosis.naming.size import plausible
 from casid.diagnosis.naming.structure import SKEWED, demanded_skews
 from casid.model.effect import Effect
-from casid.model.effects import catalogue
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,7 +90,7 @@ def without_turbulence(
 def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
     """Causes of which kinematics know, but for those that are `known`."""
     taken = {one.effect.key for one in known}
-    return [e for e in catalogue(flight.aircraft, flight.outputs) if e.kinematic and e.key not in taken]
+    return [e for e in flight.effects if e.kinematic and e.key not in taken]
 
 
 def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect]) -> Turbulence:

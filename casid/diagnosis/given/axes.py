@@ -1,0 +1,77 @@
+"""Which axes the records can tell of: only these are freed, and what is left out is said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from casid.diagnosis.criteria import GivenCriteria
+from casid.diagnosis.given.not_judged import NotJudged
+from casid.errors import unknown
+from casid.model.applied import axes_of
+from casid.model.dynamics import MOVING
+from casid.records.record import Record
+
+_SURFACES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"longitudinal": ("delta_e",), "lateral": ("delta_a", "delta_r")}
+)
+_FLOW_ANGLE: Mapping[str, str] = MappingProxyType({"longitudinal": "alpha", "lateral": "beta"})
+_OTHER: Mapping[str, str] = MappingProxyType({"longitudinal": "lateral", "lateral": "longitudinal"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axes:
+    """Which states move in the model, "full", "longitudinal" or "lateral", and what that leaves open."""
+
+    name: str
+    not_judged: tuple[NotJudged, ...] = ()
+
+
+def axes_that_tell(records: Sequence[Record], asked: str | None = None, criteria: GivenCriteria | None = None) -> Axes:
+    """The axes that surfaces and motion of the records can tell of, or those that were `asked` for.
+
+    Where surfaces and flow angle of an axis move little beside the other's, small couplings and the air make as much of
+    its motion as its surfaces do.
+
+    Raises InputError for axes that there are not, and when the surfaces feed no model.
+    """
+    if asked is not None and asked not in MOVING:
+        raise unknown("axes", asked, MOVING)
+    fed = axes_of(records)
+    if asked is not None:
+        left_out = _OTHER.get(asked)
+        because = f"{asked} axes were asked for"
+        return Axes(name=asked, not_judged=_motions(left_out, because))
+    if fed != "full":
+        missing = [s for s in _SURFACES[_OTHER[fed]] if not all(s in record for record in records)]
+        return Axes(name=fed, not_judged=_motions(_OTHER[fed], f"no channel {' and '.join(missing)}"))
+    for resting, moving in _OTHER.items():
+        share = _share(records, resting, moving)
+        if share < (criteria or GivenCriteria()).beside:
+            who = " and ".join(_SURFACES[resting])
+            because = f"{who} and {_FLOW_ANGLE[resting]} move {100.0 * share:.0f} % of what the {moving} ones do"
+            return Axes(name=moving, not_judged=_motions(resting, because))
+    return Axes(name="full")
+
+
+def _motions(axis: str | None, because: str) -> tuple[NotJudged, ...]:
+    return (NotJudged(what=f"{axis} motion", because=because),) if axis else ()
+
+
+def _share(records: Sequence[Record], resting: str, moving: str) -> float:
+    """Part of the other axes' motion that an axis has: of surfaces or of flow angles, whichever is more. Infinite where
+    a flow angle is not measured, or the others do not move."""
+    surfaces = [max(_excursion(records, name) for name in _SURFACES[axis]) for axis in (resting, moving)]
+    angles = [_excursion(records, _FLOW_ANGLE[axis]) for axis in (resting, moving)]
+    if not (surfaces[1] > 0.0 and angles[1] > 0.0 and np.isfinite(angles[0])):
+        return np.inf
+    return max(surfaces[0] / surfaces[1], angles[0] / angles[1])
+
+
+def _excursion(records: Sequence[Record], name: str) -> float:
+    """Largest excursion from the median of a record; NaN where no record has the channel."""
+    found = [record[name] for record in records if name in record and np.isfinite(record[name]).any()]
+    return max((float(np.nanmax(np.abs(x - np.nanmedian(x)))) for x in found), default=float("nan"))

@@ -1,0 +1,63 @@
+"""How far the records reach: what they can tell of at all, and what is lost for want of a channel or of excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.given.axes import axes_that_tell
+from casid.diagnosis.given.contradicted import Contradiction, contradicted
+from casid.diagnosis.given.flight_values import FlightValue
+from casid.diagnosis.given.not_judged import NotJudged, left_open
+from casid.diagnosis.given.thrust import drag_level, with_thrust
+from casid.model.aircraft import Aircraft
+from casid.model.linearised import given_slopes
+from casid.records.record import Record
+
+Split = tuple[Sequence[Record], Sequence[Record]]  # fitted and held-out records
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reach:
+    """The flight that the records can tell of, and the held-out records made ready like it.
+
+    given  the fitted records as they were read; `lost` what was not judged from the beginning
+    """
+
+    flight: Flight
+    held: tuple[Record, ...]
+    given: tuple[Record, ...]
+    lost: tuple[NotJudged, ...]
+
+    def ready(self, recorded: Split) -> Split:
+        """Records before they were mended, made ready like these."""
+        fitted, held = (with_thrust(self.flight.aircraft, some, self.flight.axes)[0] for some in recorded)
+        return fitted, held
+
+    def not_judged(self, values: Mapping[str, FlightValue]) -> tuple[NotJudged, ...]:
+        """All that stays open, with `values` as flight has them."""
+        return (*self.lost, *left_open(self.flight, self.given, values))
+
+    def contradicted(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
+        """What of an aircraft file stands against flight, as far as these records can tell."""
+        open_level = {drag_level(aircraft)} if "thrust" in self.flight.unknown else set()
+        told = {name: one for name, one in values.items() if name not in open_level}
+        return contradicted(aircraft, told, self.flight.criteria, given_slopes(aircraft, self.given))
+
+
+def reach_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str | None) -> Reach:
+    """The flight of (fitted, held-out) records in the axes that they can tell of, or that were asked for.
+
+    Raises InputError for axes that there are not, and for records that cannot feed them.
+    """
+    fitted, held = records
+    judged = axes_that_tell(fitted, axes, criteria.given)
+    powered, no_thrust = with_thrust(aircraft, fitted, judged.name)
+    unseen, _ = with_thrust(aircraft, held, judged.name)
+    flight = prepare(aircraft, powered, criteria, judged.name)
+    flight.with_records(flight.aircraft, unseen)  # what they lack is said before the work begins
+    if no_thrust:
+        flight = replace(flight, unknown=("thrust",))
+    return Reach(flight=flight, held=tuple(unseen), given=tuple(fitted), lost=(*judged.not_judged, *no_thrust))

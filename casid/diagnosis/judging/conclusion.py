@@ -1,0 +1,106 @@
+"""The verdict as it opens the report: the worst that holds, with what is wrong in data and values, what the held-out
+records say against it, and what was not judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from casid.diagnosis.criteria import GivenCriteria
+from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.given.reach import Reach
+from casid.diagnosis.judging.verdict import ADEQUATE
+from casid.diagnosis.result import Diagnosis
+
+_TOLD = 3  # of a kind that the sentence tells one by one; the page and the document have all
+
+
+def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagnosis:
+    """The diagnosis with the worst verdict that holds, from one that causes and unknown inputs give alone.
+
+    data at fault > unexplained > partly explained > explained > values wrong > adequate
+    """
+    criteria = reach.flight.criteria.given
+    against, open_ = reach.contradicted(found.aircraft, found.flight), reach.not_judged(found.flight)
+    at_fault = [one for one in data if one.handled == "reported"]
+    mended = [one for one in data if one.handled != "reported"]
+    verdict, headline = found.verdict, found.headline
+    if at_fault:
+        found, against = _in_doubt(found), ()
+        verdict, headline = "data at fault", f"{_several(at_fault)} Until that is mended nothing else is certain."
+    elif verdict == "adequate" and against:
+        verdict, headline = "values wrong", f"{_values_wrong(against)}{headline.removeprefix(ADEQUATE)}"
+    elif against:
+        headline = f"{headline} {_also_contradicted(against)}"
+    elif verdict == "adequate":
+        headline = f"{headline}{_refined(found.budget, criteria)}"
+    parts = [_several(mended), headline, _losses(found.budget, criteria), _left_open(open_)]
+    return replace(
+        found,
+        verdict=verdict,
+        headline=headline,
+        sentence=" ".join(part for part in parts if part),
+        not_judged=open_,
+        data=tuple(data),
+        contradicted=against,
+    )
+
+
+def _in_doubt(found: Diagnosis) -> Diagnosis:
+    """Causes are none while the data are at fault; what was found stands under minor."""
+    doubted = [replace(c, sentence=f"{c.sentence} In doubt, for the data are at fault.") for c in found.causes]
+    return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=())
+
+
+def _several(all_of_them: Sequence[Finding | Contradiction]) -> str:
+    """Their sentences, and how many more there are."""
+    told = " ".join(one.sentence for one in all_of_them[:_TOLD])
+    more = len(all_of_them) - _TOLD
+    return f"{told} And {more} more." if more > 0 else told
+
+
+def _values_wrong(contradicted: Sequence[Contradiction]) -> str:
+    few = "A number" if len(contradicted) == 1 else f"{len(contradicted)} numbers"
+    stand = "stands" if len(contradicted) == 1 else "stand"
+    return f"The structure is right, but {few} of the file {stand} against flight. {_several(contradicted)}"
+
+
+def _also_contradicted(contradicted: Sequence[Contradiction]) -> str:
+    few = "a number" if len(contradicted) == 1 else f"{len(contradicted)} numbers"
+    stands = "stands" if len(contradicted) == 1 else "stand"
+    return f"Besides, {few} of the file {stands} against flight. {_several(contradicted)}"
+
+
+def _refined(budget: Budget, criteria: GivenCriteria) -> str:
+    """What values within their stated uncertainty are worth."""
+    steps = budget.together
+    if not steps.data_mended > criteria.refined * steps.structure:
+        return ""
+    return (
+        f" Its values, refitted within what the file states of them, take the error on "
+        f"{', '.join(budget.records)} from {steps.data_mended:.2g} to {steps.structure:.2g} times the noise."
+    )
+
+
+def _losses(budget: Budget, criteria: GivenCriteria) -> str:
+    """Channels that the best model simulates worse than the file as given on held-out records, worst first."""
+    lost = {
+        name: steps.structure / steps.as_given
+        for name, steps in budget.channels.items()
+        if steps.structure > criteria.worse * steps.as_given and steps.structure > criteria.above_noise
+    }
+    if not lost:
+        return ""
+    told = ", ".join(f"{name} ({100.0 * (lost[name] - 1.0):+.0f} %)" for name in sorted(lost, key=lambda o: -lost[o]))
+    return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {told}."
+
+
+def _left_open(not_judged: Sequence[NotJudged]) -> str:
+    if not not_judged:
+        return ""
+    told = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:_TOLD])
+    more = len(not_judged) - _TOLD
+    return f"Not judged: {told}{f'; and {more} more' if more > 0 else ''}."

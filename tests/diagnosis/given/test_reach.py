@@ -1,0 +1,117 @@
+"""What the records cannot tell of is said and not judged. Truth: which channels were taken away, what stood still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_flight import aircraft_file, records
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.given.axes import axes_that_tell
+from casid.diagnosis.given.reach import reach_of
+from casid.diagnosis.result import Diagnosis
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+from problems.do328 import THRUST
+
+LATERAL = ("CY", "Cl", "Cn")
+
+
+def without(*channels: str) -> list[Record]:
+    return [record.without(*(c for c in channels if c in record)) for record in records()]
+
+
+def lost(found: Diagnosis) -> dict[str, str]:
+    return {one.what: one.because for one in found.not_judged}
+
+
+def test_without_an_elevator_longitudinal_motion_is_not_judged() -> None:
+    """The flights hide a term of the pitching moment: without delta_e nothing of it may be named."""
+    found = diagnose(aircraft_file(), without("delta_e"))
+    assert lost(found)["longitudinal motion"] == "no channel delta_e"
+    assert found.verdict == "adequate" and "Not judged: longitudinal motion (no channel delta_e)" in found.sentence
+    assert {name[:2] for name in found.refitted.fit.derivatives} == set(LATERAL)
+    assert not {c.target for c in (*found.causes, *found.minor)} & {"Cm", "CL", "CD", "delta_e"}
+    document = found.to_dict()
+    assert {"what": "longitudinal motion", "because": "no channel delta_e"} in document["not_judged"]
+
+
+def test_longitudinal_axes_find_what_is_longitudinal() -> None:
+    found = diagnose(aircraft_file(), records(), axes="longitudinal")
+    assert lost(found)["lateral motion"] == "longitudinal axes were asked for"
+    assert not {name[:2] for name in found.refitted.fit.derivatives} & set(LATERAL)
+    assert [(c.kind, c.target, c.term) for c in found.causes] == [("aero_term", "Cm", "alpha^2")]
+
+
+def test_axes_that_there_are_not_are_an_error() -> None:
+    with pytest.raises(InputError, match="unknown axes 'roll'"):
+        diagnose(aircraft_file(), records(), axes="roll")
+
+
+def small(record: Record, names: tuple[str, ...], factor: float) -> Record:
+    moved = {n: np.median(record[n]) + factor * (record[n] - np.median(record[n])) for n in names}
+    return record.with_channels(**moved)
+
+
+@pytest.mark.parametrize(
+    ("names", "axes", "lost"),
+    [
+        (("delta_e", "alpha"), "lateral", ["longitudinal motion"]),
+        (("delta_a", "delta_r", "beta"), "longitudinal", ["lateral motion"]),
+        ((), "full", []),
+    ],
+)
+def test_axes_whose_surfaces_and_flow_angle_hardly_move_are_left_out(names, axes, lost) -> None:
+    quiet = [small(record, names, 0.1) for record in records()]
+    found = axes_that_tell(quiet)
+    assert (found.name, [one.what for one in found.not_judged]) == (axes, lost)
+    assert axes_that_tell(quiet, "full").not_judged == ()
+
+
+def test_a_surface_that_stands_still_is_not_fitted() -> None:
+    still = [record.with_channels(delta_r=np.full(len(record), 0.01)) for record in records()]
+    found = diagnose(aircraft_file(), still)
+    assert lost(found)["derivatives by delta_r"] == "delta_r stands still"
+    assert not [name for name in found.refitted.fit.derivatives if name.endswith("_delta_r")]
+    assert not [one for one in found.contradicted if one.parameter.endswith("_delta_r")]
+
+
+def test_unknown_thrust_is_balanced_by_the_drag_of_the_file_and_nothing_hangs_on_it() -> None:
+    """The flights have a constant thrust of 10 kN: the balance finds it but for noise and the hidden term."""
+    plain = replace(aircraft_file(), trim={})
+    found = reach_of(plain, (without("thrust"), without("thrust")), Criteria(), None)
+    assert found.flight.unknown == ("thrust",)
+    assert not [e for e in found.flight.effects if e.target == "thrust" or e.kind.startswith("thrust")]
+    assert [one.what for one in found.lost] == ["thrust, its line, and the level of drag"]
+    for record in found.flight.records:
+        assert np.ptp(record["thrust"]) == 0.0
+        assert record["thrust"][0] == pytest.approx(THRUST, rel=0.1)
+    by_path = reach_of(plain, (without("thrust", "ax"), without("thrust", "ax")), Criteria(), None).flight.records
+    assert by_path[0]["thrust"][0] == pytest.approx(THRUST, rel=0.1)
+
+
+def no_air_data(aircraft: Aircraft) -> Aircraft:
+    return replace(aircraft, trim={**aircraft.trim, "V": 144.0})
+
+
+@pytest.mark.parametrize(
+    ("channels", "file", "what", "because"),
+    [
+        (("beta",), lambda a: a, "beta", "no channel beta"),
+        (("V", "alpha", "beta"), no_air_data, "moving air along z", "no channel V, alpha, beta"),
+        (("ax", "ay", "az"), lambda a: a, "instruments by kinematics alone", "they take ax, ay and az too"),
+    ],
+)
+def test_what_a_missing_channel_costs_is_said(
+    channels: tuple[str, ...], file: Callable[[Aircraft], Aircraft], what: str, because: str
+) -> None:
+    found = diagnose(file(aircraft_file()), without(*channels))
+    assert any(what in one and because in why for one, why in lost(found).items()), lost(found)
+    read = {c.target for c in (*found.causes, *found.minor) if c.kind.startswith(("sensor", "vane"))}
+    assert not read & set(channels)
+    assert (found.causes[0].kind, found.causes[0].term) == ("aero_term", "alpha^2")
