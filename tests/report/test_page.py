@@ -11,13 +11,11 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from small_flight import HIDDEN, NAMES, aircraft_file, records
 
@@ -32,7 +30,6 @@ from casid.model.aircraft import Aircraft
 from casid.model.causes import effectiveness_change
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
-from casid.report.budget_figures import budget
 from casid.report.folder import provenance, whole_folder
 from casid.report.lead import pictures
 from casid.report.onset import onset_profiles
@@ -270,19 +267,6 @@ def test_no_text_is_cut_off_at_the_edge(shown: dict[str, Picture], drawn: dict[s
 def test_figures_are_the_same_bytes_each_time(folder: Path, drawn: dict[str, bytes]) -> None:
     for name, svg in drawn.items():
         assert svg == (folder / FIGURES / f"{name}.svg").read_bytes(), name
-
-
-def test_the_bars_of_the_budget_meet_from_the_file_as_given_down_to_the_noise(diagnosis: Diagnosis) -> None:
-    with settings():
-        axes = budget(diagnosis.budget).figure.axes[0]
-    rows = [label.get_text() for label in axes.get_yticklabels()]
-    assert rows[0] == "all channels" and len(rows) == len(diagnosis.budget.channels) + 1
-    together = diagnosis.budget.together
-    bars = [b for b in axes.patches if isinstance(b, Rectangle) and abs(b.get_y() + 0.5 * b.get_height()) < 0.5]
-    drawn = {(round(b.get_x(), 6), round(b.get_x() + b.get_width(), 6)) for b in bars}
-    left = [together.as_given, together.data_mended, together.values, together.structure, together.noise]
-    steps = {(round(low, 6), round(high, 6)) for high, low in pairwise(left) if high > 1.02 * low}
-    assert steps <= drawn and len(steps) >= 1
 
 
 def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Picture]) -> None:

@@ -1,0 +1,43 @@
+"""The waterfall of the error. Truth: the numbers of the budget, which its bars must join."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from matplotlib.patches import Rectangle
+
+from casid.diagnosis.given.budget import Budget, Steps
+from casid.report.budget_figures import budget
+from casid.report.style import settings
+
+Q = Steps(as_given=18.0, data_mended=12.0, values=4.0, structure=1.5)
+LOST = Steps(as_given=2.0, data_mended=2.0, values=5.0, structure=1.0)  # a refit that makes it worse
+GONE = Steps(as_given=math.inf, data_mended=math.inf, values=3.0, structure=1.2)
+
+
+def bars(row: int) -> list[Rectangle]:
+    """Bars of a row: all channels, then by the error as given."""
+    found = Budget(records=("m4",), channels={"q": Q, "p": LOST, "V": GONE}, together=Q)
+    with settings():
+        axes = budget(found).figure.axes[0]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    assert rows == ["all channels", "true airspeed V", "pitch rate q", "roll rate p"]
+    every = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    return [bar for bar in every if abs(bar.get_y() + 0.5 * bar.get_height() - row) < 0.5]
+
+
+def test_bars_join_the_file_as_given_to_the_noise() -> None:
+    ends = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in bars(2)]
+    left = (Q.as_given, Q.data_mended, Q.values, Q.structure, Q.noise)
+    assert ends == [pytest.approx((low, high)) for high, low in pairwise(left)]
+
+
+def test_a_step_that_makes_it_worse_is_hatched() -> None:
+    hatched = [bar for bar in bars(3) if bar.get_hatch()]
+    assert [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in hatched] == [pytest.approx((2.0, 5.0))]
+
+
+def test_a_simulation_that_diverges_is_drawn_and_said() -> None:
+    assert all(math.isfinite(bar.get_width()) for bar in bars(1))
