@@ -123,6 +123,26 @@ def diagnose(
     return concluded(named(aircraft, begun, found, given, reach.held, stages), reach, checked.findings)
 
 
+def _unexplained(
+    kept: _Kept,
+    by_rules: Naming,
+    left: Sequence[MissingInput],
+    told: tuple[tuple[Cause, ...], tuple[Cause, ...]],
+    least: float,
+) -> tuple[tuple[Cause, ...], list[MissingInput]]:
+    """(minor, unexplained): what no cause explains, unless what is too small to matter does; `told`: causes, minor."""
+    causes, minor = told
+    unexplained = still_missing(kept.evidence, left, causes, least)
+    seen = (*causes, *minor)
+    small = too_small(by_rules, seen, unexplained)
+    slight = [trial.candidate.attached for trial in minor_trials(by_rules, seen)][:1]
+    if small and (not unexplained or _nothing_beside(kept, slight, by_rules, causes, least)):
+        minor, unexplained = (*minor, *small), []
+    if not unexplained:
+        unexplained = _missing_on_held(kept, slight, causes, least)
+    return minor, unexplained
+
+
 def _by_score(
     aircraft: Aircraft,
     begun: _Begun,
@@ -162,16 +182,9 @@ def _by_rules(
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
     causes, minor = causes_of(
-        by_rules, kept.evidence, begun.turbulence, kept.gains, kept.structure, kept.structure_gain, begun.least, left
+        by_rules, kept.evidence, begun.turbulence, kept.gains, (kept.structure, kept.structure_gain), begun.least, left
     )
-    unexplained = still_missing(kept.evidence, left, causes, begun.least)
-    seen = (*causes, *minor)
-    small = too_small(by_rules, seen, unexplained)
-    slight = [trial.candidate.attached for trial in minor_trials(by_rules, seen)][:1]
-    if small and (not unexplained or _nothing_beside(kept, slight, by_rules, causes, begun.least)):
-        minor, unexplained = (*minor, *small), []
-    if not unexplained:
-        unexplained = _missing_on_held(kept, slight, causes, begun.least)
+    minor, unexplained = _unexplained(kept, by_rules, left, (causes, minor), begun.least)
     verdict, sentence = verdict_of(causes, minor, unexplained, by_rules, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))

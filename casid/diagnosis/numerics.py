@@ -26,6 +26,8 @@ class FitNumerics:
     noise_fits: int = number(2, "fits by which the noise of doubted channels is found")
     noise_iterations: int = number(6, "iterations of each of them")
     noise_tolerance: float = number(10.0, "drop of the deviance at which each of them ends", unit="2 ln L")
+    states_iterations: int = number(6, "iterations of a fit of initial states alone")
+    states_tolerance: float = number(1.0, "drop of the deviance at which it ends", unit="2 ln L")
     whiteness_lags: int = number(20, "lags of the Ljung-Box statistic")
 
 
@@ -109,6 +111,9 @@ class NamingNumerics:
     small_terms: int = number(5, "small terms that the verdict lists, at most")
     ranking: int = number(40, "candidates that the result keeps")
 
+
+# Findings of a kind that a sentence tells one by one; the page and the document have all.
+TOLD_ONE_BY_ONE = 3
 
 # Log likelihood below which a level of a channel, and the sign of a derivative, are impossible anyhow.
 IMPOSSIBLE, IMPOSSIBLE_SIGN = -60.0, -40.0

@@ -42,13 +42,21 @@ SCHEMA = "casid.diagnosis/2"
 class Cause:
     """A named cause, or one that is real but minor.
 
-    std            1-sigma of the value, small terms of the structure and unlike stretches of record allowed for
-    statistic      drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters;
-                   the model without it is given no more bent coefficients than are left beside it
-    held_out_gain  log likelihood per sample gained on records never used; None for an event, which does not recur
-    onset_s        record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in
-    share          its part of the variation of the coefficient it adds to, or of its smallest size that matters
-    probability    that it is there; `log_odds` against everything that does without it. None by rules
+    Attributes
+    ----------
+    std
+        1-sigma of the value, small terms of the structure and unlike stretches of record allowed for.
+    statistic
+        Drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters; the model
+        without it is given no more bent coefficients than are left beside it.
+    held_out_gain
+        Log likelihood per sample gained on records never used; None for an event, which does not recur.
+    onset_s
+        Record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in.
+    share
+        Its part of the variation of the coefficient it adds to, or of its smallest size that matters.
+    probability
+        That it is there; `log_odds` against everything that does without it. None by rules.
     """
 
     kind: str
@@ -155,25 +163,43 @@ class Round:
 class Diagnosis:
     """The verdict and everything it rests on.
 
-    not_judged                    what these records or this file leave open, and why
-    data                          faults of the data
-    contradicted                  what of the file stands against flight, worst first
-    as_given, refitted, extended  the file unmodified; its values fitted; with what was found. On the records that were
-                                  fitted; `held_out_*` on records never used
-    budget                        what each of these steps is worth on records never used
-    flight                        what flight says of each number of the file, by the extended model
-    bare                          the model before any cause: the file refitted, with the structure that is expected of
-                                  any aircraft and in the air as it moves
-    missing_before, missing_after anonymous inputs: where something is missing, in `bare` and in the extended model, the
-                                  structure taken as exact (the verdict allows for small terms besides)
-    unexplained                   what of it gains and matters still, small terms allowed for
-    kinematic                     instrument and air causes scored with forces left free, empty when not available
-    detectable                    cause name -> smallest size that these records would show
-    seconds                       wall time per stage
-    explanations                  names of all that the most probable ones say, with probabilities; none by rules
-    believed                      cause -> probability that it is there and matters;  entered  the same of something
-                                  unexplained at a station;  nothing  that nothing that matters is wrong
-    worths                        channel -> part of its readings that independent ones are as good as
+    Attributes
+    ----------
+    not_judged
+        What these records or this file leave open, and why.
+    data
+        Faults of the data.
+    contradicted
+        What of the file stands against flight, worst first.
+    as_given, refitted, extended
+        The file unmodified; its values fitted; with what was found. On the records that were fitted; `held_out_*` on
+        records never used.
+    budget
+        What each of these steps is worth on records never used.
+    flight
+        What flight says of each number of the file, by the extended model.
+    bare
+        The model before any cause: the file refitted, with the structure that is expected of any aircraft and in the
+        air as it moves.
+    missing_before, missing_after
+        Anonymous inputs: where something is missing, in `bare` and in the extended model. The structure is taken as
+        exact; the verdict allows for small terms besides.
+    unexplained
+        What of it gains and matters still, small terms allowed for.
+    kinematic
+        Instrument and air causes scored with forces left free, empty when not available.
+    detectable
+        Cause name -> smallest size that these records would show.
+    seconds
+        Wall time per stage.
+    explanations
+        Names of all that the most probable ones say, with probabilities; none by rules.
+    believed, entered
+        Cause -> probability that it is there and matters; the same of something unexplained at a station.
+    nothing
+        Probability that nothing that matters is wrong.
+    worths
+        Channel -> part of its readings that independent ones are as good as.
     """
 
     verdict: str

@@ -277,7 +277,7 @@ class Aircraft:
         """Write a TOML file from which `read` makes an equal Aircraft.
 
         Under a name that ends in .xml an aircraft of a JSBSim file is written as that file, with its derivatives and
-        terms as further functions and its effects as parts; what such a file cannot say stands in a comment of it.
+        terms as further functions and its effects as parts. What such a file cannot say stands in a comment of it.
 
         Parameters
         ----------

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
@@ -18,8 +19,6 @@ from casid.diagnosis.flight.view import View, view_of
 from casid.errors import InputError
 from casid.native.processors import side_by_side
 from casid.records.record import Record
-
-_ITERATIONS, _TOLERANCE = 6, 1.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,8 +59,13 @@ def fly_recorded(
 
 
 def _flown(flight: Flight, known: Sequence[Attached]) -> View:
-    states = fit(flight, known, flight.noise(), free="states", iterations=_ITERATIONS, tolerance=_TOLERANCE)
-    return view_of(states, _start(flight, known))
+    return view_of(_states(flight, known), _start(flight, known))
+
+
+def _states(flight: Flight, known: Sequence[Attached]) -> Fit:
+    by = flight.criteria.numerics.fit
+    tolerance, iterations = by.states_tolerance, by.states_iterations
+    return fit(flight, known, flight.noise(), free="states", iterations=iterations, tolerance=tolerance)
 
 
 def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
@@ -70,7 +74,7 @@ def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
     parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
     try:
         short = flight.with_records(flight.aircraft, parts)
-        begun = fit(short, known, short.noise(), free="states", iterations=_ITERATIONS, tolerance=_TOLERANCE)
+        begun = _states(short, known)
     except InputError:
         return None
     return begun.linear.X[0]

@@ -13,9 +13,8 @@ from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.given.reach import Reach
 from casid.diagnosis.judging.verdict import ADEQUATE
+from casid.diagnosis.numerics import TOLD_ONE_BY_ONE
 from casid.diagnosis.result import Diagnosis
-
-_TOLD = 3  # of a kind that the sentence tells one by one; the page and the document have all
 
 
 def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagnosis:
@@ -57,8 +56,8 @@ def _in_doubt(found: Diagnosis) -> Diagnosis:
 
 def _several(all_of_them: Sequence[Finding | Contradiction]) -> str:
     """Their sentences, and how many more there are."""
-    told = " ".join(one.sentence for one in all_of_them[:_TOLD])
-    more = len(all_of_them) - _TOLD
+    told = " ".join(one.sentence for one in all_of_them[:TOLD_ONE_BY_ONE])
+    more = len(all_of_them) - TOLD_ONE_BY_ONE
     return f"{told} And {more} more." if more > 0 else told
 
 
@@ -101,6 +100,6 @@ def _losses(budget: Budget, criteria: GivenCriteria) -> str:
 def _left_open(not_judged: Sequence[NotJudged]) -> str:
     if not not_judged:
         return ""
-    told = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:_TOLD])
-    more = len(not_judged) - _TOLD
+    told = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:TOLD_ONE_BY_ONE])
+    more = len(not_judged) - TOLD_ONE_BY_ONE
     return f"Not judged: {told}{f'; and {more} more' if more > 0 else ''}."

@@ -38,8 +38,7 @@ def causes_of(
     evidence: Evidence,
     turbulence: Turbulence,
     held_gains: Sequence[float | None],
-    structure: Sequence[Attached] = (),
-    structure_gain: float | None = None,
+    structure: tuple[Sequence[Attached], float | None] = ((), None),
     least: float = 0.0,
     left: Sequence[MissingInput] = (),
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
@@ -49,8 +48,8 @@ def causes_of(
                 minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside
                 others, or that never mattered
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
-    structure   what is expected of any aircraft and was put into the model beforehand, which together gained
-                `structure_gain` on the held-out records: minor, unless it is a term that gains more than `least`,
+    structure   what is expected of any aircraft and was put into the model beforehand, and what that together gained
+                on the held-out records: minor, unless it is a term that gains more than `least`,
                 matters twice as much as one that is named must, three times beside what gains more, nothing is
                 unexplained, which distorts it, and little is `left` missing at its coefficient. What is expected of
                 some aircraft, and was named, is minor unless it cannot be told from another cause
@@ -85,7 +84,8 @@ def causes_of(
     missing = {m.station: m.gain for m in left}
     unexplained = still_missing(evidence, left, causes, least)
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
-    for one in structure:
+    put_in_before, structure_gain = structure
+    for one in put_in_before:
         left_there = np.inf if unexplained else missing.get(f"d{one.effect.target}", 0.0)
         put_in = _expected(one.name, evidence, structure_gain, least, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)

@@ -49,10 +49,19 @@ _ONSETS = 12  # in a record
 class Library:
     """Which causes are considered.
 
-    kinds        of `KINDS`; default all
-    degree       of the monomials of states and inputs that an equation may lack; 0: none
-    regressors   name -> function of a namespace of the model's states and inputs, further terms; CasADi expressions
-    Raises InputError for a kind that does not exist.
+    Attributes
+    ----------
+    kinds
+        Of `KINDS`; default all.
+    degree
+        Of the monomials of states and inputs that an equation may lack; 0: none.
+    regressors
+        Name -> function of a namespace of the model's states and inputs, further terms; CasADi expressions.
+
+    Raises
+    ------
+    InputError
+        For a kind that does not exist.
     """
 
     kinds: tuple[str, ...] = KINDS

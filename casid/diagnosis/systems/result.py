@@ -22,12 +22,22 @@ SCHEMA = "casid.diagnosis/2"
 class SystemCause:
     """A named cause.
 
-    value, std     of its parameter in `unit`, 1-sigma by Cramer-Rao
-    probability    that it, or one of those it cannot be told from, is there;  alone  that it itself is
-    log_odds       of the best model with it against the best without it, of all that were fitted
-    held_out_gain  log likelihood per reading that the model loses on records never used when it is left out
-    onset_s        record -> time [s] from which it is there; None: always
-    share          its size in units of what matters there
+    Attributes
+    ----------
+    value, std
+        Of its parameter in `unit`, 1-sigma by Cramer-Rao.
+    probability
+        That it, or one of those it cannot be told from, is there.
+    alone
+        Probability that it itself is there.
+    log_odds
+        Of the best model with it against the best without it, of all that were fitted.
+    held_out_gain
+        Log likelihood per reading that the model loses on records never used when it is left out.
+    onset_s
+        Record -> time [s] from which it is there; None: always.
+    share
+        Its size in units of what matters there.
     """
 
     kind: str
@@ -126,17 +136,29 @@ class Value:
 class SystemDiagnosis:
     """The verdict about a simulation of any dynamic system, and what it rests on.
 
-    verdict                        "adequate", "values wrong", "explained", "partly explained" or "unexplained"
-    model                          as it was given
-    extended                       with the named causes and fitted values: `extended.model`, whose records are
-                                   `extended.prepared(record)`, and `values` of its parameters
-    causes, minor                  named, and real but too small to matter; strongest first
-    unexplained                    ports at which something enters that no cause explains
-    explanations                   sets of causes that were fitted -> probability
-    as_given, refitted, extension  open-loop simulations of the held-out records: r.m.s. over noise of each output
-    budget                         the same as a table of steps
-    noise                          output -> 1-sigma that the judgement stands on
-    seconds                        wall time
+    Attributes
+    ----------
+    verdict
+        "adequate", "values wrong", "explained", "partly explained" or "unexplained".
+    model
+        As it was given.
+    extended
+        With the named causes and fitted values: `extended.model`, whose records are `extended.prepared(record)`, and
+        `values` of its parameters.
+    causes, minor
+        Named, and real but too small to matter; strongest first.
+    unexplained
+        Ports at which something enters that no cause explains.
+    explanations
+        Sets of causes that were fitted -> probability.
+    as_given, refitted, extension
+        Open-loop simulations of the held-out records: r.m.s. over noise of each output.
+    budget
+        The same as a table of steps.
+    noise
+        Output -> 1-sigma that the judgement stands on.
+    seconds
+        Wall time.
     """
 
     verdict: str
