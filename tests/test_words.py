@@ -103,3 +103,8 @@ def test_no_long_sentence_in_the_pages(page: Path) -> None:
 def test_no_long_sentence_in_public_docstrings() -> None:
     found = [f"{name}: {what}" for name, text in public_docstrings() for what in too_long(text)]
     assert not found, "\n".join(found)
+
+
+def test_the_page_of_the_api_has_every_public_name() -> None:
+    listed = set((REPO / "docs" / "api.md").read_text(encoding="utf-8").split())
+    assert not set(casid.__all__) - {"__version__"} - listed
