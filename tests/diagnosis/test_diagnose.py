@@ -87,7 +87,7 @@ def test_clean_data_give_no_name(seed: int) -> None:
     """The structure of the file is right, and its moments, which it states as exact, are 30 % below the truth."""
     found = diagnose(rough_file(), flights(seed=seed, count=4))
     assert (found.verdict, found.causes) == ("values wrong", ()), str(found)
-    assert {"Cm_alpha", "Cl_p", "Cn_beta"} <= {c.parameter for c in found.contradicted}
+    assert {"Cm_delta_e", "Cl_p", "Cn_beta"} <= {c.parameter for c in found.contradicted}
     assert all(abs(c.flight - c.given / 0.7) < 4.0 * c.std for c in found.contradicted)
 
 

@@ -132,7 +132,7 @@ def test_edge_of_the_motion() -> None:
     for high, edge in ((0.02, 0.5), (0.5, 2.0)):
         q = np.sin(2.0 * np.pi * 0.5 * t) + high * np.sin(2.0 * np.pi * 2.0 * t)
         assert motion_edge([Record(name="m", t=t, channels={"q": q})]) == pytest.approx(edge, abs=0.06)
-    assert motion_edge([Record(name="m", t=t, channels={"alpha": t})]) == 0.0
+    assert motion_edge([Record(name="m", t=t, channels={"alpha": 0.01 * t})]) == 0.0
 
 
 def test_denoising_keeps_the_time_at_which_a_surface_begins_to_move() -> None:
