@@ -93,7 +93,7 @@ def test_a_record_that_shows_nothing_is_named_before_the_work_begins(at: int) ->
     found[at] = found[at].without("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
     with pytest.raises(InputError, match=f"record '{found[at].name}': of the outputs .* it has only none"):
         diagnose(replace(aircraft_file(), trim={"V": 144.0}), found, report=stages.append)
-    assert stages == ["reading the records"]
+    assert stages == ["faults of the data", "reading the records"]
 
 
 def test_effects_of_other_records_do_nothing_here() -> None:
