@@ -97,6 +97,6 @@ def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -
 
 
 def steps_for(error: float, substeps: int) -> int:
-    """Steps per sample interval with which the error is expected to be small enough; a motion that ran off needs any."""
+    """Steps per sample interval with which the error should be small enough; a motion that ran off needs any number."""
     needed = _GROWTH * substeps * (error / TOLERANCE) ** (1.0 / _ORDER) if math.isfinite(error) else math.inf
     return math.ceil(min(needed, 1e6))

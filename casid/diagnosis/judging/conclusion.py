@@ -12,9 +12,10 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.given.reach import Reach
-from casid.diagnosis.judging.verdict import ADEQUATE
 from casid.diagnosis.numerics import TOLD_ONE_BY_ONE
 from casid.diagnosis.result import Diagnosis
+
+_NOTHING_MORE = "in these records."  # ends what an adequate model is told by, by rules and by score
 
 
 def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagnosis:
@@ -31,7 +32,7 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagno
         found, against = _in_doubt(found), ()
         verdict, headline = "data at fault", f"{_several(at_fault)} Until that is mended nothing else is certain."
     elif verdict == "adequate" and against:
-        verdict, headline = "values wrong", f"{_values_wrong(against)}{headline.removeprefix(ADEQUATE)}"
+        verdict, headline = "values wrong", f"{_values_wrong(against)}{headline.partition(_NOTHING_MORE)[2]}"
     elif against:
         headline = f"{headline} {_also_contradicted(against)}"
     elif verdict == "adequate":
