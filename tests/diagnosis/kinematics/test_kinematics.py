@@ -43,4 +43,6 @@ def test_a_free_angular_acceleration_is_as_large_as_the_true_one() -> None:
     true = float(np.std(np.gradient(record[0]["p"], record[0].t)))
     for noise in (quiet, _NOISY):
         flight = prepare(do328(), flights(seed=6, count=1, noise=noise))
-        assert kinematics._angular_acceleration(flight, "p") == pytest.approx(2.0 * true, rel=0.3)
+        assert kinematics._angular_acceleration(flight, "p", flight.criteria.kinematics) == pytest.approx(
+            2.0 * true, rel=0.3
+        )
