@@ -206,7 +206,7 @@ def effects(draw, axes):
     return EffectValue(
         kind=kind.kind,
         target=target,
-        term=draw(NONLINEAR) if kind.needs_term else None,
+        term=draw(st.sampled_from(kind.terms) if kind.terms else NONLINEAR) if kind.needs_term else None,
         value=draw(NUMBER),
         std=draw(st.floats(0.0, 1e300)),
         parameters=draw(st.dictionaries(TEXT, NUMBER, max_size=2)),

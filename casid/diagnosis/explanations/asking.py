@@ -17,7 +17,8 @@ from casid.diagnosis.explanations.responses import responses
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import ScoreNumerics
-from casid.model.causes import sensor_bias
+from casid.model.causes import input_delay, sensor_bias
+from casid.signals import SURFACES
 
 TURBULENCE = "turbulence"
 WINDS = ("wind_x", "wind_y", "wind_z")
@@ -130,7 +131,8 @@ def _late(base: Fit) -> list[np.ndarray]:
     """The response to all inputs acting half a sample late: how they run between samples is not known."""
     half = 0.5 * float(np.median(base.batch.dt))
     there = {a.name for a in base.attached}
-    effects = [e for e in base.flight.effects if e.kind == "input_delay"]
+    delays = {input_delay(surface).name for surface in SURFACES}
+    effects = [e for e in base.flight.effects if e.name in delays]
     late = responses(base, [Attached(effect=e, values={"value": half}) for e in effects if e.name not in there])
     return [np.sum(late, axis=0)] if late else []
 
