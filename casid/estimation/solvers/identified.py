@@ -25,7 +25,9 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
         scaled = inner * np.outer(scale, scale)
     if not np.isfinite(scaled).all():  # the motion has departed: nothing can be said
         return tuple(names)
-    size = np.maximum(np.abs(linear.point.theta), np.abs(objective.problem.start_vector))
+    start = np.abs(objective.problem.start_vector)
+    # a parameter that begins at zero and stays there has no size of its own
+    size = np.where(start > 0.0, np.maximum(np.abs(linear.point.theta), start), 0.0)
     moves = size * np.sqrt(np.maximum(np.diagonal(linear.hessian), 0.0))
     moving = np.abs(free).max(axis=1, initial=0.0) > 0.0
     idle = (size > 0.0) & (moves < _IDLE) & moving
