@@ -49,23 +49,23 @@ def test_what_does_not_agree_is_seen(load_script):
 
 
 def test_two_minima_are_told_from_a_wrong_solution(load_script):
-    """q = a^2 u: a and -a fit alike, and a solver that starts at one stays there. 1.1 a is no minimum."""
+    """reading = a^2 u: a and -a fit alike, and a solver that starts at one stays there. 1.1 a is no minimum."""
     script = load_script("compare_solvers")
     model = define_model(
         "square",
         states=("theta",),
         inputs=("delta_e",),
         parameters={"a": 1.0},
-        outputs=("q",),
+        outputs=("reading",),
         dynamics=lambda s: {"theta": -s.theta},
-        output=lambda s: {"q": s.a**2 * s.delta_e},
+        output=lambda s: {"reading": s.a**2 * s.delta_e},
     )
     rng = np.random.default_rng(0)
     u = rng.standard_normal(50)
     record = Record(
-        name="m1", t=0.1 * np.arange(50), channels={"delta_e": u, "q": 4.0 * u + 0.1 * rng.standard_normal(50)}
+        name="m1", t=0.1 * np.arange(50), channels={"delta_e": u, "reading": 4.0 * u + 0.1 * rng.standard_normal(50)}
     )
-    problem = Problem(model, [record], free=["a"], noise={"q": 0.1})
+    problem = Problem(model, [record], free=["a"], noise={"reading": 0.1})
     right, left = (script.by_ours(replace(problem, start={"a": a})) for a in (1.5, -1.5))
     assert right.values["a"] == pytest.approx(-left.values["a"]) == pytest.approx(2.0, abs=0.05)
     assert script.apart(right, left) > 1.0 and script.found(problem, right, left) == "two minima"
