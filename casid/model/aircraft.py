@@ -14,10 +14,11 @@ from typing import Any
 from casid.errors import InputError, unknown
 from casid.model.aerodynamics import Aerodynamics
 from casid.model.aircraft_file import number, number_table, numbers, toml_text
-from casid.model.aircraft_parts import EffectValue, Inertia
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
+from casid.model.airframe import Inertia
 from casid.model.daveml import fields_of_daveml
 from casid.model.effect import KINDS
+from casid.model.effect_value import EffectValue
 from casid.model.jsbsim import JsbsimAerodynamics, extended_text, fields_of_jsbsim
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term

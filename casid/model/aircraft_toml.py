@@ -9,8 +9,9 @@ from typing import Any
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
 from casid.model.aircraft_file import check_keys, number, number_table, numbers, quoted, shown, subtable, text
-from casid.model.aircraft_parts import INERTIAS, EffectValue, Inertia
+from casid.model.airframe import INERTIAS, Inertia
 from casid.model.daveml import DaveAerodynamics, dave_aerodynamics
+from casid.model.effect_value import EffectValue
 from casid.model.jsbsim import JsbsimAerodynamics, aerodynamics_of
 from casid.model.tables import read_tables, written_table
 

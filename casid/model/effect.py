@@ -18,18 +18,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from casid.errors import InputError
+from casid.model.airframe import Airframe
 from casid.model.operators import folded
 from casid.model.path import SignalPath
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import unit_of
-
-if TYPE_CHECKING:
-    from casid.model.aircraft import Aircraft
 
 Values = Mapping[str, float]
 Symbols = Mapping[str, Any]  # the same as CasADi expressions
@@ -96,7 +94,7 @@ class Effect:
     unsigned: tuple[str, ...] = ()
     folded: tuple[str, ...] = ()
     timed: bool = False
-    meaningful: float | Callable[[Aircraft], float] | None = None
+    meaningful: float | Callable[[Airframe], float] | None = None
     limit: float = np.inf
     limits: Mapping[str, float] = field(default_factory=dict)
     amplitude: float | None = None
@@ -185,7 +183,7 @@ class Effect:
         told = {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
         return told | {name: folded(told[name]) for name in self.folded if name in told}
 
-    def smallest_that_matters(self, aircraft: Aircraft) -> float | None:
+    def smallest_that_matters(self, aircraft: Airframe) -> float | None:
         """`meaningful` for this aircraft."""
         return self.meaningful(aircraft) if callable(self.meaningful) else self.meaningful
 
@@ -219,7 +217,7 @@ class Kind:
     joined: bool = False
     optional: bool = False
     variants: Mapping[str, Callable[..., Effect]]
-    candidates: Callable[[Aircraft], Iterable[Effect]]
+    candidates: Callable[[Airframe], Iterable[Effect]]
 
     @property
     def of_coefficients(self) -> bool:
@@ -286,7 +284,7 @@ def cause(
     joined: bool = False,
     optional: bool = False,
     variants: Mapping[str, Callable[..., Effect]] = _NOTHING,
-    candidates: Callable[[Aircraft], Iterable[Effect]] | None = None,
+    candidates: Callable[[Airframe], Iterable[Effect]] | None = None,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
     """Register a kind of cause, see `Kind`: the decorated function makes its Effect for a target (and a term).
 
@@ -295,7 +293,7 @@ def cause(
     valid = tuple(targets)
 
     def register(make: Callable[..., Effect]) -> Callable[..., Effect]:
-        def one_for_each_target(aircraft: Aircraft) -> Iterable[Effect]:
+        def one_for_each_target(aircraft: Airframe) -> Iterable[Effect]:
             return (make(target) for target in valid or ("",))
 
         KINDS[kind] = Kind(

@@ -12,17 +12,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
+from casid.model.airframe import Airframe
 from casid.model.terms import derivative_term, parse_term
 from casid.signals import SURFACES
-
-if TYPE_CHECKING:
-    from casid.model.aircraft import Aircraft
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 INTEGRALS = ("psi", "altitude")  # nothing depends on them: states of a model that is asked for them as outputs
@@ -49,7 +47,7 @@ class SignalPath:
     stations up to here have computed. Effects change these quantities; nothing else does. `turning` has the sign of the
     air's rotation by the gradient of its velocity, for axes about which it turns."""
 
-    aircraft: Aircraft
+    aircraft: Airframe
     state: Mapping[str, Any]
     inputs: Mapping[str, Any]
     parameter: Mapping[str, Any]
@@ -159,7 +157,7 @@ def coefficient_station(path: SignalPath) -> None:
 
 
 def given_coefficients(
-    aircraft: Aircraft, quantities: Mapping[str, Any], parameters: Mapping[str, Any]
+    aircraft: Airframe, quantities: Mapping[str, Any], parameters: Mapping[str, Any]
 ) -> list[tuple[str, Any]]:
     """(coefficient, value) of every table, and of the user's own aerodynamics; `parameters` hold the free knots."""
     rows = [(one.coefficient, one.at(quantities, parameters)) for one in aircraft.tables]
@@ -213,7 +211,7 @@ def evaluate(term: str, path: SignalPath) -> Any:
     return parse_term(term).evaluate(path.regressor)
 
 
-def aerodynamic_parameters(aircraft: Aircraft) -> list[tuple[str, str, str]]:
+def aerodynamic_parameters(aircraft: Airframe) -> list[tuple[str, str, str]]:
     """(coefficient, parameter name, term) of every derivative and further term of the aircraft file."""
     rows = []
     for name in aircraft.derivatives:

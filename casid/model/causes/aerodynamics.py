@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from casid.model import operators
+from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import SURFACES
-
-if TYPE_CHECKING:
-    from casid.model.aircraft import Aircraft
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _LATERAL = ("CY", "Cl", "Cn")
@@ -23,7 +20,7 @@ _IN_THE_SLIPSTREAM = {"Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}  # of a prop
 _ASYMMETRIC = ("beta", "p", "r", "delta_a", "delta_r")
 
 
-def _missing_terms(aircraft: Aircraft) -> Iterable[Effect]:
+def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
     """Every polynomial and cross term of second and third order, every first-order term and Mach, on the six
     coefficients, that the aircraft file does not have; but rates do not act across the plane of symmetry, such as yaw
     rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no aerodynamics. And what a
@@ -78,7 +75,7 @@ def aero_term(coefficient: str, term: str) -> Effect:
     )
 
 
-def _missing_rates(aircraft: Aircraft) -> Iterable[Effect]:
+def _missing_rates(aircraft: Airframe) -> Iterable[Effect]:
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     coefficients = coefficient_names(aircraft.force_axes)
     yield from (e for c in coefficients if (c, (e := unsteady_aero(c)).regressor) not in present)
@@ -148,7 +145,7 @@ def unsteady_aero(coefficient: str) -> Effect:
     )
 
 
-def _sought_as_a_set(aircraft: Aircraft) -> Iterable[Effect]:
+def _sought_as_a_set(aircraft: Airframe) -> Iterable[Effect]:
     """None: which coefficients switch together is found by a search of its own, see `diagnosis.events`."""
     return ()
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from casid.model import operators
+from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
 from casid.signals import SURFACES, unit_of
-
-if TYPE_CHECKING:
-    from casid.model.aircraft import Aircraft
 
 SENSOR_CHANNELS = (
     "V",
@@ -68,7 +66,7 @@ _BIAS_LIMIT = {
 }
 
 
-def _bias_matters(channel: str, aircraft: Aircraft) -> float:
+def _bias_matters(channel: str, aircraft: Airframe) -> float:
     return max(_BIAS_MATTERS[unit_of(channel)], aircraft.noise.get(channel, 0.0))
 
 

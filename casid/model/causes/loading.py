@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Symbols, cause
 from casid.model.path import SignalPath
-
-if TYPE_CHECKING:
-    from casid.model.aircraft import Aircraft
 
 # part of the mass, which is known by the fuel left, or of an inertia, which is estimated
 _MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
@@ -49,7 +45,7 @@ def mass(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.mass += values["value"]
 
-    def matters(aircraft: Aircraft) -> float:
+    def matters(aircraft: Airframe) -> float:
         return _MASS_MATTERS * aircraft.mass
 
     return Effect(kind="mass", by_record=True, relative=True, station="mass", change=change, meaningful=matters)
@@ -67,7 +63,7 @@ def inertia(component: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.inertia[component] += values["value"]
 
-    def matters(aircraft: Aircraft) -> float:
+    def matters(aircraft: Airframe) -> float:
         return _INERTIA_MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
 
     return Effect(

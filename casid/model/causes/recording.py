@@ -4,19 +4,16 @@ clocks of recorders."""
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from casid.model import operators
+from casid.model.airframe import Airframe
 from casid.model.causes.instruments import SENSOR_GROUPS, group_channels
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
 from casid.model.terms import parse_term
-
-if TYPE_CHECKING:
-    from casid.model.aircraft import Aircraft
 
 _DEG = np.pi / 180.0
 _AXES = ("x", "y", "z")
@@ -30,7 +27,7 @@ _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
 }
 
 
-def _about_every_axis(aircraft: Aircraft) -> Iterable[Effect]:
+def _about_every_axis(aircraft: Airframe) -> Iterable[Effect]:
     return (sensor_misalignment("inertial", axis) for axis in _AXES)
 
 
@@ -67,7 +64,7 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
     )
 
 
-def _known_dependences(aircraft: Aircraft) -> Iterable[Effect]:
+def _known_dependences(aircraft: Airframe) -> Iterable[Effect]:
     return (position_error(channel, term) for channel, term in _POSITION_ERRORS)
 
 

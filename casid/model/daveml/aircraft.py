@@ -16,7 +16,7 @@ import casadi as ca
 
 from casid.errors import InputError, unknown
 from casid.model.aircraft_file import number
-from casid.model.aircraft_parts import Inertia
+from casid.model.airframe import Inertia
 from casid.model.daveml.functions import DaveFile, Values, dave_file
 from casid.model.jsbsim.aircraft import INCREMENTS
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.model.aircraft_file import number
-from casid.model.aircraft_parts import Inertia
+from casid.model.airframe import Inertia
 from casid.model.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
 from casid.model.jsbsim.mass import mass_properties
 from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, body_arm, load, place

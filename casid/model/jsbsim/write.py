@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
 from casid.errors import InputError
-from casid.model.aircraft_parts import EffectValue
+from casid.model.effect_value import EffectValue
 from casid.model.jsbsim.aerodynamics import reference_point
 from casid.model.jsbsim.mass import mass_properties
 from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, amount, body_arm, number_of, part

@@ -1,47 +1,13 @@
-"""Parts of an aircraft file: its inertia tensor, and the effects that extend it."""
+"""A part of an aircraft file: an effect that extends it, and its size."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from casid.errors import InputError, unknown
 from casid.model.aircraft_file import number, number_table, numbers, shown, text
 from casid.model.vocabulary import KINDS, check_effect, effect_unit
-
-INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Inertia:
-    """Inertia tensor [kg m2]: [[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]. InputError unless positive definite."""
-
-    Ixx: float
-    Iyy: float
-    Izz: float
-    Ixz: float
-
-    def __post_init__(self) -> None:
-        for name in INERTIAS:
-            value = number(getattr(self, name), f"inertia: '{name}'", positive=name != "Ixz")
-            object.__setattr__(self, name, value)
-        limit = math.sqrt(self.Ixx) * math.sqrt(self.Izz)
-        if abs(self.Ixz) >= limit:
-            raise InputError(
-                f"inertia: the tensor is not positive definite, 'Ixz' must stay within +-sqrt(Ixx Izz) = {limit:.5g}, "
-                f"got {self.Ixz:.5g}"
-            )
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What no rigid body can have: a principal moment above the sum of the other two. Empty when all is well."""
-        mean, spread = (self.Ixx + self.Izz) / 2, math.hypot((self.Ixx - self.Izz) / 2, self.Ixz)
-        principal = sorted((mean - spread, mean + spread, self.Iyy))
-        if principal[2] <= (principal[0] + principal[1]) * (1.0 + 1e-12):
-            return ()
-        a, b, c = principal
-        return (f"inertia: no rigid body has principal moments {a:.4g}, {b:.4g}, {c:.4g}: one exceeds the other two",)
 
 
 @dataclass(frozen=True, kw_only=True)
