@@ -9,7 +9,7 @@ import numpy as np
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.kinematics.check import KinematicCheck
-from casid.diagnosis.result import Trial
+from casid.diagnosis.naming.round import Gain, Trial
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.operators import TURNING, turned
@@ -112,7 +112,7 @@ def flights(
 def trial_of(
     one: Attached,
     gain: float = 0.0,
-    excess: float = 0.0,
+    spared: float = 0.0,
     fingerprint: Sequence[float] = (),
     where: np.ndarray | None = None,
     check: KinematicCheck | None = None,
@@ -126,10 +126,7 @@ def trial_of(
         std=1.0,
         fit=None,
         fingerprint=np.array(fingerprint),
-        gain=gain,
-        net=gain,
-        excess=excess,
-        exact=gain + excess if exact is None else exact,
+        gain=Gain(raw=gain, price=0.0, spared=spared, exact=gain + spared if exact is None else exact),
         where=np.zeros((0, 0)) if where is None else where,
         meaningful=True,
         share=1.0,

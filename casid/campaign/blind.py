@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.result import Diagnosis, Trial
+from casid.diagnosis.naming.round import Trial
+from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
 from casid.model.aircraft import Aircraft
 from casid.records.readers import read_records
@@ -59,7 +60,7 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
 def _trial(trial: Trial) -> dict[str, Any]:
     return {
         "name": trial.candidate.name,
-        "net": float(trial.net),
+        "net": float(trial.gain.net),
         "share": float(trial.share),
         "value": float(trial.candidate.attached.values["value"]),
         "refuted": bool(trial.refuted),

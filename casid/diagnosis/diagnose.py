@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.check import check
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
@@ -39,7 +40,7 @@ from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics, without_turbulence
 from casid.diagnosis.naming.naming import Naming, name_causes
 from casid.diagnosis.naming.structure import demanded_offsets, demanded_structure
-from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
@@ -307,7 +308,7 @@ class _Kept:
 
     def has_all(self, naming: Naming) -> bool:
         """Whether every cause that stands in the naming's last fit is in it."""
-        named = {round_.trials[0].effect.key for round_ in naming.named}
+        named = {round_.leader.effect.key for round_ in naming.named}
         standing = {one.effect.key for one in naming.evidence.fit.attached}
         return named & standing <= {one.effect.key for one in self.fit.attached}
 
@@ -319,12 +320,12 @@ class _Kept:
 def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
     named, turbulence = naming.named, begun.turbulence
     coloured, flight = turbulence.named, begun.calm.flight
-    steps = [begun.structured, *([begun.start] if coloured else []), *(r.winner for r in named)]
-    on_fitted = [*([turbulence.gain] if coloured else []), *(r.trials[0].total for r in named)]
+    steps = [begun.structured, *([begun.start] if coloured else []), *(r.fitted for r in named)]
+    on_fitted = [*([turbulence.gain] if coloured else []), *(r.leader.gain.total for r in named)]
     on_held = side_by_side(lambda step: judge_on(held, step), steps)
     held_calm = judge_on(held, begun.calm) if begun.structure else on_held[0]
     moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
-    gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.trials[0] for r in named], moving)
+    gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.leader for r in named], moving)
     final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
     evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
     structure = [*begun.structure, *_put_in_later(begun, final)]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from casid.diagnosis.cause import Cause
     from casid.diagnosis.evidence.screening import Candidate
-    from casid.diagnosis.result import Cause
 
 
 def plain(value: Any) -> Any:

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.document import cause_entry, plain, rank_entry
@@ -22,13 +21,12 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged
-from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.naming.round import Round
 from casid.diagnosis.naming.size import missing_share
 from casid.diagnosis.parameter import Parameter
 from casid.keeping import save
 from casid.model.aircraft import Aircraft
-from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.views import view
 
@@ -36,127 +34,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCHEMA = "casid.diagnosis/2"
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Cause:
-    """A named cause, or one that is real but minor.
-
-    Attributes
-    ----------
-    std
-        1-sigma of the value, small terms of the structure and unlike stretches of record allowed for.
-    statistic
-        Drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters; the model
-        without it is given no more bent coefficients than are left beside it.
-    held_out_gain
-        Log likelihood per sample gained on records never used; None for an event, which does not recur.
-    onset_s
-        Record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in.
-    share
-        Its part of the variation of the coefficient it adds to, or of its smallest size that matters.
-    probability
-        That it is there; `log_odds` against everything that does without it. None by rules.
-    """
-
-    kind: str
-    target: str
-    term: str | None
-    value: float
-    std: float
-    unit: str
-    records: tuple[str, ...]
-    onset_s: Mapping[str, tuple[float, float]] | None
-    statistic: float
-    dof: int
-    held_out_gain: float | None
-    indistinguishable_from: tuple[Mapping[str, Any], ...]
-    sentence: str
-    parameters: Mapping[str, float]
-    meaningful: bool
-    share: float
-    probability: float | None = None
-    log_odds: float | None = None
-
-    @property
-    def told(self) -> str:
-        """Its sentence, and what these data cannot tell it apart from."""
-        others = []
-        for one in self.indistinguishable_from:
-            inside = ":".join(str(part) for part in (one["target"], one["term"]) if part)
-            others.append(f"{one['kind']}({inside})" if inside else str(one["kind"]))
-        alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
-        return self.sentence + alike
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Trial:
-    """A cause that was fitted, or refuted at once; then its values, gain and 1-sigma are the predicted ones.
-
-    candidate    with the fitted values; `std` of its value
-    fit          the whole fit, kept of a round's winner only
-    fingerprint  its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once
-    gain         drop of the deviance; `net` is less its price; `excess` what it would gain besides if the coefficients
-                 were as little bent without it as they are beside it; `total` both
-    exact        drop of the deviance with the structure taken as exact
-    where        (N, R) part of the gain that is made at each sample; empty when refuted at once
-    share        its size in units of the smallest that matters; `meaningful` when it matters and is plausible
-    check        what kinematics say of it; `given_up` when they refuted it, or it could not fly, before it was fitted
-    """
-
-    candidate: Candidate
-    std: float
-    fit: Fit | None
-    fingerprint: np.ndarray
-    gain: float
-    net: float
-    excess: float
-    exact: float
-    where: np.ndarray
-    meaningful: bool
-    share: float
-    check: KinematicCheck = KinematicCheck()
-    given_up: bool = False
-
-    @property
-    def effect(self) -> Effect:
-        return self.candidate.attached.effect
-
-    @property
-    def refuted(self) -> bool:
-        """Whether kinematics contradict it."""
-        return self.given_up or self.check.refuted
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether kinematics find it with this size."""
-        return self.check.confirmed
-
-    @property
-    def total(self) -> float:
-        """By how much it explains better than the model without it, in the structure that it leaves: what bends a
-        coefficient less leaves less to explain."""
-        return self.net + self.excess
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Round:
-    """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, which trials
-    cannot be told from the winner, and why the first was not believed, "" if it was."""
-
-    candidates: tuple[Candidate, ...]
-    trials: tuple[Trial, ...]
-    equivalents: tuple[Trial, ...]
-    named: bool
-    doubt: str = ""
-
-    @property
-    def winner(self) -> Fit:
-        """The fit with the named cause; only a round that named one has it."""
-        fit = self.trials[0].fit
-        if fit is None:
-            raise ValueError("this round named no cause")
-        return fit
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -12,7 +12,9 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from casid.diagnosis.result import Cause, Diagnosis, Trial
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.naming.round import Trial
+from casid.diagnosis.result import Diagnosis
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import effect_name, label, place, quantity
@@ -43,7 +45,7 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     held_out, faces = [], []
     for y, (_, trial, named) in enumerate(rows):
         faces.append(_face(trial, named))
-        ax.barh(y, max(trial.gain, 1.0), 0.7, **faces[-1])
+        ax.barh(y, max(trial.gain.raw, 1.0), 0.7, **faces[-1])
         held = _held_out(diagnosis, trial) if named else None
         if held is not None and held > 0:
             held_out.append(held)
@@ -51,7 +53,7 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     asked = diagnosis.criteria.naming
     ax.axvline(asked.gain, color=MEASURED, ls=":", lw=1.2)
     ax.set_xscale("log")
-    ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain for _, t, _ in rows), *held_out))
+    ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain.raw for _, t, _ in rows), *held_out))
     ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
@@ -74,7 +76,7 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
             f"{asked.gain_of_an_instrument:.0f}. On fitted records only that counts which small further terms cannot "
             "explain. " + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
-        alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain:.0f}.",
+        alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain.raw:.0f}.",
     )
 
 

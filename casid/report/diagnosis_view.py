@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.result import Diagnosis
 from casid.report.notebook import data_frame, html_list, html_paragraph, html_table
 from casid.report.words import pretty
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.missing_input import MissingInput
-from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_of
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.budget_figures import budget

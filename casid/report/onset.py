@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.result import Diagnosis
 from casid.model.causes import configuration_change
 from casid.report.style import BASELINE, EXTENDED, Picture, blank
 from casid.report.words import cause_name
@@ -60,11 +61,11 @@ def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] |
     for round_ in diagnosis.rounds:
         if not round_.named:
             break
-        winner = round_.trials[0]
+        winner = round_.leader
         one = winner.candidate.attached
         if one.effect.key == (cause.kind, cause.target, cause.term):
             return base, one
-        base = round_.winner
+        base = round_.fitted
     return None
 
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.missing_input import READING, MissingInput
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.kinematics.kinematics import WIND
-from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_of
 from casid.model.terms import parse_term
 from casid.report.reconstruction import derivatives_beside

@@ -6,12 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.flight.view import View
+from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import is_artefact, plausible
 from casid.diagnosis.naming.trials import gain_asked
-from casid.diagnosis.result import Cause, Diagnosis, Trial
+from casid.diagnosis.result import Diagnosis
 from casid.model.vocabulary import KINDS
 from casid.report.style import channel_scale
 from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
@@ -169,19 +171,19 @@ def alternatives(diagnosis: Diagnosis) -> str:
     named = {(c.kind, c.target, c.term) for c in diagnosis.causes}
     rows = []
     for number, round_ in enumerate(diagnosis.rounds, 1):
-        winner = round_.trials[0] if round_.named else None
+        winner = round_.leader if round_.named else None
         for trial in round_.trials:
             one = trial.candidate.attached
             if trial is winner:
                 continue
             later = " (named in another round)" if one.effect.key in named else ""
-            doubted = round_.doubt if trial is round_.trials[0] else ""
+            doubted = round_.doubt if trial is round_.leader else ""
             rows.append(
                 (
                     escape(effect_name(one.effect)),
                     str(number),
                     escape(quantity(one.values["value"], one.effect.unit)),
-                    digits(trial.gain),
+                    digits(trial.gain.raw),
                     escape((doubted or _why(trial, winner, trial in round_.equivalents, diagnosis.criteria)) + later),
                 )
             )
@@ -198,13 +200,13 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool, criteria: Criteri
         return "too small to matter, or to be certain" if possible else "of no plausible size"
     if equivalent:
         return "cannot be told apart from the one that was named"
-    if trial.gain <= 0.0:
+    if trial.gain.raw <= 0.0:
         return "explains nothing when it is fitted"
-    if winner is not None and trial.gain > winner.gain:
+    if winner is not None and trial.gain.raw > winner.gain.raw:
         return f"kinematics find it of another size, or less of it than of {_name(winner)}"
     if winner is not None:
-        return f"gains {100.0 * (1.0 - trial.gain / winner.gain):.0f} % less than {_name(winner)}"
-    enough = trial.net > gain_asked(trial.effect, criteria)
+        return f"gains {100.0 * (1.0 - trial.gain.raw / winner.gain.raw):.0f} % less than {_name(winner)}"
+    enough = trial.gain.net > gain_asked(trial.effect, criteria)
     return "leaves unexplained what is missing" if enough else "gains too little to be named"
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.data.finding import Finding
-from casid.diagnosis.result import Cause
 from problems.faults.fault import DataFault
 
 OUTCOMES: tuple[str, ...] = ("found", "in its set", "refused", "missed", "wrong", "quiet", "false alarm")

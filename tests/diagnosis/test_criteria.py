@@ -69,4 +69,4 @@ def test_who_asks_for_more_names_less() -> None:
     strict = Criteria().with_values({"naming": {"gain_of_an_instrument": 2.0 * named.statistic}})
     refused = diagnose(do328(), records, criteria=strict)
     assert not refused.causes and refused.verdict != "explained"
-    assert refused.criteria == strict and refused.rounds[0].trials[0].effect.kind == "sensor_bias"
+    assert refused.criteria == strict and refused.rounds[0].leader.effect.kind == "sensor_bias"

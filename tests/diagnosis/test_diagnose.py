@@ -21,7 +21,7 @@ from casid.diagnosis.judging.held_out import steps_to_keep
 from casid.diagnosis.judging.verdict import onset_intervals
 from casid.diagnosis.naming import naming
 from casid.diagnosis.naming.naming import without_superseded
-from casid.diagnosis.result import Round, Trial
+from casid.diagnosis.naming.round import Round, Trial
 from casid.model.causes import (
     accelerometer_position,
     actuator_lag,
@@ -134,7 +134,7 @@ def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missin
     )
     found = diagnose(rough_file(), flights(hidden, seed=5, count=4))
     assert {(c.kind, c.target, c.term) for c in found.causes} == {one.effect.key for one in hidden}, str(found)
-    first = found.rounds[0].winner
+    first = found.rounds[0].fitted
     assert first.attached[-1].effect.key == hidden[0].effect.key
     assert missing_inputs(weigh(first))[0].gain < 30.0
     assert next(c for c in found.causes if c.term).value == pytest.approx(14.0, rel=0.05)

@@ -23,7 +23,8 @@ from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import held_gains, judge_on
 from casid.diagnosis.judging.verdict import smallest_detectable, turbulence_cause
 from casid.diagnosis.kinematics.kinematics import Turbulence, still_air
-from casid.diagnosis.result import Diagnosis, Round
+from casid.diagnosis.naming.round import Round
+from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
 from casid.model.causes import turbulence as effect_of_turbulence

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, weigh
-from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation, place_of
 from casid.diagnosis.explanations.asking import TURBULENCE
 from casid.diagnosis.explanations.posterior import Belief
 from casid.diagnosis.explanations.prior import Priors
@@ -20,7 +21,6 @@ from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.judging.verdict import onset_intervals
 from casid.diagnosis.naming.size import meaningful_share, missing_share
-from casid.diagnosis.result import Cause, place_of
 from casid.model.vocabulary import effect_sentence
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.flight.evaluation import Fit
-from casid.diagnosis.result import Cause
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect

@@ -18,7 +18,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import free_forces
 from casid.diagnosis.naming.events import at_peak
-from casid.diagnosis.result import Trial
+from casid.diagnosis.naming.round import Trial
 from casid.errors import InputError
 from casid.model.applied import with_estimates
 from casid.records.record import Record

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import VerdictCriteria
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
@@ -19,9 +20,9 @@ from casid.diagnosis.naming.comparing import sine
 from casid.diagnosis.naming.events import Intervals
 from casid.diagnosis.naming.explaining import mostly_gone
 from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
 from casid.diagnosis.naming.trials import gain_asked, matters
-from casid.diagnosis.result import Cause, Trial
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
@@ -62,16 +63,16 @@ def causes_of(
             turbulence_cause(turbulence, final.flight.aircraft, held_gains[0])
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
-        name = round_.trials[0].candidate.name
+        name = round_.leader.candidate.name
         if name in there and is_sure(evidence, name) and _still_matters(final, name):
-            alone = round_.trials[0].effect.expected and not round_.equivalents
+            alone = round_.leader.effect.expected and not round_.equivalents
             group = expected if alone else causes
-            group.append(_cause(_as_in(evidence, round_.trials[0]), naming, round_.equivalents, held))
+            group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held))
         elif name in there:
-            group = superseded if round_.trials[0].meaningful else small
-            group.append(_cause(_as_in(evidence, round_.trials[0]), naming, (), held))
+            group = superseded if round_.leader.meaningful else small
+            group.append(_cause(_as_in(evidence, round_.leader), naming, (), held))
         else:
-            (minor if name in last else superseded).append(_cause(round_.trials[0], naming, (), held))
+            (minor if name in last else superseded).append(_cause(round_.leader, naming, (), held))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
     minor += [
@@ -113,10 +114,10 @@ def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
     that look alike at one place the first."""
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
     for round_ in [r for r in naming.rounds if not r.named][:1]:
-        for trial in sorted(round_.trials, key=lambda t: -t.net):
+        for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
             if (
-                trial.net > gain_asked(effect, naming.criteria)
+                trial.gain.net > gain_asked(effect, naming.criteria)
                 and not trial.refuted
                 and not trial.meaningful
                 and plausible(trial.candidate.attached)
@@ -141,7 +142,7 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
     one, names = trial.candidate.attached, naming.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
-    dof, value, statistic = len(values), values["value"], trial.gain + trial.excess
+    dof, value, statistic = len(values), values["value"], trial.gain.raw + trial.gain.spared
     return Cause(
         kind=effect.kind,
         target=effect.target,
@@ -210,7 +211,7 @@ def _named(trial: Trial) -> Mapping[str, object]:
         "term": effect.term,
         "value": float(trial.candidate.attached.values["value"]),
         "unit": effect.unit,
-        "gain": trial.gain,
+        "gain": trial.gain.raw,
     }
 
 
@@ -331,15 +332,14 @@ def _hint(naming: Naming) -> str:
     """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
     trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
     part, criteria = naming.criteria.verdict.hint, naming.criteria
-    near = [t for t in trials if t.net > part * gain_asked(t.effect, criteria) and not t.refuted and t.meaningful]
+    near = [t for t in trials if t.gain.net > part * gain_asked(t.effect, criteria) and not t.refuted and t.meaningful]
     if not near:
         return ""
-    most = max(near, key=lambda t: t.net)
+    most = max(near, key=lambda t: t.gain.net)
     one = most.candidate.attached
     sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(naming.evidence.fit.batch.names))
-    return (
-        f" Not clear enough to be named, but worth a look: {sentence[0].lower()}{sentence[1:-1]} ({_gain(most.gain)})."
-    )
+    told, gained = sentence[0].lower() + sentence[1:-1], _gain(most.gain.raw)
+    return f" Not clear enough to be named, but worth a look: {told} ({gained})."
 
 
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:

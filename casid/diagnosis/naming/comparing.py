@@ -8,13 +8,13 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import plausible
-from casid.diagnosis.result import Trial
 
 
 def can_be_named(trial: Trial, least: float) -> bool:
     """Whether a trial gains more than `least`, and matters or is an instrument's fault that does not."""
-    gained = trial.total if trial.effect.regressor else trial.net
+    gained = trial.gain.total if trial.effect.regressor else trial.gain.net
     return gained > least and (trial.meaningful or _is_small(trial)) and not trial.refuted
 
 
@@ -27,8 +27,8 @@ def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Crit
     """`trials` in their order, but first a fault of an instrument that is too small to matter, where it explains
     clearly more than what can be named: left out, it would make a cause of something else."""
     first = trials[0]
-    small = max((t for t in fits if not t.meaningful), key=lambda t: t.total, default=first)
-    if small.total <= first.total + equivalence(first.gain, criteria):
+    small = max((t for t in fits if not t.meaningful), key=lambda t: t.gain.total, default=first)
+    if small.gain.total <= first.gain.total + equivalence(first.gain.raw, criteria):
         return list(trials)
     return [small, *(t for t in trials if t is not small)]
 
@@ -38,10 +38,10 @@ def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial
     kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
     stays behind what they confirm: it owes its gain to the aerodynamics' structure, of which they know nothing. Not
     what they find smaller, as noise in what makes it does, and what still explains more to them too."""
-    ranked = sorted(trials, key=lambda t: (t not in nameable, -t.total))
+    ranked = sorted(trials, key=lambda t: (t not in nameable, -t.gain.total))
     confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
     if confirmed and ranked[0].check.judges:
-        first = max(confirmed, key=lambda t: t.total + t.check.gain)
+        first = max(confirmed, key=lambda t: t.gain.total + t.check.gain)
         leader = ranked[0].check
         if not (leader.smaller and leader.gain > first.check.gain):
             ranked.remove(first)
@@ -59,14 +59,14 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
     for trial in trials:
         if trial.effect.key == key or trial.refuted or not (trial.meaningful or _is_small(trial)):
             continue
-        angle, behind = sine(best, trial), best.total - trial.total
+        angle, behind = sine(best, trial), best.gain.total - trial.gain.total
         if best.check.confirmed and trial.check.judges:
             behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
-        near = behind < equivalence(best.gain, criteria)
+        near = behind < equivalence(best.gain.raw, criteria)
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
             # other small terms explain most of what a term does, and little is left of its gain to compare with
-            near = near or best.exact - trial.exact < equivalence(best.exact, criteria)
-        spread = 2.0 * np.sqrt(best.total) * angle
+            near = near or best.gain.exact - trial.gain.exact < equivalence(best.gain.exact, criteria)
+        spread = 2.0 * np.sqrt(best.gain.total) * angle
         if (near and angle < by.unrelated) or (angle < by.alike and behind < by.alike_sigmas * spread):
             found.append(trial)
     return tuple(found)

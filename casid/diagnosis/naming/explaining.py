@@ -13,8 +13,8 @@ from functools import cached_property
 from casid.diagnosis.criteria import Criteria, DoubtCriteria
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_at
+from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share
-from casid.diagnosis.result import Trial
 from casid.model.effect import Effect
 
 _AIR = "wind_"
@@ -38,7 +38,7 @@ def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: T
     if seen.effect.improbable or seen.gains_more_than_any_input or seen.kinematics_agree or seen.explains_nearly_all:
         return ""
     judged = seen.judged
-    if not judged and max(seen.left.values()) > last.total:
+    if not judged and max(seen.left.values()) > last.gain.total:
         return "leaves what is missing as it was, and that is more than it gains"
     return "" if seen.gone(judged) else "leaves unexplained what is missing"
 
@@ -90,13 +90,13 @@ class _Seen:
 
     @property
     def makes_more_missing(self) -> bool:
-        more = max(self.by.noticeable, self.by.worse_part * self.last.gain)
+        more = max(self.by.noticeable, self.by.worse_part * self.last.gain.raw)
         worse = (m for m in self.after if m.gain > self.by.worse * self.was[m.station] + more)
         return any(missing_share(self.evidence.fit, m) > self.criteria.size.share for m in worse)
 
     @property
     def is_next_to_nothing(self) -> bool:
-        return self.last.total < self.by.negligible * max(self.left.values())
+        return self.last.gain.total < self.by.negligible * max(self.left.values())
 
     @property
     def is_not_sure(self) -> bool:
@@ -112,7 +112,7 @@ class _Seen:
     @property
     def is_air_where_one_reading_drifts(self) -> bool:
         drift = max(gain for station, gain in self.was.items() if station.startswith(READING))
-        more = drift > self.criteria.turbulence.one_reading * self.last.gain
+        more = drift > self.criteria.turbulence.one_reading * self.last.gain.raw
         return more and (self.effect.enters or "").startswith(_AIR)
 
     @property
@@ -122,7 +122,7 @@ class _Seen:
     @property
     def bends_and_leaves_too_much(self) -> bool:
         bends = self.effect.quasi_steady or bool(self.effect.members)
-        part, total = self.by.left_by_terms, self.last.total
+        part, total = self.by.left_by_terms, self.last.gain.total
         gone = (mostly_gone(max(self.was[s], total), self.left[s], self.by, part) for s in self.own)
         return bends and not self.effect.improbable and not all(gone) and not self.explains_nearly_all
 
@@ -131,11 +131,11 @@ class _Seen:
         """Whether little is left where it enters while the structure is taken as exact. Small terms that may be as
         large as they must be leave both the cause and what is missing little to gain."""
         left = _left_exactly(self.evidence, self.own)
-        return bool(left) and all(gain < self.by.left_exactly * (self.last.exact + gain) for gain in left)
+        return bool(left) and all(gain < self.by.left_exactly * (self.last.gain.exact + gain) for gain in left)
 
     @property
     def gains_more_than_any_input(self) -> bool:
-        return self.last.gain > max(self.was[s] for s in self.own or self.was)
+        return self.last.gain.raw > max(self.was[s] for s in self.own or self.was)
 
     @property
     def kinematics_agree(self) -> bool:
@@ -149,7 +149,7 @@ class _Seen:
         too little for an anonymous input to do what the cause does."""
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        if self.was[helped] - self.left[helped] > max(self.by.helped * self.last.gain, self.by.noticeable):
+        if self.was[helped] - self.left[helped] > max(self.by.helped * self.last.gain.raw, self.by.noticeable):
             found.add(helped)
         return found
 

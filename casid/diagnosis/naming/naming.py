@@ -19,9 +19,9 @@ from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, in_order, sine, small_first
 from casid.diagnosis.naming.events import Intervals, configuration_changes
 from casid.diagnosis.naming.explaining import doubt
+from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.naming.trials import gain_asked, is_same, settled, try_cause, worth_trying
-from casid.diagnosis.result import Round, Trial
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 from casid.signals import SURFACES
@@ -86,7 +86,7 @@ def name_causes(
 
 def _doubt(firm: Naming, state: Naming) -> str:
     """Why the last cause is not believed; "" when it is, and of what is too small to matter."""
-    last = state.rounds[-1].trials[0]
+    last = state.rounds[-1].leader
     return doubt(firm.missing, state.missing, last, state.evidence) if last.meaningful else ""
 
 
@@ -140,7 +140,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
     evidence = without_superseded(state.rounds, best, evidence)
     evidence = _beside_offsets(_relaxed(evidence))
     best = replace(best, fit=evidence.fit)
-    this = replace(this, trials=(best, *this.trials[1:]))
+    this = replace(this, trials=(best, *this.rivals))
     kinematic, observed = _kinematics_beside(state.kinematic, evidence.fit, best.effect), state.observed
     if kinematic is not None and kinematic is not state.kinematic:
         observed = screen(kinematic, [e for e in effects if e.kinematic and e.key != best.effect.key])
@@ -166,7 +166,7 @@ def _tried(
         for trial, fitted, interval in side_by_side(run, candidates[first : first + at_once]):
             trials.append(trial)
             if not trial.refuted:
-                give_up = min(give_up, fitted.deviance + state.criteria.naming.give_up * abs(trial.gain))
+                give_up = min(give_up, fitted.deviance + state.criteria.naming.give_up * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
             if can_be_named(trial, price(trial, state, least)):
@@ -182,7 +182,9 @@ def _left_behind(state: Naming) -> list[Candidate]:
     best, *others = state.rounds[-1].trials
     by = state.criteria.naming
     apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key != best.effect.key]
-    return [t.candidate for t in apart if t.total > by.left_behind * best.total and sine(best, t) > by.rival_angle][:1]
+    return [
+        t.candidate for t in apart if t.gain.total > by.left_behind * best.gain.total and sine(best, t) > by.rival_angle
+    ][:1]
 
 
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
@@ -204,7 +206,7 @@ def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence)
     beside it: what was missing then and is named by now may have decided for the wrong one."""
     key = best.effect.key
     for earlier in (r for r in rounds if r.named):
-        name = earlier.trials[0].candidate.name
+        name = earlier.leader.candidate.name
         rivals = {trial.effect.key for trial in earlier.trials}
         fitted = evidence.fit
         if key not in rivals or name not in {a.name for a in fitted.attached} or _is_needed(evidence, name):
@@ -244,7 +246,7 @@ def price(trial: Trial, state: Naming, least: float) -> float:
     effect, by = trial.effect, state.criteria.naming
     prices = [gain_asked(effect, state.criteria), 0.0 if trial.confirmed else least]
     for round_ in state.named:
-        earlier = round_.trials[0]
+        earlier = round_.leader
         one = earlier.candidate.attached
         if trial.confirmed and not one.effect.kinematic:
             continue
@@ -254,7 +256,7 @@ def price(trial: Trial, state: Naming, least: float) -> float:
         elif one.effect.timed:
             elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
             part = min(by.left_by_an_event_to_others, by.left_to_others / max(elsewhere, 1e-9))
-        prices.append(part * earlier.gain)
+        prices.append(part * earlier.gain.raw)
     return max(prices)
 
 
@@ -262,7 +264,7 @@ def _of_one_shape(round_: Round, other: Effect) -> bool:
     """Whether both act on the same surface: where one has its rough shape, in a play the place at which the surface
     first rests, an event looks like the other; or another coefficient has the same term, or one that was tried in its
     place: a hundredth of a lift is drag where the angle of attack is half a degree off."""
-    one = round_.trials[0].effect
+    one = round_.leader.effect
     terms = {trial.effect.regressor for trial in round_.trials if trial.effect.target == one.target}
     if one.regressor and other.regressor:
         return other.regressor in terms
@@ -293,9 +295,9 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     then may have decided between them."""
     round_, fitted, criteria = state.rounds[at], state.evidence.fit, state.criteria
     by, most = criteria.naming, criteria.numerics.naming.rivals
-    best, taken = round_.trials[0], {a.effect.key for a in fitted.attached}
-    rivals = [t for t in round_.trials[1:] if t.effect.key not in taken and t.meaningful and not t.refuted]
-    rivals = [t for t in rivals if t.total > by.rival * best.total and sine(best, t) < by.rival_angle][:most]
+    best, taken = round_.leader, {a.effect.key for a in fitted.attached}
+    rivals = [t for t in round_.rivals if t.effect.key not in taken and t.meaningful and not t.refuted]
+    rivals = [t for t in rivals if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.rival_angle][:most]
     if not rivals or best.effect.key not in taken or not best.meaningful:
         return state
     alone = without(fitted, {best.candidate.name})
@@ -319,9 +321,9 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
     rounds[at] = replace(rounds[at], trials=(first, *trials[1:], *rest))
     for i, one in enumerate(rounds):
-        later = {r.trials[0].candidate.name for r in rounds[i + 1 :]}
-        winner = replace(one.trials[0], fit=without(evidence.fit, later) if later else evidence.fit)
-        rounds[i] = replace(one, trials=(winner, *one.trials[1:]))
+        later = {r.leader.candidate.name for r in rounds[i + 1 :]}
+        winner = replace(one.leader, fit=without(evidence.fit, later) if later else evidence.fit)
+        rounds[i] = replace(one, trials=(winner, *one.rivals))
     kinematic = _kinematics_beside(others.kinematic, evidence.fit, first.effect)
     return _standing(evidence, kinematic, state.observed, tuple(rounds), intervals | moved)
 

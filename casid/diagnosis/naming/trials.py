@@ -15,8 +15,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import hopeless, kinematic_check
 from casid.diagnosis.naming.events import Intervals, at_peak, further_records, is_sudden, weak_members
+from casid.diagnosis.naming.round import Gain, Trial
 from casid.diagnosis.naming.size import is_artefact, meaningful_share, plausible
-from casid.diagnosis.result import Trial
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
@@ -119,10 +119,10 @@ def try_cause(
         beside = _without_weak(base, beside)
     fitted = beside.fit
     one = fitted.attached[-1]
-    gain = evidence.deviance - beside.deviance
-    excess = evidence.deviance_as_bent(beside.scales) - evidence.deviance
+    raw = evidence.deviance - beside.deviance
+    spared = evidence.deviance_as_bent(beside.scales) - evidence.deviance
     # a term is one of those that bend the coefficient, and makes it look more bent: it is judged by the others
-    clear = gain + excess if one.effect.regressor else gain
+    clear = raw + spared if one.effect.regressor else raw
     share = meaningful_share(fitted, one)
     check = kinematic_check(kinematic, one)
     trial = Trial(
@@ -130,10 +130,12 @@ def try_cause(
         std=_std(fitted, one),
         fit=None,
         fingerprint=_fingerprint(fitted, base, one),
-        gain=gain,
-        net=gain - (candidate.statistic - candidate.net),
-        excess=excess,
-        exact=base.deviance - fitted.deviance,
+        gain=Gain(
+            raw=raw,
+            price=candidate.statistic - candidate.net,
+            spared=spared,
+            exact=base.deviance - fitted.deviance,
+        ),
         where=_where(base, fitted),
         meaningful=matters(share, clear, base.criteria, check.confirmed or one.effect.of_an_instrument)
         and plausible(one)
@@ -158,11 +160,13 @@ def _given_up(base: Fit, candidate: Candidate) -> Trial:
         std=candidate.std,
         fit=None,
         fingerprint=np.zeros(0),
-        gain=candidate.statistic,
-        excess=0.0,
-        exact=candidate.statistic,
+        gain=Gain(
+            raw=candidate.statistic,
+            price=candidate.statistic - candidate.net,
+            spared=0.0,
+            exact=candidate.statistic,
+        ),
         where=np.zeros((0, 0)),
-        net=candidate.net,
         share=meaningful_share(base, candidate.attached),
         meaningful=False,
         given_up=True,
@@ -225,9 +229,7 @@ def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Inter
     fitted = evidence.fit
     one, more = fitted.attached[-1], before - fitted.deviance
     candidate = replace(trial.candidate, attached=one)
-    trial = replace(
-        trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain + more, net=trial.net + more
-    )
+    trial = replace(trial, fit=fitted, std=_std(fitted, one), candidate=candidate, gain=trial.gain.and_further(more))
     return trial, evidence, intervals
 
 

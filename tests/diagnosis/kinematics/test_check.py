@@ -14,8 +14,8 @@ from casid.diagnosis.judging.held_out import gains_by_kinematics, kinematic_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
 from casid.diagnosis.naming.comparing import in_order
+from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.trials import worth_trying
-from casid.diagnosis.result import Trial
 from casid.model.causes import (
     accelerometer_position,
     aero_term,

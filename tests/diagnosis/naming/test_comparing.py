@@ -22,8 +22,8 @@ from casid.diagnosis.kinematics.check import kinematic_check
 from casid.diagnosis.naming import naming
 from casid.diagnosis.naming.comparing import can_be_named, small_first
 from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.round import Round
 from casid.diagnosis.naming.trials import try_cause
-from casid.diagnosis.result import Round
 from casid.model.causes import (
     actuator_lag,
     aero_term,
@@ -55,11 +55,11 @@ def test_a_lag_gains_nothing_by_smoothing_the_record(late: Fit) -> None:
     (delay, _, _), (lag, beside, _) = (
         try_cause(weigh(late), trial_of(one).candidate, None, np.inf) for one in (LATE, LAGGED)
     )
-    assert delay.exact > lag.exact + 50.0
+    assert delay.gain.exact > lag.gain.exact + 50.0
     assert not beside.fit.acting.coloured and beside.fit.noise_held
     smoothing = fit(late.flight, [LAGGED], late.noise, late, iterations=20)
     assert smoothing.acting.coloured
-    assert late.deviance - smoothing.deviance > delay.exact
+    assert late.deviance - smoothing.deviance > delay.gain.exact
     named = relaxed(beside.fit)
     assert named.acting.coloured and not named.noise_held
 
@@ -79,7 +79,7 @@ def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> 
     after = naming._reconsidered(state, 0, 40.0)
     assert {one.name for one in after.evidence.fit.attached} == {LATE.name, BIAS.name}
     assert after.evidence.fit[LATE.name] == pytest.approx(0.06, rel=0.05)
-    assert [round_.trials[0].effect.key for round_ in after.rounds] == [LATE.effect.key, BIAS.effect.key]
+    assert [round_.leader.effect.key for round_ in after.rounds] == [LATE.effect.key, BIAS.effect.key]
     assert {trial.effect.key for trial in after.rounds[0].trials} == {LATE.effect.key, LAGGED.effect.key}
     assert all(before is now for before, now in zip(state.rounds[1:], after.rounds[1:], strict=True)) == (named is LATE)
 

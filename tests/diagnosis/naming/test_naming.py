@@ -25,8 +25,8 @@ from casid.diagnosis.judging.held_out import best_on_held, held_gains
 from casid.diagnosis.naming import explaining, naming
 from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, in_order
 from casid.diagnosis.naming.explaining import doubt
+from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.trials import worth_trying
-from casid.diagnosis.result import Trial
 from casid.errors import InputError
 from casid.model.causes import (
     actuator_lag,
@@ -214,7 +214,7 @@ def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
 
     def trial(term: str, total: float, fingerprint: list[float]) -> Trial:
         one = Attached(effect=aero_term("Cm", term), values={"value": 1.0})
-        return trial_of(one, total - 6700.0, excess=6700.0, fingerprint=fingerprint)
+        return trial_of(one, total - 6700.0, spared=6700.0, fingerprint=fingerprint)
 
     best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
     other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
@@ -227,7 +227,7 @@ def test_terms_are_compared_by_all_that_they_explain(behind: float, alike: bool)
 
     def trial(term: str, gain: float, exact: float) -> Trial:
         one = Attached(effect=aero_term("CY", term), values={"value": 1.0})
-        return trial_of(one, gain, excess=6700.0, fingerprint=[1.0, 0.0], exact=exact)
+        return trial_of(one, gain, spared=6700.0, fingerprint=[1.0, 0.0], exact=exact)
 
     best, other = trial("delta_a", 320.0, 9000.0), trial("delta_e^2*delta_a", 170.0, 9000.0 - behind)
     assert (equivalents_of(best, [best, other], Criteria()) == (other,)) == alike
@@ -317,7 +317,7 @@ def test_a_term_that_explains_nearly_all_is_believed_though_small_terms_would_do
     of stalls and rotors left 15 % and more."""
     monkeypatch.setattr(explaining, "_left_exactly", lambda evidence, stations: [exactly for _ in stations])
     one = Attached(effect=aero_term("Cl", "alpha*beta"), values={"value": -0.4})
-    trial = trial_of(one, 260.0, excess=2500.0, exact=841357.0)
+    trial = trial_of(one, 260.0, spared=2500.0, exact=841357.0)
     before, after = (
         [SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": Cl, "reading_p": 0.0}.items()]
         for Cl in (499.0, 481.0)
@@ -331,7 +331,7 @@ def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(
     was: float, left: float, explains: bool, as_much_exactly: None
 ) -> None:
     """Unsteady roll that small terms imitate gains by what it straightens; elsewhere 280 had become 230 by chance."""
-    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 100.0, excess=3800.0)
+    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 100.0, spared=3800.0)
 
     def missing(Cl: float, Cn: float) -> list[SimpleNamespace]:
         gains = {"dCl": Cl, "dCn": Cn, "reading_r": 0.0}

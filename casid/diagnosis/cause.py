@@ -1,0 +1,58 @@
+"""A cause as a diagnosis tells it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cause:
+    """A named cause, or one that is real but minor.
+
+    Attributes
+    ----------
+    std
+        1-sigma of the value, small terms of the structure and unlike stretches of record allowed for.
+    statistic
+        Drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters; the model
+        without it is given no more bent coefficients than are left beside it.
+    held_out_gain
+        Log likelihood per sample gained on records never used; None for an event, which does not recur.
+    onset_s
+        Record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in.
+    share
+        Its part of the variation of the coefficient it adds to, or of its smallest size that matters.
+    probability
+        That it is there; `log_odds` against everything that does without it. None by rules.
+    """
+
+    kind: str
+    target: str
+    term: str | None
+    value: float
+    std: float
+    unit: str
+    records: tuple[str, ...]
+    onset_s: Mapping[str, tuple[float, float]] | None
+    statistic: float
+    dof: int
+    held_out_gain: float | None
+    indistinguishable_from: tuple[Mapping[str, Any], ...]
+    sentence: str
+    parameters: Mapping[str, float]
+    meaningful: bool
+    share: float
+    probability: float | None = None
+    log_odds: float | None = None
+
+    @property
+    def told(self) -> str:
+        """Its sentence, and what these data cannot tell it apart from."""
+        others = []
+        for one in self.indistinguishable_from:
+            inside = ":".join(str(part) for part in (one["target"], one["term"]) if part)
+            others.append(f"{one['kind']}({inside})" if inside else str(one["kind"]))
+        alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
+        return self.sentence + alike
