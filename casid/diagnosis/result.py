@@ -13,7 +13,7 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.document import cause_entry, plain, rank_entry
-from casid.diagnosis.evidence.missing_input import MissingInput, place_of
+from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.view import View
@@ -226,13 +226,13 @@ class Diagnosis:
 
     def _unexplained(self, missing: MissingInput) -> dict[str, Any]:
         fit = next(v.fit for v in (self.extended, self.held_out_extended) if missing.concerns(v.records))
-        where = place_of(missing.station)
+        place = missing.place
         return {
-            "port": missing.station.removeprefix("d"),
+            "port": place.name if place.kind == "coefficient" else place.key,
             "probability": self.entered.get(missing.station),
             "share": missing_share(fit, missing),
             "gain": missing.gain,
-            "sentence": f"Something that no cause of the catalogue explains enters at {where}.",
+            "sentence": f"Something that no cause of the catalogue explains enters at {place.words}.",
         }
 
     def _held_out(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import casadi as ca
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.path import SignalPath, disturbance_names, fly
+from casid.model.station import MOVING_AIR
 from casid.model.system import EquationError
 from casid.signals import SURFACES
 
@@ -59,7 +60,7 @@ def equation_error(
         *SURFACES,
         "thrust",
         "rho",
-        *(name for name in known if not name.startswith(("wind_", "gust_"))),
+        *(name for name in known if name not in MOVING_AIR),
     )
     m = ca.SX.sym("m", len(channels))
     c = dict(zip(channels, ca.vertsplit(m), strict=True))

@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
 from casid.model.airframe import Airframe
 from casid.model.terms import derivative_term, parse_term
@@ -36,9 +37,9 @@ def coefficient_names(force_axes: str) -> tuple[str, ...]:
 def disturbance_names(force_axes: str) -> tuple[str, ...]:
     """Stations at which an unknown time history may enter: increments of coefficients (dCL ...), of surfaces and
     thrust (d_delta_e ..., d_thrust), velocity of the air in body axes [m/s] and its rotation [rad/s]."""
-    increments = tuple(f"d{name}" for name in coefficient_names(force_axes))
-    controls = ("d_delta_e", "d_delta_a", "d_delta_r", "d_thrust")
-    return (*increments, *controls, "wind_x", "wind_y", "wind_z", "gust_p", "gust_q", "gust_r")
+    increments = tuple(station.coefficient(name) for name in coefficient_names(force_axes))
+    controls = (station.control(name) for name in (*SURFACES, "thrust"))
+    return (*increments, *controls, *station.MOVING_AIR)
 
 
 @dataclass
@@ -72,7 +73,7 @@ class SignalPath:
 def surface_station(path: SignalPath) -> None:
     """Surface positions and thrust as they act on the aircraft."""
     for name in ("delta_e", "delta_a", "delta_r", "thrust"):
-        path.surface[name] = path.inputs[name] + path.disturbance[f"d_{name}"]
+        path.surface[name] = path.inputs[name] + path.disturbance[station.control(name)]
 
 
 def mass_station(path: SignalPath) -> None:
@@ -84,7 +85,7 @@ def mass_station(path: SignalPath) -> None:
 
 def wind_station(path: SignalPath) -> None:
     """Velocity of the air in body axes."""
-    path.wind = [path.disturbance[f"wind_{axis}"] for axis in "xyz"]
+    path.wind = [path.disturbance[station.wind(axis)] for axis in "xyz"]
 
 
 # by the axis of the air's rotation that the gradient of its velocity makes: the state, that velocity as it was a part
@@ -95,7 +96,7 @@ AIR_STATES: Mapping[str, tuple[str, int, float]] = MappingProxyType({"q": ("air_
 def air_rotation(path: SignalPath) -> dict[str, Any]:
     """Rotation of the air [rad/s] about p, q, r: of its own, and what the gradient of its velocity along the path makes
     about the axes of `turning` (MIL-F-8785C, 3.7.5: q = -s / (V + 4 b s / pi) w, r = s / (V + 3 b s / pi) v)."""
-    rotation = {axis: path.disturbance[f"gust_{axis}"] for axis in "pqr"}
+    rotation = {axis: path.disturbance[station.rotation(axis)] for axis in "pqr"}
     speed, span = path.state["u"], 2.0 * path.aircraft.rate_length_lateral
     for axis, sign in path.turning.items():
         state, along, part = AIR_STATES[axis]
@@ -147,7 +148,7 @@ def coefficient_station(path: SignalPath) -> None:
     """The six coefficients: derivatives and terms of the aircraft file on the regressors (paper eq. 8), its tables, and
     the user's own aerodynamics. What these make of the rates of the flow angles is in the symbols `path.rates`."""
     axes = path.aircraft.force_axes
-    path.coefficient = {name: path.disturbance[f"d{name}"] for name in coefficient_names(axes)}
+    path.coefficient = {name: path.disturbance[station.coefficient(name)] for name in coefficient_names(axes)}
     path.rates = ca.SX.sym("rate", len(RATES))
     for coefficient, value in given_coefficients(path.aircraft, quantities(path), path.parameter):
         path.coefficient[coefficient] += value

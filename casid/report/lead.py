@@ -8,6 +8,7 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_of
+from casid.model.station import Station
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.budget_figures import budget
 from casid.report.heatmap import ambiguity, heatmap
@@ -48,7 +49,7 @@ def _lead(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
         if effect.stochastic:
             return wind(diagnosis)
         choice = [shape(diagnosis, cause, seen.before), onset(diagnosis, cause)]
-        if (effect.enters or "").startswith("wind"):
+        if effect.enters is not None and Station.at(effect.enters).kind == "wind":
             choice.insert(0, _history_of(diagnosis, cause, seen))
         return next((picture for picture in choice if picture is not None), residuals(diagnosis))
     unexplained = _unexplained(diagnosis)

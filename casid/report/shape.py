@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.evidence.missing_input import READING, MissingInput
+from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.kinematics.kinematics import WIND
 from casid.diagnosis.result import Diagnosis
@@ -97,7 +97,7 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
     fit = diagnosis.extended.fit if curve else diagnosis.refitted.fit
     if not missing.concerns(fit.batch.names):
         fit = diagnosis.held_out_extended.fit
-    wind = missing.station.startswith("wind")
+    wind = missing.place.kind == "wind"
     named = named_series(diagnosis, missing) if curve else np.zeros(fit.batch.live.shape)
     chosen = _liveliest(missing, fit)
     figure = blank(1.75 * len(chosen) + 0.7)
@@ -111,14 +111,14 @@ def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, na
             ax.plot(t, curve_here, "--", color=BASELINE, lw=2, label="what the named causes put there")
         ax.axhline(0.0, color=FAINT, lw=0.8)
         ax.set_title(fit.batch.names[r], loc="left")
-        ax.set_ylabel("[m/s]" if wind else f"missing {_symbol(missing.station)}")
+        ax.set_ylabel("[m/s]" if wind else f"missing {missing.place.name}")
         ax.set_xlabel("time t [s]" if r == chosen[-1] else "")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    where = place(missing.station)
+    where, entering = place(missing.station), "at the" if missing.place.kind == "reading" else "as"
     return Picture(
         name=name,
         figure=figure,
-        title=f"What is missing enters {'at the' if missing.station.startswith(READING) else 'as'} {where}",
+        title=f"What is missing enters {entering} {where}",
         caption=(
             f"An unknown time history of the {where} that would make simulation and measurement agree, reconstructed "
             "without knowing its form."
@@ -167,9 +167,9 @@ def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
     """
     before, after = diagnosis.bare, diagnosis.extended.fit
     total = after.disturbances[..., after.model.disturbances.index(missing.station)].copy()
-    if missing.station.startswith("wind"):
+    if missing.place.kind == "wind":
         return total
-    coefficient, beside = missing.station[1:], derivatives_beside(before, missing)
+    coefficient, beside = missing.place.name, derivatives_beside(before, missing)
     for name, value in after.derivatives.items():
         owner, _, term = name.partition("_")
         if owner == coefficient and name in beside and "dot" not in term:
@@ -225,10 +225,6 @@ def _binned(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rows.append((*mean, 2.0 * max(scatter, weight.sum() ** -0.5)))
     x, y, error = np.array(rows).T if rows else np.zeros((3, 0))
     return x, y, error
-
-
-def _symbol(station: str) -> str:
-    return station.removeprefix(READING) if station.startswith(READING) else station.removeprefix("d")
 
 
 def _liveliest(missing: MissingInput, fit: Fit) -> list[int]:

@@ -6,14 +6,13 @@ import math
 import re
 import textwrap
 
-from casid.diagnosis.evidence.missing_input import READING
 from casid.model.effect import Effect
+from casid.model.station import Station
 from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
-_PLACES = {"wind_x": "wind along x", "wind_y": "wind along y", "wind_z": "wind along z"}
 _COEFFICIENTS = {
     "CL": "lift",
     "CD": "drag",
@@ -56,12 +55,12 @@ def pretty_term(term: str) -> str:
 
 def place(station: str) -> str:
     """Where an anonymous input enters, in words: "pitching moment Cm", "reading of beta"."""
-    if station in _PLACES:
-        return _PLACES[station]
-    if station.startswith(READING):
-        return f"reading of {station.removeprefix(READING)}"
-    coefficient = station.removeprefix("d")
-    return f"{_COEFFICIENTS.get(coefficient, '')} {coefficient}".strip()
+    where = Station.at(station)
+    if where.kind == "wind":
+        return f"wind along {where.name}"
+    if where.kind == "reading":
+        return f"reading of {where.name}"
+    return f"{_COEFFICIENTS.get(where.name, '')} {where.name}".strip()
 
 
 def digits(value: float, significant: int = 3) -> str:

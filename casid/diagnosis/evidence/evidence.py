@@ -17,6 +17,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
 from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.model import station
 from casid.native.processors import share_out, side_by_side
 
 
@@ -69,7 +70,7 @@ class Evidence:
 def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
     """Evidence of a fit; without `discrepancy` the model structure is taken as exact."""
     small = small_terms(fit) if discrepancy else no_terms(fit)
-    stations = [fit.model.disturbances.index(f"d{coefficient}") for coefficient, _ in small.names]
+    stations = [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in small.names]
     white = fit.filter.whiten_histories(stations, small.series * small.factors) if small.names else None
     k, by_record = len(fit.slots), []
     for r in range(len(fit.batch.names)):

@@ -17,6 +17,7 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.innovations import linearise
 from casid.model.effect import Effect
+from casid.model.station import coefficient
 from casid.model.terms import parse_term
 from casid.native.processors import side_by_side
 
@@ -113,7 +114,7 @@ def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
     for effect, values, onset in rows:
         if effect.quasi_steady:
             term = parse_term(effect.regressor or "0").evaluate(base.regressors)
-            found = {f"d{effect.target}": np.broadcast_to(term, base.batch.live.shape)}
+            found = {coefficient(effect.target): np.broadcast_to(term, base.batch.live.shape)}
         else:
             found = station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
         histories.append({index(station): series for station, series in found.items()})

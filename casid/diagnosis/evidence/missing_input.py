@@ -19,19 +19,8 @@ from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.dynamics import moved_coefficients
+from casid.model.station import Station, coefficient, reading, wind
 from casid.native.processors import side_by_side
-
-READING = "reading_"  # and the channel: station of what is added to a reading
-
-
-_STATIONS = {"wind_x": "moving air along x", "wind_y": "moving air along y", "wind_z": "moving air along z"}
-
-
-def place_of(station: str) -> str:
-    """A station in the words of a sentence: "Cm", "the reading of theta", "moving air along z"."""
-    if station.startswith(READING):
-        return f"the reading of {station.removeprefix(READING)}"
-    return _STATIONS.get(station, station[1:])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,6 +32,11 @@ class MissingInput:
     size: float
     history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     frequency: float | None = None  # Hz, of an oscillation
+
+    @property
+    def place(self) -> Station:
+        """Where it enters."""
+        return Station.at(self.station)
 
     def concerns(self, records: Iterable[str]) -> bool:
         """Whether it is missing in one of these records."""
@@ -62,13 +56,13 @@ class MissingInput:
 def stations(fit: Fit) -> list[str]:
     """Coefficients and wind axes that the axes of the flight know, as disturbances of the model."""
     moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
-    winds = [f"wind_{axis}" for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
-    return [f"d{c}" for c in moved_coefficients(fit.flight.aircraft, fit.flight.axes)] + winds
+    winds = [wind(axis) for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
+    return [coefficient(c) for c in moved_coefficients(fit.flight.aircraft, fit.flight.axes)] + winds
 
 
 def moving_air(evidence: Evidence) -> list[MissingInput]:
     """An unknown velocity of the air along each axis, largest gain first."""
-    return missing_at(evidence, [station for station in stations(evidence.fit) if station.startswith("wind_")])
+    return missing_at(evidence, [station for station in stations(evidence.fit) if Station.at(station).kind == "wind"])
 
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
@@ -88,7 +82,7 @@ def drifts(evidence: Evidence) -> list[MissingInput]:
 
 
 def _readings(fit: Fit) -> list[str]:
-    return [READING + name for name in fit.model.outputs]
+    return [reading(name) for name in fit.model.outputs]
 
 
 def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
@@ -158,7 +152,7 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
 
 
 def _one_station(evidence: Evidence, station: str) -> MissingInput:
-    fit, slow, numerics = evidence.fit, station.startswith(READING), evidence.criteria.numerics.missing_input
+    fit, slow, numerics = evidence.fit, Station.at(station).kind == "reading", evidence.criteria.numerics.missing_input
     spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.spacing, numerics.times)
     longest = max(record.duration for record in fit.flight.records)
     spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
@@ -172,10 +166,11 @@ def _one_station(evidence: Evidence, station: str) -> MissingInput:
 
 def response(fit: Fit, station: str, series: np.ndarray) -> np.ndarray:
     """(N, R, ny, k) whitened response to time histories (N, R, k) at a station."""
-    if not station.startswith(READING):
+    place = Station.at(station)
+    if place.kind != "reading":
         return fit.filter.whiten_histories([fit.model.disturbances.index(station)] * series.shape[2], series)
     Y = np.zeros((*fit.white.shape, series.shape[2]))
-    channel = fit.model.outputs.index(station.removeprefix(READING))
+    channel = fit.model.outputs.index(place.name)
     Y[:, :, channel] = np.where(fit.linear.seen[:, :, channel, None], series, 0.0)
     return fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, series.shape[2])))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.diagnosis.evidence.coefficients import coefficient_series
 from casid.diagnosis.evidence.evidence import Evidence
-from casid.diagnosis.evidence.missing_input import READING, response, stations
+from casid.diagnosis.evidence.missing_input import response, stations
 from casid.diagnosis.explanations.explanation import CauseColumn, Entrance, Innovations, Port, RecordColumns
 from casid.diagnosis.explanations.pool import Competitor, unit_of
 from casid.diagnosis.explanations.prior import Priors
@@ -18,10 +18,11 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.causes import input_delay, sensor_bias
+from casid.model.station import reading, wind
 from casid.signals import SURFACES
 
 TURBULENCE = "turbulence"
-WINDS = ("wind_x", "wind_y", "wind_z")
+WINDS = tuple(map(wind, "xyz"))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -148,7 +149,7 @@ def _levels(base: Fit) -> dict[str, float]:
             found[station] = size.share * max(float(np.std(coefficients[station[1:]][live])), 1e-12)
     for i, output in enumerate(base.model.outputs):
         bias = sensor_bias(output).smallest_that_matters(base.flight.aircraft) or 0.0
-        found[READING + output] = max(size.share * float(np.std(base.read[..., i][live])), bias)
+        found[reading(output)] = max(size.share * float(np.std(base.read[..., i][live])), bias)
     return found
 
 

@@ -11,7 +11,7 @@ from scipy.special import expit, ndtr
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, weigh
-from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation, place_of
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation
 from casid.diagnosis.explanations.asking import TURBULENCE
 from casid.diagnosis.explanations.posterior import Belief
 from casid.diagnosis.explanations.prior import Priors
@@ -168,7 +168,7 @@ class Reading:
         """(verdict, the sentence that opens the report)."""
         told = " ".join(cause.told for cause in causes)
         if self.unexplained:
-            where, p = place_of(self.unexplained[0][0].station), self.unexplained[0][1]
+            where, p = self.unexplained[0][0].place.words, self.unexplained[0][1]
             if causes:
                 return "partly explained", f"{told} Something more is missing: it enters at {where} ({100 * p:.0f} %)."
             sentence = f"The simulation misses something that no cause in the catalogue explains; it enters at {where}"

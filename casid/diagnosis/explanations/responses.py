@@ -9,6 +9,7 @@ import numpy as np
 from casid.diagnosis.evidence.fingerprints import symbolic_columns
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached, readings, station_series
+from casid.model.station import coefficient
 from casid.model.terms import parse_term
 
 
@@ -39,7 +40,7 @@ def _history(base: Fit, one: Attached) -> Mapping[str, np.ndarray] | None:
     if effect.quasi_steady:
         series = np.broadcast_to(parse_term(effect.regressor or "0").evaluate(base.regressors), base.batch.live.shape)
         mask = np.array([one.concerns(name) for name in base.batch.names], dtype=float)
-        return {f"d{effect.target}": series * mask}
+        return {coefficient(effect.target): series * mask}
     if effect.series is None or effect.symbolic:
         return None
     return station_series(one, base.batch.names, base.batch.t, base.known)

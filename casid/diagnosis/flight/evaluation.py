@@ -16,6 +16,7 @@ from casid.diagnosis.flight.prior import OFFSET, prior
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
 from casid.model.causes import group_channels
+from casid.model.station import Station
 from casid.model.system import Model
 
 # what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
@@ -231,7 +232,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     acting = acting_noise(work.noise, attached, work.dt)
     moving = _scattered(model, acting.coloured, motion.coloured)
     inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
-    at = [model.inputs.index(name.removeprefix("d_")) for name in acting.inputs]
+    at = [model.inputs.index(Station.at(name).name) for name in acting.inputs]
     errors = inputs[..., at] - batch.U[..., at]
     known = work.regressors.along(motion.X, moving, inputs)
     made_of = work.with_recorded(known)

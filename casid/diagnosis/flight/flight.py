@@ -32,6 +32,7 @@ from casid.model.path import (
     surface_station,
     wind_station,
 )
+from casid.model.station import Station, control
 from casid.model.system import Model
 from casid.model.terms import Term, parse_term
 from casid.native.compiler import BUILDING, Compilable
@@ -172,10 +173,12 @@ class Flight:
         factors = [self.sigma[o] / _sigma([r[o] for r in of], criteria) for o, of in filtered.items()]
         if len(factors) < criteria.common_filter * len(self.outputs):
             return self
-        names = [name.removeprefix("d_") for name in self.input_sigma]
+        names = [Station.at(name).name for name in self.input_sigma]
         stated = self.aircraft.noise
         filtered = [name for name in self._filtered(names, edge) if not stated.get(name)]
-        denser = {f"d_{name}": max(float(np.median(factors)), 1.0) * self.input_sigma[f"d_{name}"] for name in filtered}
+        denser = {
+            control(name): max(float(np.median(factors)), 1.0) * self.input_sigma[control(name)] for name in filtered
+        }
         return replace(self, input_sigma=self.input_sigma | denser, _regressors={})
 
     def _filtered(self, names: Sequence[str], edge: float) -> dict[str, list[Record]]:
@@ -227,7 +230,7 @@ def prepare(
             left_out[acceleration] = f"computed from {rate}, whose noise it has, and nothing new"
     outputs = tuple(sigma)
     ready = tuple(_with_all(record, outputs, noise, left_out) for record in ready)
-    inputs = {f"d_{name}": [r[name] for r in ready] for name in (*SURFACES, "thrust")}
+    inputs = {control(name): [r[name] for r in ready] for name in (*SURFACES, "thrust")}
     input_sigma = {
         name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
         for name, series in inputs.items()
@@ -319,7 +322,7 @@ class Regressors:
 
     def _quiet(self, i: int, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each record the windows over which an input may be averaged."""
-        sigma, samples = self._sigma.get(f"d_{name}", 0.0), self._batch.live.sum(axis=0)
+        sigma, samples = self._sigma.get(control(name), 0.0), self._batch.live.sum(axis=0)
         return [quiet_windows(self._batch.U[:n, j, i], sigma) for j, n in enumerate(samples)]
 
     def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -332,7 +335,7 @@ class Regressors:
         """
         U, live = self._batch.U.copy(), self._batch.live
         for i, name in enumerate(self._inputs):
-            if (station := f"d_{name}") in noise:
+            if (station := control(name)) in noise:
                 power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
                 U[..., i] += noise[station] / np.maximum(power, 1.0)
             for j, windows in enumerate(self._windows[name]):

@@ -9,6 +9,7 @@ import numpy as np
 
 from casid.filtering.innovations import NoiseModel
 from casid.model.effect import Effect
+from casid.model.station import control
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +67,7 @@ def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> 
     """What noise of recorded inputs is behind the attached effects that it passes."""
     inputs, coloured = dict(noise.inputs), dict(noise.coloured)
     for one in attached:
-        station = f"d_{one.effect.target}"
+        station = control(one.effect.target)
         if one.passes_noise and one.effect.noise is not None and station in inputs:
             coloured[station] = one.effect.noise(inputs.pop(station), dt, one.values)
     return replace(noise, inputs=inputs, coloured=coloured)

@@ -11,6 +11,7 @@ import numpy as np
 
 from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
 from casid.diagnosis.flight.fit import fit
+from casid.model.station import control
 from casid.signals import SURFACES
 
 
@@ -54,7 +55,7 @@ def surface_shares(fitted: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     linear, batch = fitted.linear, fitted.batch
     moving = dict(zip(fitted.model.inputs, np.ptp(batch.U, axis=(0, 1)), strict=True))
     inputs = [name for name in SURFACES if moving.get(name, 0.0) > 0.0]
-    stations = [fitted.model.disturbances.index(f"d_{name}") for name in inputs]
+    stations = [fitted.model.disturbances.index(control(name)) for name in inputs]
     columns = [fitted.model.inputs.index(name) for name in inputs]
     last = batch.U[:-1, :, columns] - batch.U[1:, :, columns]
     F = 0.5 * (linear.Bw0 + linear.Bw1)[..., stations] * last[:, :, None, :]

@@ -11,7 +11,7 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import VerdictCriteria
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
-from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_oscillation, place_of
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -23,6 +23,7 @@ from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
 from casid.diagnosis.naming.trials import gain_asked, matters
+from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
@@ -31,7 +32,7 @@ from casid.model.vocabulary import effect_sentence
 
 ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
 _LASTING = ("length", "duration")  # values that say how long an event takes
-_OF_THE_AIR = tuple(READING + channel for channel in ("V", "alpha", "beta"))
+_OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta"))
 
 
 def causes_of(
@@ -87,7 +88,7 @@ def causes_of(
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
     put_in_before, structure_gain = structure
     for one in put_in_before:
-        left_there = np.inf if unexplained else missing.get(f"d{one.effect.target}", 0.0)
+        left_there = np.inf if unexplained else missing.get(station.coefficient(one.effect.target), 0.0)
         put_in = _expected(one.name, evidence, structure_gain, least, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
@@ -316,7 +317,7 @@ def verdict_of(
             return "partly explained", f"{told} Something more is missing: it enters at {where}."
         return "explained", told
     if unexplained:
-        air, share = unexplained[0].station.startswith("wind"), missing_share(fit, unexplained[0])
+        air, share = unexplained[0].place.kind == "wind", missing_share(fit, unexplained[0])
         size = f", {unexplained[0].rms:.2g} m/s" if air else f", {100 * share:.0f} % of it"
         where = _where(unexplained[0], fit.batch.names, size)
         return (
@@ -345,7 +346,7 @@ def _hint(naming: Naming) -> str:
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
     unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{place_of(missing.station)}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
+    return f"{missing.place.words}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
 
 
 def _gain(gain: float) -> str:

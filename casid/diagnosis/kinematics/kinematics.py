@@ -19,6 +19,7 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.model import station
 from casid.model.path import MOMENTS, coefficient_names
 from casid.native.processors import side_by_side
 
@@ -110,9 +111,9 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
         if name in MOMENTS:
             size = _angular_acceleration(flight, _RATES[name], criteria) * inertia[name]
             size /= qS * lengths.get(name, aircraft.moment_length_lateral)
-            free[f"d{name}"] = (size, criteria.moment_time)
+            free[station.coefficient(name)] = (size, criteria.moment_time)
         else:
-            free[f"d{name}"] = (criteria.force * aircraft.mass / qS, criteria.force_time)
+            free[station.coefficient(name)] = (criteria.force * aircraft.mass / qS, criteria.force_time)
     return free
 
 

@@ -20,6 +20,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.path import coefficient_names
+from casid.model.station import coefficient
 
 Intervals = dict[str, tuple[float, float]]
 
@@ -241,7 +242,7 @@ def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, 
     """Of every record, at the same times after its first sample."""
     base, c = evidence.fit, len(coefficients)
     since = base.batch.t - base.batch.t[0]
-    stations = [base.model.disturbances.index(f"d{name}") for name in coefficients]
+    stations = [base.model.disturbances.index(coefficient(name)) for name in coefficients]
     found: list[list[_Steps]] = [[] for _ in base.batch.names]
     together = evidence.criteria.numerics.screening.steps_together
     for first in range(0, len(onsets), together):

@@ -12,12 +12,11 @@ from functools import cached_property
 
 from casid.diagnosis.criteria import Criteria, DoubtCriteria
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
-from casid.diagnosis.evidence.missing_input import READING, MissingInput, missing_at
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share
 from casid.model.effect import Effect
-
-_AIR = "wind_"
+from casid.model.station import Station, coefficient, reading
 
 
 def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence) -> str:
@@ -82,7 +81,7 @@ class _Seen:
     @property
     def own(self) -> list[str]:
         """The stations at which it enters."""
-        stations = {self.effect.enters, *(f"d{member}" for member in self.effect.members)}
+        stations = {self.effect.enters, *(coefficient(member) for member in self.effect.members)}
         return [s for s in self.was if s in stations]
 
     def gone(self, stations: Sequence[str] | set[str], part: float | None = None) -> bool:
@@ -106,14 +105,14 @@ class _Seen:
     def has_a_bias_that_drifts(self) -> bool:
         fit = self.evidence.fit
         biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
-        biased = [READING + a.effect.target for a in biases]
+        biased = [reading(a.effect.target) for a in biases]
         return not self.gone([s for s in biased if s in self.was], self.by.left_by_a_bias)
 
     @property
     def is_air_where_one_reading_drifts(self) -> bool:
-        drift = max(gain for station, gain in self.was.items() if station.startswith(READING))
+        drift = max(gain for station, gain in self.was.items() if Station.at(station).kind == "reading")
         more = drift > self.criteria.turbulence.one_reading * self.last.gain.raw
-        return more and (self.effect.enters or "").startswith(_AIR)
+        return more and self.effect.enters is not None and Station.at(self.effect.enters).kind == "wind"
 
     @property
     def is_improbable_and_leaves_something(self) -> bool:
@@ -139,8 +138,8 @@ class _Seen:
 
     @property
     def kinematics_agree(self) -> bool:
-        reading = READING + self.effect.target
-        drifts = reading in self.was and not self.gone([reading], self.by.left_by_a_fault)
+        own = reading(self.effect.target)
+        drifts = own in self.was and not self.gone([own], self.by.left_by_a_fault)
         return self.last.confirmed and not drifts
 
     @property

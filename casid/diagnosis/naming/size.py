@@ -6,9 +6,10 @@ import numpy as np
 
 from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.evidence.coefficients import coefficient_series, unlike_derivatives, variation
-from casid.diagnosis.evidence.missing_input import READING, MissingInput
+from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.model import station
 from casid.model.causes import sensor_bias
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
@@ -81,7 +82,7 @@ def _lateness(fitted: Fit, one: Attached) -> float:
 def _moved(fitted: Fit, one: Attached) -> np.ndarray:
     """(N, R) by how much an operator moves its surface from the record."""
     W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
-    return W[..., fitted.model.disturbances.index(f"d_{one.effect.target}")]
+    return W[..., fitted.model.disturbances.index(station.control(one.effect.target))]
 
 
 def _coefficient_share(fitted: Fit, one: Attached) -> float:
@@ -89,7 +90,7 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
     size, live = variation(fitted), fitted.batch.live
     if one.effect.series is not None:
         W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
-        series = {c: W[..., fitted.model.disturbances.index(f"d{c}")] for c in size}
+        series = {c: W[..., fitted.model.disturbances.index(station.coefficient(c))] for c in size}
         series = {c: values for c, values in series.items() if values.any()}
         if not one.effect.members:  # what switches may exceed what derivatives can do
             series = {c: unlike_derivatives(fitted, c, values) for c, values in series.items()}
@@ -102,13 +103,13 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
 def missing_share(fitted: Fit, missing: MissingInput) -> float:
     """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over a velocity. A drift
     of a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
-    station, criteria = missing.station, fitted.criteria.size
-    if station.startswith("wind_"):
-        return missing.rms / (criteria.wind_along if station == "wind_x" else criteria.wind_across)
-    if not station.startswith(READING):
-        series = coefficient_series(fitted)[station[1:]]
+    place, criteria = missing.place, fitted.criteria.size
+    if place.kind == "wind":
+        return missing.rms / (criteria.wind_along if place.name == "x" else criteria.wind_across)
+    if place.kind == "coefficient":
+        series = coefficient_series(fitted)[place.name]
         return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
-    channel = station.removeprefix(READING)
+    channel = place.name
     series = fitted.read[..., fitted.model.outputs.index(channel)]
     as_bias = missing.largest / (sensor_bias(channel).smallest_that_matters(fitted.flight.aircraft) or np.inf)
     return min(missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12), criteria.share * as_bias)

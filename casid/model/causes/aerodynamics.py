@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from casid.model import operators
+from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
@@ -67,7 +67,7 @@ def aero_term(coefficient: str, term: str) -> Effect:
         target=coefficient,
         term=term,
         regressor=term,
-        enters=f"d{coefficient}",
+        enters=station.coefficient(coefficient),
         station="coefficients",
         change=change,
         improbable=_across_symmetry(coefficient, term),
@@ -100,13 +100,13 @@ def lagged_aero(coefficient: str) -> Effect:
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         rate = operators.lag(t, known[f"{angle}dot"], values["time_constant"])
-        return {f"d{coefficient}": values["value"] * rate}
+        return {station.coefficient(coefficient): values["value"] * rate}
 
     return Effect(
         kind="unsteady_aero",
         target=coefficient,
         variant="lagged",
-        enters=f"d{coefficient}",
+        enters=station.coefficient(coefficient),
         limit=60.0,
         grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)),
         unsigned=("time_constant",),
@@ -138,7 +138,7 @@ def unsteady_aero(coefficient: str) -> Effect:
         kind="unsteady_aero",
         target=coefficient,
         regressor=rate,
-        enters=f"d{coefficient}",
+        enters=station.coefficient(coefficient),
         station="coefficients",
         change=change,
         limit=60.0,
@@ -165,13 +165,13 @@ def configuration_change(coefficients: str) -> Effect:
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         moved = operators.transition(t, values["onset"], values.get("duration", 0.0))
-        return {f"d{name}": values["value" if name == names[0] else name] * moved for name in names}
+        return {station.coefficient(name): values["value" if name == names[0] else name] * moved for name in names}
 
     return Effect(
         kind="configuration_change",
         target=coefficients,
         members=names,
-        enters=f"d{names[0]}",
+        enters=station.coefficient(names[0]),
         timed=True,
         recurring=True,
         extent="duration",

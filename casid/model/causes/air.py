@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from casid.model import operators
+from casid.model import operators, station
 from casid.model.effect import Effect, Series, Values, cause
 
 _AXES = ("x", "y", "z")
@@ -31,9 +31,9 @@ def _blowing(direction: np.ndarray, wind: np.ndarray, known: Series) -> dict[str
         np.cos(phi) * aside + np.sin(phi) * below,
         np.cos(phi) * below - np.sin(phi) * aside,
     )
-    series = {f"wind_{axis}": np.zeros(len(wind)) for axis in _AXES}
+    series = {station.wind(axis): np.zeros(len(wind)) for axis in _AXES}
     for axis, part in zip(_AXES, parts, strict=True):
-        series[f"wind_{axis}"][blows] = part * wind[blows]
+        series[station.wind(axis)][blows] = part * wind[blows]
     return series
 
 
@@ -60,7 +60,7 @@ def wind_shear(axis: str) -> Effect:
     return Effect(
         kind="wind_shear",
         target=axis,
-        enters=f"wind_{axis}",
+        enters=station.wind(axis),
         kinematic=True,
         timed=True,
         series=series,
@@ -88,7 +88,7 @@ def gust(axis: str) -> Effect:
     return Effect(
         kind="gust",
         target=axis,
-        enters=f"wind_{axis}",
+        enters=station.wind(axis),
         kinematic=True,
         timed=True,
         grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4)),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from casid.model import operators
+from casid.model import operators, station
 from casid.model.effect import Effect, Series, Values, cause
 from casid.signals import SURFACES
 
@@ -27,7 +27,7 @@ def _surface_operator(
 ) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
-        return {f"d_{surface}": operate(t, recorded, values["value"]) - recorded}
+        return {station.control(surface): operate(t, recorded, values["value"]) - recorded}
 
     return Effect(
         kind=kind,
@@ -107,7 +107,9 @@ def dead_zone(surface: str) -> Effect:
 def backlash(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
-        return {f"d_{surface}": operators.backlash(recorded, values["value"], values.get("rest", 0.0)) - recorded}
+        return {
+            station.control(surface): operators.backlash(recorded, values["value"], values.get("rest", 0.0)) - recorded
+        }
 
     return Effect(
         kind="backlash",
@@ -132,7 +134,7 @@ def backlash(surface: str) -> Effect:
 )
 def effectiveness_change(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {f"d_{surface}": values["value"] * operators.step(t, values["onset"]) * known[surface]}
+        return {station.control(surface): values["value"] * operators.step(t, values["onset"]) * known[surface]}
 
     return Effect(
         kind="effectiveness_change",

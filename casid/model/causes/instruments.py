@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.model import operators
+from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
@@ -170,7 +170,7 @@ def _late_surfaces() -> Effect:
     """All surfaces are recorded late by the same: what acts is ahead of its record."""
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {f"d_{s}": operators.delay(t, known[s], -values["value"]) - known[s] for s in SURFACES}
+        return {station.control(s): operators.delay(t, known[s], -values["value"]) - known[s] for s in SURFACES}
 
     return Effect(
         kind="sensor_delay",

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import casadi as ca
 import numpy as np
 
-from casid.model import operators
+from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.causes.instruments import SENSOR_GROUPS, group_channels
 from casid.model.effect import Effect, Series, Symbols, Values, cause
@@ -136,7 +136,7 @@ def clock_drift(target: str) -> Effect:
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         moved = {c: np.interp(t + (t - t[0]) * values["value"], t, known[c]) for c in group_channels(target)}
-        return {f"d_{c}": moved[c] - known[c] for c in moved}
+        return {station.control(c): moved[c] - known[c] for c in moved}
 
     of_inputs = target == "surfaces"
     return Effect(

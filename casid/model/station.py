@@ -1,0 +1,85 @@
+"""Stations of the signal path where a time history that the model does not know may enter, and what they are called.
+
+A model knows a station by a key, the name of one of its disturbances; of a reading, by a key of the same kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from casid.errors import unknown
+
+StationKind = Literal["control", "wind", "rotation", "reading", "coefficient"]
+# the longer prefix first: "d_delta_e" is a control, "dCm" a coefficient
+_PREFIX: dict[StationKind, str] = {
+    "control": "d_",
+    "wind": "wind_",
+    "rotation": "gust_",
+    "reading": "reading_",
+    "coefficient": "d",
+}
+
+
+@dataclass(frozen=True)
+class Station:
+    """One such place.
+
+    Attributes
+    ----------
+    kind
+        What the history adds to: a surface or thrust, the velocity of the air along a body axis [m/s], its rotation
+        about one [rad/s], what an instrument reads, or a coefficient.
+    name
+        Of the surface ("delta_e", "thrust"), axis ("x"), rate ("p"), channel ("alpha") or coefficient ("Cm").
+    """
+
+    kind: StationKind
+    name: str
+
+    @property
+    def key(self) -> str:
+        """Name of the disturbance: "d_delta_e", "wind_x", "gust_p", "reading_alpha", "dCm"."""
+        return _PREFIX[self.kind] + self.name
+
+    @property
+    def words(self) -> str:
+        """In a sentence: "Cm", "the reading of theta", "moving air along z"."""
+        before = {"wind": "moving air along ", "rotation": "rotation of the air about ", "reading": "the reading of "}
+        return before.get(self.kind, "") + self.name
+
+    @classmethod
+    def at(cls, key: str) -> Station:
+        """The station of a key. Raises InputError for what is none."""
+        for kind, prefix in _PREFIX.items():
+            if key.startswith(prefix) and len(key) > len(prefix):
+                return cls(kind, key.removeprefix(prefix))
+        raise unknown("station", key, [prefix + "..." for prefix in _PREFIX.values()])
+
+
+def control(name: str) -> str:
+    """Key of what is added to a surface or to thrust."""
+    return Station("control", name).key
+
+
+def coefficient(name: str) -> str:
+    """Key of what is added to a coefficient."""
+    return Station("coefficient", name).key
+
+
+def wind(axis: str) -> str:
+    """Key of the velocity of the air along a body axis."""
+    return Station("wind", axis).key
+
+
+def rotation(rate: str) -> str:
+    """Key of the rotation of the air about the axis of a rate."""
+    return Station("rotation", rate).key
+
+
+def reading(channel: str) -> str:
+    """Key of what is added to a reading."""
+    return Station("reading", channel).key
+
+
+MOVING_AIR = (*map(wind, "xyz"), *map(rotation, "pqr"))
