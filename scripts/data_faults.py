@@ -25,6 +25,7 @@ from typing import NoReturn
 from casid.diagnosis.data.check import check
 from casid.diagnosis.diagnose import diagnose
 from casid.errors import InputError, run_script
+from casid.records.thinning import thinned
 from casid.report.progress import progress
 from problems.faults.draw import CHECKED, CLEAN, DIAGNOSED, draw
 from problems.faults.fault import DataFault, with_fault
@@ -32,6 +33,7 @@ from problems.faults.flights import HealthyFlight, flights
 from problems.faults.score import OUTCOMES, RIGHT, score, score_causes
 
 HEAD: tuple[str, ...] = ("seed", "flight", "kind", "target", "value", "records", "outcome", "said")
+DIAGNOSED_HZ = 25.0  # to which records are thinned for a whole diagnosis
 KINDS = (CLEAN, *CHECKED, *DIAGNOSED)
 
 
@@ -74,7 +76,8 @@ def hidden(kind: str, seed: int, each: int, flight: HealthyFlight) -> Iterator[D
 def outcome(fault: DataFault | None, flight: HealthyFlight, seed: int, whole: bool) -> tuple[str, str]:
     """One of OUTCOMES, and what was said."""
     try:
-        records = with_fault(fault, flight.records, seed)
+        healthy = [thinned(record, DIAGNOSED_HZ) for record in flight.records] if whole else flight.records
+        records = with_fault(fault, healthy, seed)
         if whole:
             found = diagnose(flight.aircraft, records)
             said = [*(one.sentence for one in found.data), *(one.sentence for one in found.causes)]

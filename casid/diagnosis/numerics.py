@@ -118,6 +118,14 @@ TOLD_ONE_BY_ONE = 3
 # Log likelihood below which a level of a channel, and the sign of a derivative, are impossible anyhow.
 IMPOSSIBLE, IMPOSSIBLE_SIGN = -60.0, -40.0
 
+# Logarithms of factors of units that are one factor.
+ALIKE = 0.1
+
+# The least errors that make a lift curve carry the weight: steps of a fixed-point iteration, which needs four, and the
+# sigmas beyond which nothing is sought.
+LEAST_ERRORS_STEPS = 12
+LEAST_ERRORS_WITHIN = 20.0
+
 # Sums of the score; nothing is decided by these. Rows of a record that are multiplied at a time; the part of the
 # largest of its column at which a response has died away; of a unit diagonal, what keeps apart what rounding joins.
 ROWS_AT_A_TIME = 2000

@@ -28,6 +28,7 @@ _ANSWER = 3.0  # of the range of nine tenths of the samples: no answer to a surf
 _SOON = 3  # samples after a step of a surface in which a rate or an acceleration may peak
 _GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
+_MATTERS = 0.03  # of the range of an output: one sample nearer to the others changes nothing
 _COMPANIONS: tuple[frozenset[str], ...] = (
     frozenset(("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
     frozenset(("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
@@ -134,7 +135,7 @@ def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault
             continue
         faults, clean = _of_levels(record, name, values, limits)
         if not update_interval(record, name) > _SLOWER * record.dt:
-            wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else 0.0)
+            wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else _MATTERS)
             if name in _QUICK and (wild & commanded).any():
                 wild &= ~commanded | _spikes(clean, parts, limits, least=_ANSWER)
             faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
@@ -292,10 +293,10 @@ def _rails(values: np.ndarray, limits: Limits) -> np.ndarray:
     quantum = float(gaps[gaps > _ROUNDING * (levels[-1] - levels[0])].min())
     for edge, near in ((0, slice(1, 8)), (-1, slice(-8, -1))):
         here = values == levels[edge]
-        begins = stretches(here)
-        crowded = counts[edge] >= max(limits.rail, limits.crowded * counts[near].mean())
-        began = len(begins) == 1 and (begins[0][0] == 0 or begins[0][1] == len(values) - 1)
-        if crowded and not began and _has_corners(values, begins, quantum):
+        inside = [(a, b) for a, b in stretches(here) if a > 0 and b < len(values) - 1]  # at an end it may be frozen
+        samples = sum(b - a + 1 for a, b in inside)
+        crowded = samples >= max(limits.rail, limits.crowded * counts[near].mean())
+        if crowded and _has_corners(values, inside, quantum):
             at |= here
     return at
 
@@ -345,9 +346,11 @@ def _isolated(sample: np.ndarray, series: np.ndarray, sigmas: float, least: floa
         before, after = series[2:-2] - series[1:-3], series[2:-2] - series[3:-1]
         far &= together & (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.6 * size)
         far[: _EDGE - 2], far[2 - _EDGE :] = False, False
+        reached = np.convolve(far, np.ones(5), mode="same") > 0.5  # the cubic spreads an outlier over five samples
         for k in np.flatnonzero(far)[np.argsort(-size[far])]:
-            beside = size[max(0, k - _NEAR) : max(0, k - 2)], size[k + 3 : k + 1 + _NEAR]
-            if size[k] > 3.0 * max(float(np.quantile(one, 0.9)) for one in beside if len(one)):
+            beside = slice(max(0, k - _NEAR), max(0, k - 2)), slice(k + 3, k + 1 + _NEAR)
+            usual = [size[side][~reached[side]] for side in beside if 2 * reached[side].sum() <= len(size[side]) > 0]
+            if len(usual) == 2 and size[k] > 3.0 * max(float(np.quantile(one, 0.9)) for one in usual):
                 at[k + 2] = True
                 series[k + 2] -= off[k]
                 break
@@ -369,8 +372,8 @@ def _local_median(size: np.ndarray) -> np.ndarray:
 
 def _codes(values: np.ndarray, limits: Limits) -> np.ndarray:
     """Values far from all others with an edge on both sides: -999, 9999 and the like."""
-    good = values[np.isfinite(values)]
-    low, middle, high = np.quantile(good, (0.05, 0.5, 0.95))
+    once = values[runs(values)[0]]  # a rest counts once, however long
+    low, middle, high = np.quantile(once[np.isfinite(once)], (0.05, 0.5, 0.95))
     far = np.abs(values - middle) > limits.code * max(high - low, 1e-300)
     at = np.zeros(len(values), dtype=bool)
     if high == low or not far.any():

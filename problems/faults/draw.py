@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from casid.diagnosis.given.axes import axes_that_tell
 from casid.records.record import Record
 from casid.signals import SURFACES
 from problems.faults.fault import DataFault
@@ -40,11 +41,22 @@ _UNITS: tuple[tuple[str, str, float], ...] = (
 )
 _SWAPS = ("alpha+beta", "p+r", "q+r", "phi+theta", "ax+az", "ay+az", "delta_a+delta_r", "delta_e+delta_a")
 _MOVING = ("alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az", "V")
+_AXES = {"delta_e": "longitudinal", "delta_a": "lateral", "delta_r": "lateral"}
 CLEAN = "clean"
 
 
 def _has(records: Sequence[Record], names: Sequence[str]) -> bool:
-    return all(name == "t" or all(_moves(r, name) for r in records) for name in names)
+    return all(name == "t" or all(_moves(r, name) for r in records) for name in names) and _moved(records, names)
+
+
+def _there(records: Sequence[Record], names: Sequence[str]) -> bool:
+    return all(name == "t" or all(name in record for record in records) for name in names)
+
+
+def _moved(records: Sequence[Record], names: Sequence[str]) -> bool:
+    """Whether the surfaces among `names` move what the records can tell of: of one that rests nothing can be told."""
+    judged = axes_that_tell(records).name
+    return not any(name in records[0] and judged not in ("full", axis) for name, axis in _AXES.items() if name in names)
 
 
 def _moves(record: Record, name: str) -> bool:
@@ -71,7 +83,7 @@ def _sign(rng: Rng, records: Sequence[Record]) -> DataFault:
 
 
 def _unit(rng: Rng, records: Sequence[Record]) -> DataFault:
-    able = [row for row in _UNITS if all(name == "t" or all(name in r for r in records) for name in row[0].split("+"))]
+    able = [row for row in _UNITS if _there(records, row[0].split("+")) and _moved(records, row[0].split("+"))]
     target, unit, value = able[int(rng.integers(len(able)))]
     return DataFault(kind="data_unit", target=target, records=_scope(rng, records), value=value, unit=unit)
 

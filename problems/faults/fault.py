@@ -60,6 +60,19 @@ def _each(fault: DataFault, record: Record, change) -> Record:
     return record.with_channels(**{n: change(record[n]) for n in fault.channels if n in record})
 
 
+_STEPS = 0.2  # levels over samples below which a channel is one of steps
+
+
+def _as_recorded(changed: np.ndarray, healthy: np.ndarray) -> np.ndarray:
+    """What an instrument reads, in the steps of the recorder behind it where the healthy channel has such."""
+    levels = np.unique(healthy[np.isfinite(healthy)])
+    if len(levels) < 2 or len(levels) > _STEPS * len(healthy):
+        return changed
+    gaps = np.diff(levels)
+    step = float(gaps[gaps > 1e-6 * (levels[-1] - levels[0])].min())
+    return levels[0] + step * np.round((changed - levels[0]) / step)
+
+
 def _sign(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:
     return _each(fault, record, lambda x: -x)
 
@@ -120,7 +133,7 @@ def _spikes(fault: DataFault, record: Record, rng: np.random.Generator) -> Recor
 
 def _late(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:
     assert fault.value is not None
-    late = _each(fault, record, lambda x: delay(record.t, x, fault.value or 0.0))
+    late = _each(fault, record, lambda x: _as_recorded(delay(record.t, x, fault.value or 0.0), x))
     return late.between(record.t[0] + abs(fault.value), np.inf)  # what was before the record is not known
 
 
@@ -128,7 +141,7 @@ def _drifting(fault: DataFault, record: Record, rng: np.random.Generator) -> Rec
     """A clock that gains `value` seconds a second: the reading comes later and later."""
     t = record.t
     true = t[0] + (t - t[0]) / (1.0 + (fault.value or 0.0))
-    return _each(fault, record, lambda x: np.interp(true, t, x))
+    return _each(fault, record, lambda x: _as_recorded(np.interp(true, t, x), x))
 
 
 def _tilted(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:
@@ -139,8 +152,8 @@ def _tilted(fault: DataFault, record: Record, rng: np.random.Generator) -> Recor
     for names in (("p", "q", "r"), ("ax", "ay", "az"), ("pdot", "qdot", "rdot")):
         if all(name in record for name in names):
             a, b = record[names[i]], record[names[j]]
-            changed[names[i]] = np.cos(angle) * a + np.sin(angle) * b
-            changed[names[j]] = np.cos(angle) * b - np.sin(angle) * a
+            changed[names[i]] = _as_recorded(np.cos(angle) * a + np.sin(angle) * b, a)
+            changed[names[j]] = _as_recorded(np.cos(angle) * b - np.sin(angle) * a, b)
     return record.with_channels(**changed)
 
 
@@ -148,7 +161,8 @@ def _position(fault: DataFault, record: Record, rng: np.random.Generator) -> Rec
     """The reading depends on another air datum: V [m/s] or angle [rad] by `value` times its deviation."""
     other = record[fault.term or "alpha"]
     size = (fault.value or 0.0) * (other - np.nanmedian(other))
-    return record.with_channels(**{fault.target: record[fault.target] + size})
+    reading = record[fault.target]
+    return record.with_channels(**{fault.target: _as_recorded(reading + size, reading)})
 
 
 def _thrust(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from casid.diagnosis.data.reading import Reading
+from casid.diagnosis.numerics import ALIKE
 from casid.signals import SURFACES, unit_of
 
 _DEG = float(np.pi / 180.0)
@@ -62,8 +63,8 @@ class Alternative:
         return self.reading.channels | ({"t"} if self.reading.time != 1.0 else set())
 
 
-def alternatives(channels: Iterable[str], stretched: float | None = None) -> list[Alternative]:
-    """All alternatives for records that have these channels; `stretched`: a factor of time that rates ask for."""
+def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> list[Alternative]:
+    """All alternatives for records that have these channels; `stretched`: factors of time that rates ask for."""
     there = set(channels)
     found = [_sign(name) for name in _SIGNED if name in there]
     for name in sorted(there):
@@ -74,9 +75,8 @@ def alternatives(channels: Iterable[str], stretched: float | None = None) -> lis
     found += [_swap(a, b) for a, b in _SWAPPED if {a, b} <= there]
     times = {f"{unit}": factor for unit, factor in _UNITS["s"].items()}
     found += [_time(factor, unit) for unit, factor in times.items()]
-    if stretched is not None and all(abs(np.log(stretched / factor)) > 0.1 for factor in times.values()):
-        found.append(_time(stretched, None))
-    return found
+    own = [one for one in stretched if all(abs(np.log(one / factor)) > ALIKE for factor in times.values())]
+    return [*found, *(_time(one, None) for one in own)]
 
 
 def _sign(name: str) -> Alternative:

@@ -155,6 +155,7 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
     one = weighed.alternative
     handled: Handled = "corrected" if weighed.alone and not undo else "reported"
     every = len(weighed.records) == count > 1
+    rivals = [described(r) for r in weighed.rivals]
     sentence = words.of_alternative(one.kind, one.target, one.value, one.unit, weighed.records, every)
     return Finding(
         kind=one.kind,
@@ -163,6 +164,6 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
         value=one.value,
         unit="1" if one.value is not None else None,
         handled=handled,
-        sentence=sentence + words.handled_as(one.kind, one.value, [described(r) for r in weighed.rivals], undo),
+        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo, weighed.sure),
         indistinguishable_from=tuple({"kind": r.kind, "target": r.target} for r in weighed.rivals),
     )

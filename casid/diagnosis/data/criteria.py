@@ -17,7 +17,8 @@ class DataCriteria:
         "derived: one set of records in five has one, in one of some 80 ways",
         signed=True,
     )
-    said: float = number(7.0, "log posterior odds from which a fault is said", "derived: 1000 to 1")
+    said: float = number(3.0, "log posterior odds from which a fault is said", "derived: 20 to 1")
+    sure: float = number(7.0, "log posterior odds from which it is corrected, too", "derived: 1000 to 1")
     alone: float = number(4.6, "log odds to the next explanation from which it is corrected", "derived: 100 to 1")
     against: float = number(
         -3.0, "log likelihood ratio below which a record contradicts a fault", "derived: 20 to 1", signed=True
@@ -26,13 +27,19 @@ class DataCriteria:
     climb: float = number(20.0, "1-sigma of the change of the rate of climb in a record", unit="m/s")
     path_known: float = number(0.05, "1-sigma of theta - alpha against the climb, by biases", unit="rad")
     path_unknown: float = number(0.15, "1-sigma of the angle of climb where no altitude is recorded", unit="rad")
-    trim_speed: float = number(0.3, "1-sigma of the logarithm of V over that of the trim")
+    trim_speed: float = number(
+        0.2, "1-sigma of the logarithm of V over that of the trim", "chosen: one set of derivatives holds no farther"
+    )
     trim_density: float = number(0.25, "1-sigma of the logarithm of rho over that of the trim; 2 km are 0.2")
     trim_thrust: float = number(1.0, "1-sigma of the logarithm of thrust over that of the trim")
     atmosphere: float = number(
         0.08, "1-sigma of the logarithm of rho over the standard one", "derived: 25 K from the standard temperature"
     )
-    lift: float = number(0.3, "1-sigma of a file's lift curve, as a part of it")
+    lift: float = number(0.3, "1-sigma of the logarithm of a file's lift at zero angle, and of its slope")
+    trim_lift: float = number(
+        0.1, "1-sigma of the logarithm of lift in the file's trim over weight", "chosen: fuel, thrust, tail"
+    )
+    angle: float = number(0.02, "1-sigma of the mean of a flow angle, by bias and upwash", unit="rad")
     derivative: float = number(0.35, "1-sigma of a file's derivative, as a part of it")
     usual_speed: float = number(0.8, "1-sigma of the logarithm of V over 100 m/s; 20 to 500 m/s are two")
     slope: float = number(0.3, "part of a force's variation against which its slope over a flow angle is told at least")
@@ -44,6 +51,24 @@ class DataCriteria:
     )
     level_bank: float = number(0.5, "bank up to which the climb is told by theta - alpha", unit="rad")
     usual_v: float = number(100.0, "airspeed that `usual_speed` is about", unit="m/s")
+    vane_ahead: float = number(8.0, "1-sigma of the place of a vane ahead of the c.g.", unit="m")
+    vane_across: float = number(2.0, "1-sigma of the place of a vane across", unit="m")
+    upwash: float = number(0.1, "1-sigma of a flow angle's error by the other flow angle, as a part of that")
+    static_port: float = number(0.2, "1-sigma of an airspeed's relative error by the angle of attack", unit="1/rad")
+    late: float = number(
+        0.2,
+        "1-sigma of the delay of one instrument against another",
+        "measured: 0.02 in a Twin Otter, 0.5 in a Tu-144",
+        unit="s",
+    )
+    close: float = number(
+        0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
+    )
+    own_scale: float = number(1.25, "scale error of an instrument up to which it is no question of units")
+    least_deflection: float = number(
+        0.004, "range of a surface below which it excites nothing", "chosen: 0.2 deg", unit="rad"
+    )
+    most_deflection: float = number(3.0, "range of a surface that none has", "chosen: 170 deg", unit="rad")
     quick: float = number(0.5, "window of rates of rotation", unit="s")
     slow: float = number(4.0, "window of what gravity and drag change", unit="s")
     fewest: int = number(7, "samples of a window at least")

@@ -11,7 +11,7 @@ from scipy import special
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
-from casid.diagnosis.numerics import IMPOSSIBLE
+from casid.diagnosis.numerics import IMPOSSIBLE, LEAST_ERRORS_STEPS, LEAST_ERRORS_WITHIN
 from casid.model.aircraft import Aircraft
 
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
@@ -58,17 +58,44 @@ def _slope(c: Read, name: str) -> float:
 
 
 def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    """rho V^2 S CL / 2 of the file carries what the accelerometer feels."""
+    """rho V^2 S CL / 2 of the file carries what the accelerometer feels.
+
+    The curve is known in the trim of the file, where that is given, since there it carries the weight; else from the
+    constant of the file. Its slope, the angle and the load factor have errors of their own, of which the least are
+    taken that make it so."""
     if aircraft is None:
         return 0.0
-    names = ("CL_0", "CL_alpha", 1.0) if aircraft.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
-    if not {names[0], names[1]} <= aircraft.derivatives.keys():
+    zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if aircraft.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
+    if not {zero, slope} <= aircraft.derivatives.keys():
         return 0.0
-    zero, slope = (names[2] * aircraft.derivatives[name] for name in names[:2])
-    alpha, V, rho = _mean(c, "alpha"), _mean(c, "V"), _mean(c, "rho")
-    lift, wanted = zero + slope * alpha, -_mean(c, "az") * aircraft.mass / (0.5 * rho * V**2 * aircraft.area or 1.0)
-    doubt = math.sqrt((criteria.lift * zero) ** 2 + (criteria.lift * slope * alpha) ** 2 + (0.02 * slope) ** 2)
-    return _normal(wanted - lift, math.hypot(doubt, criteria.load_factor * abs(lift)))
+    known, spread, at = sign * aircraft.derivatives[zero], criteria.lift, 0.0
+    trim, area = aircraft.trim, aircraft.area
+    if {"V", "rho", "alpha"} <= trim.keys():
+        known, spread, at = _balanced(aircraft, trim["rho"], trim["V"], g), criteria.trim_lift, trim["alpha"]
+    wanted = -_mean(c, "az") * aircraft.mass / (0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0)
+    curve = known, sign * aircraft.derivatives[slope], _mean(c, "alpha") - at
+    return _least_errors(*curve, wanted, (spread, criteria.lift, criteria.angle, criteria.load_factor))
+
+
+def _balanced(aircraft: Aircraft, rho: float, V: float, g: float) -> float:
+    """Lift coefficient of level flight."""
+    return aircraft.mass * g / (0.5 * rho * V**2 * aircraft.area)
+
+
+def _least_errors(known: float, slope: float, angle: float, wanted: float, sigmas: tuple[float, ...]) -> float:
+    """Log likelihood of the least errors by which `known` and `slope` times `angle` are what is `wanted`; sigmas of
+    the logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`."""
+    of_known, of_slope, of_angle, of_wanted = sigmas
+    errors = np.zeros(4)
+    for _ in range(LEAST_ERRORS_STEPS):
+        here, steep = known * math.exp(of_known * errors[0]), slope * math.exp(of_slope * errors[1])
+        there, turned = wanted * math.exp(of_wanted * errors[3]), angle + of_angle * errors[2]
+        off = here + steep * turned - there
+        along = np.array([of_known * here, of_slope * steep * turned, of_angle * steep, -of_wanted * there])
+        errors = np.clip(
+            along * (along @ errors - off) / max(along @ along, 1e-300), -LEAST_ERRORS_WITHIN, LEAST_ERRORS_WITHIN
+        )
+    return max(-0.5 * float(errors @ errors), IMPOSSIBLE)
 
 
 def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[..., float]:

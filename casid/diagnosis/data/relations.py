@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 
 Pair = tuple[np.ndarray, np.ndarray]
-ALONG, ACROSS = 8.0, 2.0  # m, 1-sigma of the place of a vane ahead of the c.g. and across
-LATE = 0.05  # s, 1-sigma of the delay of one instrument against another
-CLOSE = 0.03  # part of a variation that scale errors, lever arms and moving air of healthy records may leave
-_SCALE = 1.25  # an instrument's own scale error is within, so that it is no question of units
+Errors = Callable[[Read, DataCriteria], list[np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,7 +28,7 @@ class Relation:
     uses: tuple[str, ...]
     sides: Callable[[Read, float], Pair]
     slow: bool = False
-    errors: Callable[[Read], list[np.ndarray]] = lambda c: []
+    errors: Errors = lambda c, criteria: []
 
 
 def _bank(c: Read, g: float) -> Pair:
@@ -93,10 +91,21 @@ def _of_rate(rate: str) -> Callable[[Read, float], Pair]:
     return lambda c, g: (c.rate(rate), c.value(f"{rate}dot"))
 
 
-def _vane(rates: tuple[str, ...]) -> Callable[[Read], list[np.ndarray]]:
-    """Rates of a flow angle that a vane away from the c.g. senses, from rotation that gathers speed."""
-    arms = {"q": ALONG, "r": ALONG, "p": ACROSS}
-    return lambda c: [arms[name] * c.rate(name) / np.maximum(c.value("V"), 1.0) for name in rates if c.has(name)]
+def _vane(rates: tuple[str, ...], other: str) -> Errors:
+    """Rates of a flow angle that a vane away from the c.g. senses, from rotation that gathers speed, and by the `other`
+    angle, whose upwash or sidewash it reads, too."""
+
+    def errors(c: Read, by: DataCriteria) -> list[np.ndarray]:
+        arms = {"q": by.vane_ahead, "r": by.vane_ahead, "p": by.vane_across}
+        turning = [arms[name] * c.rate(name) / np.maximum(c.value("V"), 1.0) for name in rates if c.has(name)]
+        return [*turning, *(by.upwash * c.rate(name) for name in (other,) if c.has(name))]
+
+    return errors
+
+
+def _static_port(c: Read, by: DataCriteria) -> list[np.ndarray]:
+    """Rates of an airspeed whose static pressure depends on the angle of attack."""
+    return [by.static_port * c.value("V") * c.rate("alpha")] if c.has("V", "alpha") else []
 
 
 _ATTITUDE, _RATES, _FORCES = ("phi", "theta"), ("p", "q", "r"), ("ax", "ay", "az")
@@ -106,21 +115,26 @@ RELATIONS: tuple[Relation, ...] = (
     Relation(name="psi", needs=("psi", "r", "phi"), uses=("psi", *_ATTITUDE, "q", "r"), sides=_heading),
     *(Relation(name=f"{r}dot", needs=(r, f"{r}dot"), uses=(r, f"{r}dot"), sides=_of_rate(r)) for r in _RATES),
     Relation(
-        name="V", needs=("V", "ax", "theta"), uses=("V", "alpha", "beta", *_ATTITUDE, *_FORCES), sides=_speed, slow=True
+        name="V",
+        needs=("V", "ax", "theta"),
+        uses=("V", "alpha", "beta", *_ATTITUDE, *_FORCES),
+        sides=_speed,
+        slow=True,
+        errors=_static_port,
     ),
     Relation(
         name="alpha",
         needs=("alpha", "q", "az", "V", "theta"),
         uses=("V", "alpha", "beta", *_RATES, *_ATTITUDE, *_FORCES),
         sides=_attack,
-        errors=_vane(("q",)),
+        errors=_vane(("q",), "beta"),
     ),
     Relation(
         name="beta",
         needs=("beta", "r", "ay", "V", "phi"),
         uses=("V", "alpha", "beta", *_RATES, *_ATTITUDE, *_FORCES),
         sides=_sideslip,
-        errors=_vane(("r", "p")),
+        errors=_vane(("r", "p"), "alpha"),
     ),
     Relation(
         name="altitude",
@@ -134,26 +148,30 @@ RELATIONS: tuple[Relation, ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How two sides agree: their covariance, each without its line, and how many independent samples tell of it."""
+    """How two sides agree: their covariance, each without its line, and how many independent samples tell of it.
+
+    `close` is the least that they have unlike, `scale` within which an instrument is no question of units."""
 
     left: float
     right: float
     both: float
     independent: float
+    close: float
+    scale: float
 
     @property
     def unlike(self) -> float:
         """What no common signal of equal size explains: generalised variance over that of two unrelated series, from
-        `CLOSE` to 1.
+        `close` to 1.
 
         Both sides are the same signal with noise of their own (errors in variables): then their covariance lies
         between zero and the smaller variance. Outside, the nearest such covariance is taken.
         """
         best = min(self._at(gain) for gain in self._gains())
-        return float(min(max(best, CLOSE), 1.0))
+        return float(min(max(best, self.close), 1.0))
 
     def _gains(self) -> tuple[float, ...]:
-        return (1.0, _SCALE, 1.0 / _SCALE)
+        return (1.0, self.scale, 1.0 / self.scale)
 
     def _at(self, gain: float) -> float:
         left, right, both = self.left, gain**2 * self.right, gain * self.both
@@ -169,7 +187,7 @@ class Agreement:
         return -0.5 * self.independent * float(np.log(self.unlike))
 
 
-def agreement(relation: Relation, record: Read, gravity: float) -> Agreement | None:
+def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCriteria) -> Agreement | None:
     """How the sides of a relation agree in a record; None where it lacks a channel."""
     if not record.has(*relation.needs):
         return None
@@ -177,25 +195,31 @@ def agreement(relation: Relation, record: Read, gravity: float) -> Agreement | N
     if at.sum() < 20:
         return None
     rate, made = relation.sides(record, gravity)
-    late = LATE * np.gradient(rate, record.step)
-    rate, made, *errors = (_without_line(side[at]) for side in (rate, made, late, *relation.errors(record)))
-    rate = _without_errors(rate, made, np.stack(errors, axis=1), int(at.sum() / max(record.independent, 1.0)) + 1)
+    late = criteria.late * np.gradient(rate, record.step)
+    rate, made, *errors = (_without_line(side[at]) for side in (rate, made, late, *relation.errors(record, criteria)))
+    every = int(at.sum() / max(record.independent, 1.0)) + 1
+    rate = _without_errors(rate, made, np.stack(errors, axis=1), every, criteria.close)
     (left, both), (_, right) = np.cov(np.stack([rate, made]))
     if not np.isfinite([left, right, both]).all():
         return None
     return Agreement(
-        left=float(left), right=float(right), both=float(both), independent=record.independent * float(at.mean())
+        left=float(left),
+        right=float(right),
+        both=float(both),
+        independent=record.independent * float(at.mean()),
+        close=criteria.close,
+        scale=criteria.own_scale,
     )
 
 
-def _without_errors(rate: np.ndarray, made: np.ndarray, errors: np.ndarray, every: int) -> np.ndarray:
+def _without_errors(rate: np.ndarray, made: np.ndarray, errors: np.ndarray, every: int, close: float) -> np.ndarray:
     """The one side with the ordinary errors, of their prior sizes, that bring it nearest to the other.
 
     `every` samples are one independent one."""
     if not np.isfinite(errors).all():
         return rate
     left = rate - made
-    noise = max(float(np.var(left)), CLOSE * float(np.var(rate)), 1e-300) * every
+    noise = max(float(np.var(left)), close * float(np.var(rate)), 1e-300) * every
     size = np.linalg.solve(errors.T @ errors / noise + np.eye(errors.shape[1]), errors.T @ left / noise)
     return rate - errors @ size
 

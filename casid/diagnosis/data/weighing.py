@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -12,15 +13,15 @@ from casid.diagnosis.data.alternatives import Alternative, alternatives
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.levels import level_terms
 from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
-from casid.diagnosis.data.relations import CLOSE, RELATIONS, Relation, agreement
+from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
 from casid.diagnosis.data.smooth import Smooth, smooth
+from casid.diagnosis.numerics import ALIKE
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from casid.signals import SURFACES
 
 _OF_THE_FILE = ("file_sign",)
-_LEAST_DEFLECTION, _MOST_DEFLECTION = 0.004, 3.0  # rad from stop to stop: 0.2 deg excite nothing, none has 170 deg
 
 Term = Callable[[Read], float | None]
 
@@ -30,7 +31,7 @@ class Weighed:
     """An alternative that the data prefer.
 
     records    that have it
-    log_odds   posterior, against the records as they stand
+    log_odds   posterior, against the records as they stand; `sure` when that is enough to correct them
     rivals     other explanations that these data cannot tell from it
     """
 
@@ -38,10 +39,11 @@ class Weighed:
     records: tuple[str, ...]
     log_odds: float
     rivals: tuple[Alternative, ...]
+    sure: bool
 
     @property
     def alone(self) -> bool:
-        return not self.rivals
+        return self.sure and not self.rivals
 
 
 class Weighing:
@@ -65,7 +67,7 @@ class Weighing:
 
         def of(relation: Relation) -> Term:
             def term(read: Read) -> float | None:
-                found = agreement(relation, read, self._gravity)
+                found = agreement(relation, read, self._gravity, self._criteria)
                 return found.log_likelihood if found is not None else None
 
             return term
@@ -123,20 +125,35 @@ class Weighing:
         channels = {name for one in self._quick for name in one.values}
         return [a for a in alternatives(channels, self._stretched()) if not a.channels & set(SURFACES)]
 
-    def _stretched(self) -> float | None:
-        """The factor on time that makes rates of rotation what the gyros say, when they agree on one."""
+    def _stretched(self) -> list[float]:
+        """The factors on time that make rates of rotation what the gyros say: of all records, or of some of them."""
+        each = [self._stretches(j) for j in range(len(self.names))]
+        found: list[float] = []
+        for factors in (list(chain(*each)), *each):
+            factor = self._agreed(factors)
+            if factor is not None and all(abs(math.log(factor / other)) > ALIKE for other in found):
+                found.append(factor)
+        return found
+
+    def _stretches(self, j: int) -> list[float]:
+        """Logarithm of the factor that every relation of rotation asks for in a record."""
         factors = []
-        for j in range(len(self.names)):
-            for relation in RELATIONS[:6]:
-                seen = agreement(relation, self._read(j, relation.slow, self.readings[j]), self._gravity)
-                if seen is None or seen.both <= 0.0:
-                    continue
-                if 1.0 - seen.both**2 / (seen.left * seen.right) < self._criteria.telling:
-                    factors.append(0.5 * np.log(seen.left / seen.right))
+        for relation in RELATIONS[:6]:
+            read = self._read(j, relation.slow, self.readings[j])
+            seen = agreement(relation, read, self._gravity, self._criteria)
+            if seen is None or seen.both <= 0.0:
+                continue
+            if 1.0 - seen.both**2 / (seen.left * seen.right) < self._criteria.telling:
+                factors.append(0.5 * float(np.log(seen.left / seen.right)))
+        return factors
+
+    def _agreed(self, factors: Sequence[float]) -> float | None:
+        """The factor that most relations agree on."""
         if len(factors) < 2:
             return None
         middle, spread = float(np.median(factors)), float(np.median(np.abs(factors - np.median(factors))))
-        return float(np.exp(middle)) if abs(middle) > np.log(self._criteria.stretch) and spread < 0.1 else None
+        far = abs(middle) > np.log(self._criteria.stretch)
+        return float(np.exp(middle)) if far and spread < ALIKE else None
 
     def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
         """Log likelihood ratio of an alternative in every record."""
@@ -153,7 +170,7 @@ class Weighing:
             uses, slow, term = self._terms[i]
             read = self._read(j, slow, self.readings[j])
             now = term(read)
-            most = -0.5 * read.independent * math.log(CLOSE) if i < len(RELATIONS) else 0.0
+            most = -0.5 * read.independent * math.log(self._criteria.close) if i < len(RELATIONS) else 0.0
             self._present[i, j] = (0.0, 0.0) if now is None else (now, most - now)
         return self._present[i, j]
 
@@ -181,7 +198,7 @@ class Weighing:
         for name, factor in alternative.reading.factor.items():
             ranges = [np.ptp(self._quick[j].values[name]) for j in range(len(self.names)) if name in self._quick[j]]
             moved = abs(factor) * max(ranges, default=0.0)
-            if moved > 0.0 and not _LEAST_DEFLECTION < moved < _MOST_DEFLECTION:
+            if moved > 0.0 and not self._criteria.least_deflection < moved < self._criteria.most_deflection:
                 return False
         return True
 
@@ -197,7 +214,9 @@ class Weighing:
         rivals = tuple(
             a for total, a, _ in scored[1:] if total > top - self._criteria.alone and not _same(a, alternative)
         )
-        return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
+        odds = top + self._criteria.fault
+        sure = odds > self._criteria.sure
+        return Weighed(alternative=alternative, records=records, log_odds=odds, rivals=rivals, sure=sure)
 
     def _total(self, gains: Sequence[float]) -> float:
         return sum(gains) if min(gains) > self._criteria.against else sum(g for g in gains if g > 0.0)
@@ -224,8 +243,8 @@ def _same(one: Alternative, other: Alternative) -> bool:
         return False
     a, b = one.reading.factor, other.reading.factor
     if one.reading.time != 1.0 or other.reading.time != 1.0:
-        return abs(np.log(one.reading.time / other.reading.time)) < 0.1
-    return a.keys() == b.keys() and all(a[n] * b[n] > 0.0 and abs(np.log(a[n] / b[n])) < 0.1 for n in a)
+        return abs(np.log(one.reading.time / other.reading.time)) < ALIKE
+    return a.keys() == b.keys() and all(a[n] * b[n] > 0.0 and abs(np.log(a[n] / b[n])) < ALIKE for n in a)
 
 
 def described(alternative: Alternative) -> str:
