@@ -151,7 +151,7 @@ class Weighing:
         """The factor that most relations agree on."""
         if len(factors) < 2:
             return None
-        middle, spread = float(np.median(factors)), float(np.median(np.abs(factors - np.median(factors))))
+        middle, spread = float(np.median(factors)), float(np.median(np.abs(np.subtract(factors, np.median(factors)))))
         far = abs(middle) > np.log(self._criteria.stretch)
         return float(np.exp(middle)) if far and spread < ALIKE else None
 
