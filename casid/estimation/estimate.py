@@ -108,7 +108,7 @@ def _integrated(
 
 def _needed_steps(objective: Objective, outcome: Outcome, finer: Transcription) -> int:
     steps = objective.layout.substeps
-    if not np.isfinite(outcome.value.cost) or outcome.status.startswith("departed"):
+    if outcome.status != "converged":  # where it gave up is no place to judge the motion of the solution
         return max(stable_steps(objective), steps)
     if is_plain(objective, outcome.value, outcome.point):
         return steps

@@ -100,3 +100,9 @@ def test_sub_steps_of_time_and_of_held_inputs():
     for substeps in (1, 3):
         fit = cs.solve(cs.Problem(model, [record], free=["k"]), cs.MultipleShooting(interval=4, substeps=substeps))
         assert fit["k"].value == pytest.approx(2.0, abs=1e-9)
+
+
+def test_a_solver_that_gave_up_says_nothing_of_the_steps():
+    """Far from the solution residuals are no noise: what is wrong by their measure is no reason for another method."""
+    stopped = cs.solve(problem(), cs.MultipleShooting(interval=2), cs.Ipopt(iterations=2))
+    assert not stopped.converged and stopped.method == "MultipleShooting"
