@@ -31,7 +31,10 @@ from problems.every_problem import every_problem
 
 SAME, ZERO = 1e-8, 1e-10
 OURS = Automatic(tolerance=1e-10)
-THEIRS = (Ipopt(tolerance=1e-12), Ipopt(hessian="gauss-newton", tolerance=1e-12))
+THEIRS = (
+    Ipopt(tolerance=1e-12, iterations=300),
+    Ipopt(hessian="gauss-newton", tolerance=1e-12, iterations=300),
+)
 DISAGREE = "disagree"
 
 

@@ -108,6 +108,8 @@ def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, 
                 white[:, i] = rng.standard_normal(len(record))
         noisy = predicted[:, : len(outputs)] + white @ root.T
         for i, name in enumerate(outputs):
+            if name in problem.sigma_channels:
+                noisy[:, i] = predicted[:, i] + record[problem.sigma_channels[name]] * white[:, i]
             if name in record:
                 drawn[name] = np.where(np.isfinite(record[name]), noisy[:, i], np.nan)
         for name, sigma in input_noise.items():

@@ -12,7 +12,7 @@ from casid.errors import InputError
 from casid.estimation.cost import OutputError
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
-from casid.estimation.problem import Problem
+from casid.estimation.problem import Problem, of_record
 from casid.estimation.solvers.point import Point
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.simulate import Simulation, simulate
@@ -223,12 +223,12 @@ def _information(fit: Fit, motion: Simulation) -> np.ndarray:
         [flown],
         free=problem.free,
         per_record=problem.per_record,
-        fixed=problem.fixed,
+        fixed=problem.fixed_in(""),
         start=values,
         cost=OutputError(),
         noise={o: fit.noise.get(o, 1.0) for o in model.outputs},
         prior=False,
-        initial_state=replace(problem.initial_state, value={}),
+        initial_state=replace(problem.initial_state, value={}, std=of_record(problem.initial_state.std, "")),
     )
     objective = build_objective(alone, MultipleShooting())
     nodes = motion.states[:: objective.layout.length]

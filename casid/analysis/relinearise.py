@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from casid.estimation.checks import check_plain
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.objective import Objective
@@ -53,9 +54,11 @@ def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
     """Linearise at the estimates of `fit`; give `method` when the fit had process noise.
 
     Every transcription of the same problem has the same information, so that of the fit need not be known.
-    Raises numpy.linalg.LinAlgError when a record's states are not determined.
+    Raises numpy.linalg.LinAlgError when a record's states are not determined, EstimationError for a problem that is
+    solved in other coordinates.
     """
     problem = fit.problem
+    check_plain(problem, "identifiability and input noise")
     if method.substeps is None:
         method = replace(method, substeps=fit.substeps)
     objective = build_objective(problem, method)

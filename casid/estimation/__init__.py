@@ -8,6 +8,7 @@ from casid.estimation.problem import InitialState, Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.newton import Automatic
+from casid.estimation.starts import Minimum, Starts
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting
 
 __all__ = [
@@ -21,11 +22,13 @@ __all__ = [
     "GaussNewton",
     "InitialState",
     "Ipopt",
+    "Minimum",
     "MultipleShooting",
     "OutputError",
     "Problem",
     "RangeWeights",
     "SingleShooting",
+    "Starts",
     "StateHistory",
     "linear",
     "parameter",

@@ -18,7 +18,7 @@ from casid.model.system import Model
 from casid.records.record import Record
 
 if TYPE_CHECKING:
-    from casid.estimation.problem import InitialState
+    from casid.estimation.problem import InitialState, Problem
 
 
 def check_model(model: Any) -> None:
@@ -81,17 +81,111 @@ def check_start(start: Any, valid: Sequence[str]) -> None:
             raise unknown("parameter", name, valid, "Problem: start")
 
 
-def check_initial_state(model: Model, initial: InitialState) -> None:
-    """Raise InputError for what is no state or no number; EstimationError for a state that would be held hard."""
+def check_of_records(
+    what: str, table: Mapping[str, Any], kind: str, valid: Sequence[str], records: Sequence[str]
+) -> None:
+    """Raise InputError for a name that is none, or has what is no record behind it."""
+    for name in table:
+        bare, _, rest = name.partition("[")
+        if bare not in valid:
+            raise unknown(kind, bare, valid, f"Problem: {what}")
+        if rest and rest.removesuffix("]") not in records:
+            raise unknown("record", rest.removesuffix("]"), records, f"Problem: {what} '{name}'")
+        everywhere = bare in table or all(f"{bare}[{record}]" in table for record in records)
+        if what == "fixed" and not everywhere:
+            missing = next(record for record in records if f"{bare}[{record}]" not in table)
+            raise InputError(
+                f"Problem: fixed has '{name}' and not '{bare}[{missing}]'; give all records a value, or hold this one "
+                f"by cs.linear({{'{name}': 1.0}}, lower={table[name]:g}, upper={table[name]:g})"
+            )
+
+
+def check_initial_state(model: Model, initial: InitialState, records: Sequence[str]) -> None:
+    """Raise InputError for what is no state or no number, and for a value that the model gives already."""
     values = numbers_by_name(initial.value, "Problem: initial_state value")
-    for name in (*values, *initial.std):
-        if name not in model.states:
-            raise unknown("state", name, model.states, "Problem: initial_state")
-    for name, std in initial.std.items():
-        if not (isinstance(std, (int, float)) and std > 0 and np.isfinite(std)):
+    for what, table in (("value", values), ("std", initial.std)):
+        check_of_records(f"initial_state {what}", table, "state", model.states, records)
+    for name in values:
+        if name.split("[")[0] in model.initial:
+            raise InputError(
+                f"Problem: initial_state gives '{name}' a value, and the model's `initial` another; leave one out"
+            )
+    for name, std in numbers_by_name(initial.std, "Problem: initial_state std").items():
+        if std < 0.0:
+            raise InputError(f"Problem: initial_state std of '{name}' is {std:g}; expected 0 (exact) or a 1-sigma")
+
+
+def check_logarithmic(problem: Problem) -> None:
+    """Raise EstimationError for a logarithm of what may not be positive."""
+    start = dict(zip(problem.parameters, problem.start_vector, strict=True))
+    for name in problem.logarithmic:
+        if not problem.model.nominal[name] > 0.0:
             raise EstimationError(
-                f"Problem: initial_state std of '{name}' is {std!r:.40}; expected a positive number "
-                "(a hard initial state fails on noisy data)"
+                f"Problem: log: the a-priori value of '{name}' is {problem.model.nominal[name]:g}; expected a positive "
+                "one"
+            )
+        for full, value in start.items():
+            if full.split("[")[0] == name and not value > 0.0:
+                raise EstimationError(f"Problem: log: the start of '{full}' is {value:g}; expected a positive value")
+    for constraint in problem.constraints:
+        if not isinstance(constraint, LinearConstraint) or len(constraint.coefficients) < 2:
+            continue
+        for name in constraint.coefficients:
+            if name.split("[")[0] in problem.logarithmic:
+                raise EstimationError(
+                    f"Problem: '{name}' is estimated by its logarithm and stands in a sum with others; only limits of "
+                    "its own are linear then"
+                )
+
+
+def check_combination(problem: Problem) -> None:
+    """Raise EstimationError for initial states by formula and noise per sample where they have no meaning."""
+    model, both = problem.model, all(w > 0.0 for w in problem.weights)
+    if problem.feedback is not None and (model.initial or problem.sigma_channels or problem.logarithmic):
+        raise EstimationError(
+            "Problem: a control law in the loop was made for the model as it is; it takes no `initial` of the model, "
+            "no noise per sample and no log"
+        )
+    if model.initial and both:
+        raise EstimationError(
+            "Problem: the model's `initial` holds simulated states, and the equation part of CombinedError takes "
+            "measured ones; use OutputError()"
+        )
+    if problem.sigma_channels and model.states and problem.weights[1] > 0.0:
+        raise EstimationError("Problem: noise per sample is that of outputs; equations take one 1-sigma per channel")
+    for name, channel in problem.sigma_channels.items():
+        if name not in model.outputs:
+            raise unknown("output", name, model.outputs, "Problem: noise")
+        for record in problem.records:
+            _check_sigma(record, name, channel)
+    for constraint in problem.path_constraints:
+        if constraint.name in model.initial or constraint.name in problem.sigma_channels:
+            raise EstimationError(
+                f"Problem: a path constraint on '{constraint.name}', which has an initial value by formula or a noise "
+                "per sample; put it on an output of its own"
+            )
+
+
+def check_plain(problem: Problem, what: str) -> None:
+    """Raise EstimationError for a problem that is posed in other coordinates than those that `what` knows."""
+    for found, words in (
+        (problem.logarithmic, "parameters by their logarithm"),
+        (problem.model.initial, "initial states by formula"),
+        (problem.sigma_channels, "noise per sample"),
+    ):
+        if found:
+            raise EstimationError(f"{what}: {words} ({', '.join(found)}) is not taken here; pose the problem without")
+
+
+def _check_sigma(record: Record, name: str, channel: str) -> None:
+    if channel not in record:
+        raise unknown("channel", channel, record.channels, f"record '{record.name}': noise of '{name}'")
+    if name in record:
+        bad = np.flatnonzero(np.isfinite(record[name]) & ~(record[channel] > 0.0))
+        if len(bad):
+            raise InputError(
+                f"record '{record.name}': '{channel}', the 1-sigma of '{name}', is {record[channel][bad[0]]:g} at "
+                f"t = {record.t[bad[0]]:g} s; expected a positive number"
             )
 
 
@@ -110,7 +204,8 @@ def check_noise(noise: Any, model: Model) -> None:
             raise InputError("Problem: noise is no covariance; expected a symmetric positive definite matrix")
     elif isinstance(noise, Mapping):
         for name, sigma in noise.items():
-            number(sigma, f"Problem: noise of '{name}'", positive=True)
+            if not isinstance(sigma, str):
+                number(sigma, f"Problem: noise of '{name}'", positive=True)
     else:
         like = ", ".join(f"'{name}': 0.01" for name in model.outputs[:2])
         raise InputError(

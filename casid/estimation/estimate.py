@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.arguments import an, given
+from casid.arguments import an, given, whole
 from casid.errors import EstimationError, InputError
 from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit, StateHistory, channel_fit
@@ -21,9 +21,10 @@ from casid.estimation.integration import (
     steps_for,
 )
 from casid.estimation.problem import Problem
-from casid.estimation.solvers.newton import Automatic
+from casid.estimation.solvers.newton import Automatic, to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.starts import best_of
 from casid.estimation.transcriptions.transcription import (
     Collocation,
     MultipleShooting,
@@ -31,6 +32,7 @@ from casid.estimation.transcriptions.transcription import (
     Transcription,
 )
 from casid.estimation.uncertainty import Uncertainty, uncertainty
+from casid.estimation.working import working
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
@@ -41,7 +43,14 @@ _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 
 @single_threaded()
 @singular_is("solve", "parameters or states cannot be told apart; fix one, or give a prior")
-def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Solver = _DEFAULT_SOLVER) -> Fit:
+def solve(
+    problem: Problem,
+    method: Transcription = _DEFAULT_METHOD,
+    solver: Solver = _DEFAULT_SOLVER,
+    *,
+    starts: int = 1,
+    seed: int = 0,
+) -> Fit:
     """Estimate the free parameters of a problem.
 
     The three choices are independent: cost (in the problem), transcription, solver; each may be a class of your own
@@ -59,30 +68,47 @@ def solve(problem: Problem, method: Transcription = _DEFAULT_METHOD, solver: Sol
         Transcription: SingleShooting(), MultipleShooting(), Collocation() or one of your own.
     solver
         Automatic(), GaussNewton(), Ipopt() or one of your own.
+    starts
+        How many starts are tried: the problem's own, and others drawn between the limits of each parameter, else as its
+        prior is distributed, else within a decade either way. "converged" means a minimum, not the lowest one: several
+        starts show whether there are others.
+    seed
+        Of these draws.
 
     Returns
     -------
     Fit
-        Estimates, their uncertainties, residuals and the status.
+        Estimates, their uncertainties, residuals and the status; of several starts the best that converged, with an
+        account of all in `Fit.starts`.
 
     Raises
     ------
     InputError
-        For what is no transcription or solver.
+        For what is no transcription or solver, and for a parameter without a range of starts.
     EstimationError
         For a combination that cannot work: path constraints with GaussNewton, process noise without a given measurement
         noise or with EquationError.
     """
-    begin = time.perf_counter()
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
+    _check(method, "dynamics", "transcription", "cs.MultipleShooting()")
     _check(solver, "minimise", "solver", "cs.GaussNewton()")
-    objective = build_objective(problem, method)
+    if whole(starts, "solve: starts") == 1:
+        return _solved(problem, method, solver)
+    return best_of(problem, starts, seed, lambda one: _solved(one, method, solver))
+
+
+def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
+    """From the problem's own start."""
+    begin = time.perf_counter()
+    taken = working(problem)
+    objective = build_objective(taken.problem, method)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         outcome = solver.minimise(objective)
         if isinstance(method, SingleShooting | MultipleShooting) and method.substeps is None:
             objective, outcome, method = _integrated(objective, outcome, method, solver)
-        return _fit(objective, outcome, method, begin)
+        outcome = to_second_order(objective, outcome)
+        return taken.returned(_fit(objective, outcome, method, begin))
 
 
 def _integrated(

@@ -96,7 +96,7 @@ def _unguessed(problem: Problem) -> list[str]:
     if not problem.simulated:
         return []
     names = unguessed_states(problem.model, problem.records)
-    return [name for name in names if name not in problem.initial_state.value]
+    return [name for name in names if name not in {n.split("[")[0] for n in problem.initial_state.value}]
 
 
 def _no_number_at_start(problem: Problem) -> str:

@@ -14,7 +14,8 @@ import numpy as np
 from casid.errors import unknown
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import remarks
-from casid.estimation.uncertainty import Uncertainty
+from casid.estimation.starts import Starts
+from casid.estimation.uncertainty import Rescaled, Uncertainty
 from casid.keeping import save
 from casid.views import view
 
@@ -114,11 +115,15 @@ class Fit:
         One per row of the problem's linear constraints, positive at an upper limit.
     solver
         The one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all.
+    method, substeps
+        The transcription and its steps per sample interval: those that were taken where `solve` was free to choose.
+    starts
+        How many of several starts ended where; None where there was one.
     """
 
     problem: Problem
     values: dict[str, float]
-    uncertainty: Uncertainty
+    uncertainty: Uncertainty | Rescaled
     status: str
     iterations: int
     seconds: float
@@ -137,11 +142,20 @@ class Fit:
     method: str
     solver: str
     substeps: int = 1
+    starts: Starts | None = None
 
     @property
     def converged(self) -> bool:
         """Whether the point is a checked stationary point that satisfies the constraints."""
         return self.status == "converged"
+
+    @property
+    def integrator(self) -> str:
+        """How the motion was integrated, in words; "" where nothing was simulated."""
+        if not self.states:
+            return ""
+        kind = "implicit (Radau collocation)" if self.method == "Collocation" else "explicit (Runge-Kutta)"
+        return f"{kind}, {self.substeps} step{'s' * (self.substeps != 1)} per sample interval"
 
     @property
     def covariance(self) -> np.ndarray:
@@ -293,6 +307,8 @@ class Fit:
             f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
             f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s, cost {self.cost:.6g}"
         )
+        head += f"\n{self.integrator}" if self.integrator else ""
+        head += f"\n{self.starts!r}" if self.starts is not None else ""
         width = max(len(name) for name in self.values)
         lines = [head, *(f"! {remark}" for remark in self.remarks), ""]
         lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'corrected':>10} {'a priori':>12}"]

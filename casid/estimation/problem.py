@@ -12,12 +12,15 @@ import numpy as np
 from casid.arguments import an, listed, numbers_by_name
 from casid.errors import EstimationError, unknown
 from casid.estimation.checks import (
+    check_combination,
     check_constraints,
     check_feedback,
     check_initial_state,
+    check_logarithmic,
     check_model,
     check_names,
     check_noise,
+    check_of_records,
     check_records,
     check_start,
 )
@@ -31,14 +34,17 @@ from casid.records.record import Record
 
 @dataclass(frozen=True, kw_only=True)
 class InitialState:
-    """The initial state of every record is free, with a prior: never a hard equality.
+    """What is known of the initial states: each is free, with a prior, unless its 1-sigma is zero.
+
+    A name with a record behind it, "x[m1]", is of that record alone. A model that says `initial` itself needs nothing
+    here: what it names is held there exactly.
 
     Attributes
     ----------
     value
         State -> centre of the prior; default: the first row of `model.guess(record)`.
     std
-        State -> 1-sigma of the prior; default: `model.state_scale`, which is weak.
+        State -> 1-sigma of the prior, 0: exactly the value; default: `model.state_scale`, which is weak.
     """
 
     value: Mapping[str, float] = field(default_factory=dict)
@@ -60,12 +66,17 @@ class Problem:
     per_record
         Globs of model parameters to estimate with an own value per record, named "bias_q[m1]" in results.
     fixed
-        Values of parameters that are not estimated (it wins over the globs); all others stay nominal.
+        Values of parameters that are not estimated (it wins over the globs); all others stay nominal. A name with a
+        record behind it, "dose[m1]", is of that record alone.
+    log
+        Globs of estimated parameters whose logarithm is what the solvers move: positive, of any order of magnitude.
+        Values and errors are of the parameters themselves; a prior is then one of relative size.
     start
         Start values by name (a per-record name without brackets means every record); default: nominal.
     noise
         None: the 1-sigma of every measured channel is estimated along with the parameters. name -> 1-sigma: of every
-        output, and of every equation, where the cost has any. RangeWeights(): weights by range (paper eq. 13).
+        output, and of every equation, where the cost has any; for an output it may be the name of a channel of the
+        records instead, with the 1-sigma of every sample. RangeWeights(): weights by range (paper eq. 13).
         "full": noise of the outputs is correlated, its covariance is estimated along with the parameters. An array
         (outputs, outputs): that covariance, in the order of `model.outputs`.
     cost
@@ -93,9 +104,10 @@ class Problem:
     free: Sequence[str] = ()
     per_record: Sequence[str] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
+    log: Sequence[str] = ()
     start: Mapping[str, float] = field(default_factory=dict)
     cost: Cost = field(default_factory=OutputError)
-    noise: Mapping[str, float] | RangeWeights | np.ndarray | str | None = None
+    noise: Mapping[str, float | str] | RangeWeights | np.ndarray | str | None = None
     prior: bool = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
@@ -110,12 +122,15 @@ class Problem:
         object.__setattr__(self, "constraints", check_constraints(self.constraints))
         check_cost(self.cost)
         check_records(self.model, records, simulated=self.simulated)
-        self.model.nominal_vector(numbers_by_name(self.fixed, "Problem: fixed"))
+        own = [record.name for record in records]
+        numbers_by_name(self.fixed, "Problem: fixed")
+        check_of_records("fixed", self.fixed, "parameter", self.model.parameters, own)
+        object.__setattr__(self, "log", check_names("log", self.log))
         if not self.parameters:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
         check_start(self.start, (*self.parameters, *self.model.parameters))
         an(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
-        check_initial_state(self.model, self.initial_state)
+        check_initial_state(self.model, self.initial_state, own)
         check_feedback(self.feedback, self.model)
         check_noise(self.noise, self.model)
         an(self.prior, bool, "Problem: prior", "prior=True or prior=False")
@@ -125,6 +140,8 @@ class Problem:
             )
         for constraint in self.constraints:
             self._check_constraint(constraint)
+        check_logarithmic(self)
+        check_combination(self)
 
     def __repr__(self) -> str:
         return (
@@ -159,12 +176,29 @@ class Problem:
     def shared(self) -> tuple[str, ...]:
         """Free parameters with one value for all records, in the model's order."""
         names = _select(self.free, self.model, "free")
-        return tuple(n for n in names if n not in self.fixed and n not in self.local)
+        return tuple(n for n in names if n not in self._held and n not in self.local)
 
     @cached_property
     def local(self) -> tuple[str, ...]:
         """Free parameters with an own value per record, in the model's order."""
-        return tuple(n for n in _select(self.per_record, self.model, "per_record") if n not in self.fixed)
+        return tuple(n for n in _select(self.per_record, self.model, "per_record") if n not in self._held)
+
+    @cached_property
+    def _held(self) -> frozenset[str]:
+        """Parameters that are fixed, in every record."""
+        return frozenset(name.split("[")[0] for name in self.fixed)
+
+    @cached_property
+    def logarithmic(self) -> tuple[str, ...]:
+        """Parameters of the model whose logarithm is estimated, in its order."""
+        chosen = _select(self.log, self.model, "log")
+        return tuple(n for n in chosen if n in self.shared or n in self.local)
+
+    @cached_property
+    def sigma_channels(self) -> dict[str, str]:
+        """Output -> channel with the 1-sigma of its samples."""
+        given = self.noise if isinstance(self.noise, Mapping) else {}
+        return {name: sigma for name, sigma in given.items() if isinstance(sigma, str)}
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -208,13 +242,30 @@ class Problem:
 
     def model_parameters(self, theta: np.ndarray) -> np.ndarray:
         """(records, model parameters) values that each record is simulated with."""
-        values = np.tile(self._known, (len(self.records), 1))
+        values = self._known.copy()
         values[:, self.free_index] = theta[self._columns]
         return values
 
     @cached_property
     def _known(self) -> np.ndarray:
-        return self.model.nominal_vector(self.fixed)
+        """(records, model parameters) values of what is not free."""
+        return np.array([self.model.nominal_vector(self.fixed_in(record.name)) for record in self.records])
+
+    def fixed_in(self, record: str) -> dict[str, float]:
+        """Parameter -> value of what is fixed in a record, or in all if there is none of the name."""
+        return of_record(self.fixed, record)
+
+    @cached_property
+    def initial_knowledge(self) -> tuple[np.ndarray, np.ndarray]:
+        """(records, states) value of the initial states, NaN where nothing is known, and its 1-sigma, 0 if exact."""
+        initial, states = self.initial_state, self.model.states
+        values, stds = [], []
+        for record in self.records:
+            value, std = of_record(initial.value, record.name), of_record(initial.std, record.name)
+            values.append([value.get(s, np.nan) for s in states])
+            stds.append([std.get(s, self.model.state_scale[s]) for s in states])
+        shape = (len(self.records), len(states))
+        return np.reshape(values, shape), np.reshape(stds, shape).astype(float)
 
     def measured(self, record: Record) -> np.ndarray:
         """(N, outputs) measured outputs, NaN where missing."""
@@ -250,6 +301,13 @@ class Problem:
     def path_constraints(self) -> tuple[PathConstraint, ...]:
         """The constraints on states and outputs."""
         return tuple(c for c in self.constraints if isinstance(c, PathConstraint))
+
+
+def of_record(table: Mapping[str, float], record: str) -> dict[str, float]:
+    """Name -> value of a table whose names may have a record behind them, as it is for one record."""
+    everywhere = {name: value for name, value in table.items() if "[" not in name}
+    own = {name.split("[")[0]: value for name, value in table.items() if name.endswith(f"[{record}]")}
+    return everywhere | own
 
 
 def _select(globs: Sequence[str], model: Model, what: str) -> tuple[str, ...]:

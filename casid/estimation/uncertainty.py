@@ -107,6 +107,42 @@ class Uncertainty:
         return _score_covariances(self.objective, self.value, self.linear, self._free)
 
 
+@dataclass(frozen=True, eq=False)
+class Rescaled:
+    """The standard errors of another scale of the parameters: `factor` (parameters,) is the change of each per change
+    of what was estimated."""
+
+    of: Uncertainty | Rescaled
+    factor: np.ndarray
+
+    __repr__ = brief
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Cramer-Rao."""
+        return self.of.covariance * np.outer(self.factor, self.factor)
+
+    @property
+    def corrected(self) -> np.ndarray:
+        """With the colour of the residuals."""
+        return self.of.corrected * np.outer(self.factor, self.factor)
+
+    @property
+    def confused(self) -> tuple[str, ...]:
+        """Parameters that the data cannot tell apart, or of which they say nothing."""
+        return self.of.confused
+
+    @property
+    def objective(self) -> Objective:
+        """As it was solved."""
+        return self.of.objective
+
+    @property
+    def value(self) -> Value:
+        """As it was solved."""
+        return self.of.value
+
+
 def uncertainty(
     objective: Objective, value: Value, linear: Linearised | None, limit_multipliers: np.ndarray
 ) -> Uncertainty:

@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 
 from casid.arguments import an
 from casid.errors import EstimationError, unknown
+from casid.estimation.checks import check_plain
 from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
@@ -205,6 +206,7 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
         raise EstimationError(
             "filter_error: takes OutputError, independent noise by maximum likelihood or given, no constraints"
         )
+    check_plain(problem, "filter_error")
     if problem.initial_state.value or problem.initial_state.std:
         raise EstimationError("filter_error: initial states are free with a wide prior; leave initial_state out")
     if not model.disturbances:
@@ -223,7 +225,7 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
         batch=batch,
         functions=PointFunctions(model, problem.shared + problem.local),
         correlation_time=dict(process_noise),
-        measurement=dict(problem.noise) if isinstance(problem.noise, Mapping) else None,
+        measurement={n: float(s) for n, s in problem.noise.items()} if isinstance(problem.noise, Mapping) else None,
     )
 
 

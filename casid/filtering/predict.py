@@ -21,7 +21,7 @@ def predict(fit: Fit, record: Record | str | Path, window_s: float) -> Simulatio
     record, problem = given_record(record, "predict"), fit.problem
     if problem.feedback is not None:
         raise EstimationError("predict: a control law in the loop cannot be simulated open-loop")
-    values = {**problem.fixed, **{name: fit.values[name] for name in problem.shared}}
+    values = {**problem.fixed_in(record.name), **{name: fit.values[name] for name in problem.shared}}
     for name in problem.local:
         values[name] = fit.values.get(f"{name}[{record.name}]", problem.model.nominal[name])
     start = fit_initial_state(problem.model, record, window_s, values)

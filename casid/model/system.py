@@ -53,6 +53,9 @@ class Model:
         Equation-error form, or None when the model has none.
     units
         Unit of each parameter, for tables.
+    initial
+        State -> its value at a record's first sample, an expression of p; what is not here is free, or known to the
+        problem.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Model:
     prior_std: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     equation: EquationError | None = None
     units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    initial: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         for what, own, symbol in (
@@ -104,6 +108,8 @@ class Model:
         vectors = [state.pop(letter) for letter in "xupw"]
         state["prior_std"], state["units"] = dict(self.prior_std), dict(self.units)
         state["equations"] = ca.Function("equations", vectors, [state.pop("f"), state.pop("h")])
+        begin = state.pop("initial")
+        state["begin"] = (tuple(begin), ca.Function("initial", [self.p], [ca.vertcat(*begin.values())]))
         if self.equation is not None:
             inside = [self.equation.m, self.p]
             form = ca.Function("form", inside, [self.equation.target, self.equation.prediction])
@@ -115,6 +121,8 @@ class Model:
         vectors = [ca.SX.sym(letter, equations.size1_in(i)) for i, letter in enumerate("xupw")]
         f, h = equations(*vectors)
         state |= dict(zip("xupw", vectors, strict=True)) | {"f": f, "h": h}
+        begin, function = state.pop("begin", ((), None))
+        state["initial"] = dict(zip(begin, ca.vertsplit(function(state["p"])), strict=True)) if begin else {}
         if state["equation"] is not None:
             names, channels, form = state["equation"]
             m = ca.SX.sym("m", len(channels))
@@ -234,13 +242,18 @@ def define_model(
     guess: Callable[[Record], np.ndarray] | None = None,
     prior_std: Mapping[str, float] | None = None,
     equation: Callable[[Any], EquationError] | None = None,
+    initial: Callable[[Any], Mapping[str, Any]] | None = None,
 ) -> Model:
     """A Model from two functions that take a namespace of symbols and return expressions by name.
 
     `dynamics(s)` returns {state: derivative}, `output(s)` {output: expression}; `s.q`, `s.Cm_alpha`, ... are the
-    symbols, and functions of numpy or casadi take them. A disturbance named like "w_q" is a symbol too, zero in the
-    nominal model. Without an equation-error form, `estimation` uses the state equations with measured states. Raises
-    InputError for a name that does not exist or is used twice, for a missing expression and for one that is none.
+    symbols, and functions of numpy or casadi take them. An input named "t" is the record's time [s]. A disturbance
+    named like "w_q" is a symbol too, zero in the nominal model.
+
+    `initial(s)` returns {state: its value at the first sample}, expressions of parameters, which the estimation then
+    holds exactly. Such a parameter may be free, known, or differ between records. Without an equation-error form,
+    `estimation` uses the state equations with measured states. Raises InputError for a name that does not exist or is
+    used twice, for a missing expression and for one that is none.
     """
     where = f"model '{name}'"
     groups = {
@@ -276,7 +289,22 @@ def define_model(
         guess=measured_states(states) if guess is None else _checked_guess(guess, states, where),
         prior_std=_sizes(prior_std, groups["p"], "parameter", f"{where}: prior_std"),
         equation=equation(space) if equation else None,
+        initial=_initial(initial, groups, vectors, where) if initial is not None else MappingProxyType({}),
     )
+
+
+def _initial(
+    function: Callable[[Any], Mapping[str, Any]], groups: Mapping[str, Sequence[str]], vectors: Vectors, where: str
+) -> Mapping[str, ca.SX]:
+    """The initial states that a user's function gives, checked."""
+    what = f"{where}: initial"
+    if not callable(function):
+        raise InputError(f"{what} is {given(function)}; expected a function of the parameters, like lambda s: ...")
+    known = Symbols(f"{what}: parameters", {n: vectors["p"][0][i] for i, n in enumerate(groups["p"])})
+    found = function(known)
+    chosen = [name for name in groups["x"] if isinstance(found, Mapping) and name in found] or groups["x"]
+    column = expressions(lambda _: found, known, chosen, "initial", where)
+    return MappingProxyType(dict(zip(chosen, ca.vertsplit(column), strict=True)))
 
 
 def _sizes(given_sizes: Mapping[str, float] | None, valid: Sequence[str], what: str, where: str) -> dict[str, float]:

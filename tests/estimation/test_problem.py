@@ -36,7 +36,7 @@ def problem(**options) -> Problem:
         ({"free": []}, EstimationError, "no parameter is free"),
         ({"fixed": {"mq": 1.0}}, InputError, "did you mean 'Mq'"),
         ({"start": {"mq": 1.0}}, InputError, "did you mean 'Mq'"),
-        ({"initial_state": InitialState(std={"alpha": 0.0})}, EstimationError, "fails on noisy data"),
+        ({"initial_state": InitialState(std={"alpha": -1.0})}, InputError, "expected 0"),
         ({"initial_state": InitialState(value={"alfa": 0.0})}, InputError, "did you mean 'alpha'"),
     ],
 )

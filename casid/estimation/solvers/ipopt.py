@@ -16,6 +16,7 @@ import numpy as np
 
 from casid.errors import unknown
 from casid.estimation.solvers.fixed_point import FixedPoint
+from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import NoiseState, Point, Step, Value
@@ -31,7 +32,8 @@ class Ipopt:
     Attributes
     ----------
     hessian
-        "exact" or "gauss-newton".
+        "exact", and where that ends on a plateau, of which the data say nothing, once more from the start with that of
+        Gauss-Newton; or "gauss-newton" alone.
     tolerance
         Of IPOPT's optimality conditions on the scaled problem.
     iterations
@@ -42,7 +44,7 @@ class Ipopt:
 
     hessian: str = "exact"
     tolerance: float = 1e-9
-    iterations: int = 300
+    iterations: int = 3000
     seconds: float = 600.0
 
     def __post_init__(self) -> None:
@@ -57,7 +59,14 @@ class Ipopt:
         EstimationError
             For a transcription that has no form as a nonlinear programme.
         """
-        return _minimise(objective, self)
+        begin = time.perf_counter()
+        outcome = _minimise(objective, self)
+        left = self.seconds - (time.perf_counter() - begin)
+        if self.hessian == "exact" and left > 0.0 and _on_plateau(objective, outcome):
+            other = _minimise(objective, replace(self, hessian="gauss-newton", seconds=left))
+            if other.status == "converged" and not _on_plateau(objective, other):
+                return other
+        return outcome
 
 
 _ROUNDS = 60  # of noise and covariance
@@ -177,7 +186,12 @@ def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
     problem = objective.problem
     shapes = tuple((name, s.shape) for pack in (x, d) for name, s in pack.symbols.items())
     layout = (
-        (tuple(objective.layout.record), objective.layout.length, objective.layout.substeps)
+        (
+            tuple(objective.layout.record),
+            objective.layout.length,
+            objective.layout.substeps,
+            objective.exact.tobytes(),
+        )
         if objective.dynamics is not None
         else ()
     )
@@ -214,6 +228,17 @@ def _relaxed(objective: Objective, point: Point, value: Value, settling: FixedPo
             size = float(np.abs(noise.factor).max(initial=1e-300))
             change = max(change, float(np.abs(noise.factor - before).max(initial=0.0)) / size)
     return noise, change
+
+
+def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
+    """Whether IPOPT is content where the data say nothing of some parameter."""
+    if outcome.status != "converged":
+        return False
+    try:
+        linear = objective.linearise(outcome.point, outcome.value)
+    except np.linalg.LinAlgError:
+        return True
+    return bool(lost(objective, linear, outcome.limit_multipliers))
 
 
 def _is_solution(objective: Objective, point: Point, value: Value) -> bool:

@@ -87,6 +87,21 @@ class Automatic:
         return outcome
 
 
+def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600.0) -> Outcome:
+    """The outcome of any solver, with a status that says so where its stationary point is no minimum.
+
+    Not judged, and left as they are: points under path constraints and soft defects, where the cost is no function of
+    the parameters alone.
+    """
+    known = outcome.attracted or outcome.solver == "Newton"
+    if outcome.status != "converged" or known or objective.soft or objective.problem.path_constraints:
+        return outcome
+    if outcome.linear is None and objective.dynamics is not None and not np.isfinite(outcome.stationarity):
+        return outcome
+    judged = _Newton(objective, Automatic(seconds=seconds), outcome, time.perf_counter() + seconds).run()
+    return replace(outcome, status=judged.status) if judged.status == _NO_MINIMUM else outcome
+
+
 def _found(objective: Objective, outcome: Outcome) -> bool:
     """Whether it converged where the data say something of every parameter."""
     if outcome.status != "converged" or outcome.linear is None:

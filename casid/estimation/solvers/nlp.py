@@ -95,7 +95,7 @@ def data(objective: Objective, noise: NoiseState, scale: np.ndarray, gain: float
         flat = {k: getattr(layout, k) for k in ("u0", "u1", "z")}
         values |= {k: v.reshape(layout.dt.size, v.shape[2]).T for k, v in flat.items()}
         values |= {"dt": layout.dt.reshape(1, -1)} | _weights(objective, noise.levels)
-        values |= {"centre": objective.centre.T, "initial_std": objective.initial_std[:, None]}
+        values |= {"centre": objective.centre.T, "initial_precision": objective.initial_precision.T}
         if noise.factor is not None:
             values["factor"] = noise.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
     if objective.equations is not None:
@@ -137,7 +137,11 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         nodes = v["nodes"] * ca.repmat(ca.DM(objective.scale), 1, v["nodes"].shape[1])
         first = [int(i) for i in objective.layout.first]
         start = nodes[:, first] - s["centre"]
-        residuals.append(ca.vec(start / ca.repmat(s["initial_std"], 1, len(first))))
+        residuals.append(ca.vec(start * s["initial_precision"]))
+        held = [int(i) for i in np.flatnonzero(objective.exact.T.ravel(order="F"))]
+        if held:
+            at_first = start / ca.repmat(ca.DM(objective.scale), 1, len(first))
+            constraints.append((ca.vec(at_first)[held], 0.0, 0.0))
         records = [int(r) for r in objective.layout.record]
         points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
         given = {name: s[name] for name in ("u0", "u1", "dt")}

@@ -7,7 +7,7 @@ weighed with goes with the value, and every method is a function of its argument
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -41,12 +41,10 @@ class Objective:
         if dynamics is not None:
             self.layout = layout = dynamics.layout
             self.kkt = [BandedKKT(self._count(r), n) for r in range(len(problem.records))]
-            initial = problem.initial_state
-            known = [initial.value.get(s, np.nan) for s in problem.model.states]
-            guess = layout.start[layout.first]
-            self.centre = np.where(np.isnan(known), guess, known)
-            std = [initial.std.get(s, problem.model.state_scale[s]) for s in problem.model.states]
-            self.initial_std = np.array(std, dtype=float)
+            known, std = problem.initial_knowledge
+            self.centre = np.where(np.isnan(known), layout.start[layout.first], known)
+            self.exact = std == 0.0
+            self.initial_precision = np.where(self.exact, 0.0, 1.0 / np.where(self.exact, 1.0, std))
             if self.soft:
                 factor = np.zeros((len(layout.tied), n, n))
         self.noise = NoiseState(levels=self._noise_levels(), factor=factor)
@@ -70,7 +68,8 @@ class Objective:
         share[: self._outputs] = self.part
         noise, names = self.problem.noise, self.channel_names
         if not isinstance(noise, str | np.ndarray):
-            return noise_levels(noise, names, measured, share)
+            known = {n: float(s) for n, s in noise.items()} if isinstance(noise, Mapping) else noise
+            return noise_levels(known, names, measured, share)
         independent, layout = noise_levels(None, names, measured, share), self.layout
         given = noise if isinstance(noise, np.ndarray) else None
         return full_noise(independent, given, names, layout.seen, layout.pattern, layout.z)
@@ -157,7 +156,7 @@ class Objective:
         defects = gap = np.zeros((0, 0))
         if trajectory is not None:
             layout = self.layout
-            x0 = (point.nodes[layout.first] - self.centre) / self.initial_std
+            x0 = (point.nodes[layout.first] - self.centre) * self.initial_precision
             rest += float((x0**2).sum() + (point.noise**2).sum())
             defects = trajectory.end[layout.tied] - point.nodes[layout.tied + 1]
             if noise.factor is not None:
@@ -197,9 +196,11 @@ class Objective:
         if value.trajectory is not None and self.dynamics is not None:
             layout, n = self.layout, len(self.scale)
             blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.whitening(noise.levels))
-            diagonal = np.arange(n)
-            blocks.hessian[layout.first[:, None], diagonal, diagonal] += 1.0 / self.initial_std**2
-            blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) / self.initial_std**2
+            diagonal, weight = np.arange(n), self.initial_precision**2
+            blocks.hessian[layout.first[:, None], diagonal, diagonal] += weight
+            blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) * weight
+            if self.exact.any():
+                self._hold(blocks)
             if self.soft and blocks.covariance is not None:
                 noise = replace(noise, factor=_square_root(blocks.covariance[layout.tied], self.scale))
             for r in range(len(self.problem.records)):
@@ -230,6 +231,17 @@ class Objective:
             equation_hessian=equation_hessian,
             noise=noise,
         )
+
+    def _hold(self, blocks: Blocks) -> None:
+        """Take initial states that are known exactly, where the nodes begin, out of the unknowns."""
+        for first, exact in zip(self.layout.first, self.exact, strict=True):
+            held = np.flatnonzero(exact)
+            blocks.hessian[first, held, :] = 0.0
+            blocks.hessian[first, :, held] = 0.0
+            blocks.hessian[first, held, held] = 1.0 / self.scale[held] ** 2
+            blocks.gradient[first, held] = 0.0
+            blocks.channel_gradient[first][:, held] = 0.0
+            blocks.transition[first][:, held] = 0.0
 
     def equation_slabs(self, point: Point, record: int, levels: Levels) -> Iterator[tuple[slice, np.ndarray]]:
         """Samples of a record and the derivatives (samples, equations, free) of the weighted equation residuals."""

@@ -26,6 +26,12 @@ def cached(model: Model, key: tuple, build):
     return store[key]
 
 
+def share_cache(model: Model, like: Model) -> Model:
+    """The model, of the same expressions as `like`, with one store of what is built of them."""
+    _CACHE[model] = _CACHE.setdefault(like, {})
+    return model
+
+
 def rk4(f: ca.Function, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, *rest: ca.SX) -> ca.SX:
     """State at the end of the step of duration `dt` [s]; `f(x, u, *rest)` is dx/dt."""
     um = (u0 + u1) / 2

@@ -1,0 +1,88 @@
+"""A first guess of states that no channel measures: what the model, at its start values, makes of what is measured.
+
+A smoother: outputs weigh as if their noise were a twentieth of their range, and every state may wander by ten times its
+size over a record, so that a wrong start value does not keep the motion from the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.cost import OutputError
+from casid.estimation.problem import Problem
+from casid.estimation.solvers.gauss_newton import GaussNewton
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.transcriptions.steps import cached
+from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.model.system import Model
+
+_NOISE = 0.05  # of a channel's range
+_WANDER = 10.0  # sizes of a state over a record
+_ITERATIONS = 30
+
+
+def smoothed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
+    """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
+    model = cached(problem.model, ("held",), lambda: _held(problem.model))
+    duration = max(record.duration for record in problem.records)
+    measured = np.concatenate([problem.measured(record) for record in problem.records])
+    held = Problem(
+        model,
+        problem.records,
+        free=[_NOTHING],
+        fixed=_values(problem),
+        cost=OutputError(),
+        noise=dict(zip(model.outputs, _twentieth(measured), strict=True)),
+        prior=True,
+        initial_state=problem.initial_state,
+    )
+    wander = {s: _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
+    method = MultipleShooting(interval=1, process_noise=wander, substeps=1)
+    try:
+        objective = Objective(held, method.dynamics(held))
+        outcome = GaussNewton(iterations=_ITERATIONS).minimise(objective)
+    except np.linalg.LinAlgError:
+        return None
+    trajectory = outcome.value.trajectory
+    if trajectory is None or not np.isfinite(outcome.value.cost) or not np.isfinite(trajectory.states).all():
+        return None
+    flat = trajectory.states.reshape(-1, len(model.states))
+    return {r.name: flat[own] for r, own in zip(problem.records, objective.layout.sample, strict=True)}
+
+
+_NOTHING = "(nothing)"  # a parameter without effect: all others are held
+
+
+def _held(model: Model) -> Model:
+    """The model with a parameter of which nothing depends, which a prior determines."""
+    return replace(
+        model,
+        parameters=(*model.parameters, _NOTHING),
+        p=ca.vertcat(model.p, ca.SX.sym("nothing")),
+        nominal={**model.nominal, _NOTHING: 0.0},
+        prior_std={_NOTHING: 1.0},
+        equation=None,
+    )
+
+
+def _values(problem: Problem) -> dict[str, float]:
+    """Every parameter at its start, by record."""
+    values = problem.model_parameters(problem.start_vector)
+    return {
+        f"{name}[{record.name}]": float(values[r, i])
+        for r, record in enumerate(problem.records)
+        for i, name in enumerate(problem.model.parameters)
+    }
+
+
+def _twentieth(measured: np.ndarray) -> list[float]:
+    """Of the range of each channel of (N, channels); of one that is constant or missing any number."""
+    seen = np.isfinite(measured)
+    low = np.where(seen, measured, np.inf).min(axis=0)
+    high = np.where(seen, measured, -np.inf).max(axis=0)
+    spread = np.where(high > low, high - low, np.where(np.isfinite(high), np.maximum(np.abs(high), 1e-6), 1.0))
+    return [float(_NOISE * s) for s in spread]

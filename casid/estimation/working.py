@@ -1,0 +1,263 @@
+"""A problem as the solvers take it: what is posed in other coordinates is brought to theirs, and the fit back.
+
+Solvers know a model of free parameters, one noise level per channel, and initial states that are free or numbers. So a
+parameter that is estimated by its logarithm enters as exp(p); an output with a noise per sample is divided by that, an
+input of the model; and a state whose initial value is a formula is counted from there, where it begins at zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import EstimationError
+from casid.estimation.constraints import LinearConstraint
+from casid.estimation.fit import Fit, StateHistory, channel_fit
+from casid.estimation.guess import smoothed_states
+from casid.estimation.problem import InitialState, Problem
+from casid.estimation.transcriptions.steps import cached, share_cache
+from casid.estimation.uncertainty import Rescaled
+from casid.model.system import Model, unguessed_states
+from casid.records.record import Record
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Working:
+    """`posed` by the user, and `problem` as it is solved; the same object where nothing needs another form."""
+
+    posed: Problem
+    problem: Problem
+
+    def returned(self, fit: Fit) -> Fit:
+        """The fit of `problem` as one of `posed`."""
+        if self.problem is self.posed:
+            return fit
+        values = natural(self.posed, fit.values)
+        by_log = _logarithmic(self.posed)
+        factor = np.array([values[n] if n in by_log else 1.0 for n in self.posed.parameters])
+        found = replace(
+            fit,
+            problem=self.posed,
+            values=values,
+            uncertainty=Rescaled(fit.uncertainty, factor),
+            multipliers=fit.multipliers / self._size_of_limits(values),
+            states=self._states(fit, values),
+        )
+        return self._with_noise(found) if self.posed.sigma_channels else found
+
+    def _size_of_limits(self, values: Mapping[str, float]) -> np.ndarray:
+        """(rows,) change of a parameter per change of what its limit holds here."""
+        by_log, size = _logarithmic(self.posed), []
+        for row in self.posed.linear_rows[0]:
+            name = self.posed.parameters[int(np.flatnonzero(row)[0])]
+            size.append(values[name] if name in by_log else 1.0)
+        return np.array(size)
+
+    def _states(self, fit: Fit, values: Mapping[str, float]) -> dict[str, StateHistory]:
+        theta = np.array([values[name] for name in self.posed.parameters])
+        offsets = initial_offsets(self.posed, theta)
+        pairs = zip(fit.states.items(), offsets, strict=False)
+        return {
+            name: replace(history, trajectory=history.trajectory + offset, nodes=history.nodes + offset)
+            for (name, history), offset in pairs
+        }
+
+    def _with_noise(self, fit: Fit) -> Fit:
+        """What is in units of the noise of its sample in units of the channel."""
+        outputs, names = self.posed.model.outputs, list(fit.channels)
+        if not set(self.posed.sigma_channels) <= set(outputs):
+            raise EstimationError("solve: noise per sample of what is no output")
+        sigma = {r.name: _sigma(self.posed, r) for r in self.posed.records}
+        predicted = {name: y * sigma[name] for name, y in fit.predictions.items()}
+        residuals = {name: r * sigma[name] for name, r in fit.residuals.items()}
+        seen = {name: np.isfinite(r) for name, r in residuals.items()}
+        together = np.concatenate([predicted[n] for n in predicted]), np.concatenate([residuals[n] for n in residuals])
+        sizes, present = np.concatenate(list(sigma.values())), np.concatenate(list(seen.values()))
+        rms = np.sqrt((sizes**2 * present).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
+        inner = dict(zip(self.problem.model.outputs, range(len(outputs)), strict=True))
+        which = [inner[name] for name in names]
+        scale = np.diag(np.where(present.any(axis=0), rms, 1.0))
+        return replace(
+            fit,
+            predictions=predicted,
+            residuals=residuals,
+            channels={outputs[i]: channel_fit(together[0][:, i] + together[1][:, i], together[0][:, i]) for i in which},
+            noise={outputs[inner[name]]: value * float(rms[inner[name]]) for name, value in fit.noise.items()},
+            noise_covariance=scale @ fit.noise_covariance @ scale,
+            log_likelihood=fit.log_likelihood - float(np.log(sizes[present]).sum()),
+        )
+
+
+def working(problem: Problem) -> Working:
+    """The problem in the coordinates that solvers know, with a guess of every state. `Problem` has checked that they
+    can take it."""
+    model, with_initial = problem.model, bool(problem.model.initial) and problem.simulated
+    inner = problem
+    if problem.logarithmic or with_initial or problem.sigma_channels:
+        inner = _in_other_coordinates(problem, with_initial)
+    missing = unguessed_states(model, problem.records) if problem.simulated and problem.feedback is None else []
+    if missing:
+        inner = _with_guess(problem, inner)
+    return Working(posed=problem, problem=inner)
+
+
+def _with_guess(problem: Problem, inner: Problem) -> Problem:
+    """`inner` with states that the records of `problem` do not have where a smoother sees them."""
+    found = smoothed_states(inner)
+    if found is None:
+        return inner
+    table, wide, std = {}, {}, dict(inner.initial_state.std)
+    for posed, record in zip(problem.records, inner.records, strict=True):
+        without = [i for i, s in enumerate(problem.model.states) if s not in posed or not np.isfinite(posed[s]).any()]
+        table[record.name] = inner.model.guess(record).copy()
+        table[record.name][:, without] = found[record.name][:, without]
+        for i in without:  # as large as the guess itself: nobody measured it
+            name, size = inner.model.states[i], float(np.abs(found[record.name][:, i]).max())
+            if not {name, f"{name}[{record.name}]"} & set(std):
+                wide[f"{name}[{record.name}]"] = max(size, inner.model.state_scale[name])
+    return replace(
+        inner,
+        model=share_cache(replace(inner.model, guess=partial(looked_up, table)), inner.model),
+        initial_state=replace(inner.initial_state, std=std | wide),
+    )
+
+
+def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:
+    model = problem.model
+    key = ("working", problem.logarithmic, with_initial, tuple(problem.sigma_channels.items()))
+    base = cached(
+        model, key, lambda: _transformed(model, problem.logarithmic, with_initial, dict(problem.sigma_channels))
+    )
+    offsets = initial_offsets(problem, problem.start_vector)
+    table = {r.name: model.guess(r) - offsets[i] for i, r in enumerate(problem.records)}
+    by_log = _logarithmic(problem)
+    start = {
+        name: float(np.log(value)) if name in by_log else float(value)
+        for name, value in zip(problem.parameters, problem.start_vector, strict=True)
+    }
+    noise = problem.noise
+    if isinstance(noise, Mapping):
+        renamed = dict(zip(model.outputs, base.outputs, strict=True))
+        noise = {renamed.get(name, name): 1.0 if isinstance(s, str) else s for name, s in noise.items()}
+    return replace(
+        problem,
+        model=share_cache(replace(base, guess=partial(looked_up, table)), base),
+        records=[_scaled(problem, record) for record in problem.records],
+        start=start,
+        log=(),
+        noise=noise,
+        constraints=[_constraint(c, problem) for c in problem.constraints],
+        initial_state=_initial_state(problem) if with_initial else problem.initial_state,
+    )
+
+
+def natural(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
+    """Estimates of the parameters themselves, from those of the solvers' coordinates."""
+    by_log = _logarithmic(problem)
+    return {name: float(np.exp(value)) if name in by_log else value for name, value in values.items()}
+
+
+def initial_offsets(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """(records, states) initial values by the model's formulae, zero where it has none; theta (parameters,)."""
+    model, found = problem.model, np.zeros((len(problem.records), len(problem.model.states)))
+    if model.initial and problem.simulated:
+        values = cached(model, ("initial",), lambda: ca.Function("g", [model.p], [_offset(model, model.p)]))
+        for i, p in enumerate(problem.model_parameters(theta)):
+            found[i] = values(p).full()[:, 0]
+    return found
+
+
+def looked_up(table: Mapping[str, np.ndarray], record: Record) -> np.ndarray:
+    """A `Model.guess` that was made before, record name -> (N, states)."""
+    return table[record.name]
+
+
+def _logarithmic(problem: Problem) -> frozenset[str]:
+    return frozenset(name for name in problem.parameters if name.split("[")[0] in problem.logarithmic)
+
+
+def _offset(model: Model, p: ca.SX) -> ca.SX:
+    """(states,) initial values at parameters p, zero where they are no formula."""
+    columns = [model.initial.get(name, ca.SX(0)) for name in model.states]
+    return ca.densify(ca.substitute(ca.vertcat(*columns), model.p, p))
+
+
+def _transformed(model: Model, logarithmic: tuple[str, ...], with_initial: bool, sigma: Mapping[str, str]) -> Model:
+    rows = ca.vertsplit(model.p) if model.parameters else []
+    p = ca.vertcat(*(ca.exp(row) if n in logarithmic else row for n, row in zip(model.parameters, rows, strict=True)))
+    x = model.x + _offset(model, p) if with_initial else model.x
+    f, h = ca.substitute([model.f, model.h], [model.x, model.p], [x, p]) if model.parameters else (model.f, model.h)
+    further = [channel for channel in dict.fromkeys(sigma.values()) if channel not in model.inputs]
+    u = ca.vertcat(model.u, ca.SX.sym("sigma", len(further)))
+    inputs = (*model.inputs, *further)
+    sizes = ca.vertcat(*(u[inputs.index(sigma[o])] if o in sigma else ca.SX(1) for o in model.outputs))
+    equation = model.equation
+    if equation is not None:
+        target, prediction = ca.substitute([equation.target, equation.prediction], [model.p], [p])
+        equation = replace(equation, target=target, prediction=prediction)
+    nominal = {n: float(np.log(v)) if n in logarithmic else v for n, v in model.nominal.items()}
+    prior = {n: std / model.nominal[n] if n in logarithmic else std for n, std in model.prior_std.items()}
+    return replace(
+        model,
+        inputs=inputs,
+        u=u,
+        f=f,
+        h=h / sizes,
+        outputs=tuple(f"{o} in units of {sigma[o]}" if o in sigma else o for o in model.outputs),
+        nominal=nominal,
+        prior_std=prior,
+        equation=equation,
+        initial={},
+    )
+
+
+def _scaled(problem: Problem, record: Record) -> Record:
+    """The record with outputs in units of the noise of their samples, under names of their own."""
+    if not problem.sigma_channels:
+        return record
+    added = {}
+    for name, channel in problem.sigma_channels.items():
+        sigma = record[channel]
+        added[channel] = np.where(sigma > 0.0, sigma, 1.0)
+        if name in record:
+            added[f"{name} in units of {channel}"] = record[name] / added[channel]
+    return record.with_channels(**added)
+
+
+def _sigma(problem: Problem, record: Record) -> np.ndarray:
+    """(N, outputs) what outputs are divided by."""
+    columns = []
+    for name in problem.model.outputs:
+        channel = problem.sigma_channels.get(name)
+        sigma = np.ones(len(record)) if channel is None else record[channel]
+        columns.append(np.where(sigma > 0.0, sigma, 1.0))
+    return np.stack(columns, axis=1)
+
+
+def _constraint(constraint, problem: Problem):
+    """A limit of a parameter as one of its logarithm."""
+    if not isinstance(constraint, LinearConstraint) or len(constraint.coefficients) != 1:
+        return constraint
+    ((name, factor),) = constraint.coefficients.items()
+    if name.split("[")[0] not in problem.logarithmic:
+        return constraint
+    low, high = sorted((constraint.lower / factor, constraint.upper / factor))
+    with np.errstate(divide="ignore"):
+        return LinearConstraint(
+            coefficients={name: 1.0}, lower=float(np.log(max(low, 0.0))), upper=float(np.log(max(high, 0.0)))
+        )
+
+
+def _initial_state(problem: Problem) -> InitialState:
+    """Zero, exactly if nothing else is said, for states that are counted from their initial value."""
+    given = problem.initial_state
+    said = {name.split("[")[0] for name in given.std}
+    begin = problem.model.initial
+    return InitialState(
+        value={**given.value, **dict.fromkeys(begin, 0.0)},
+        std={**given.std, **{name: 0.0 for name in begin if name not in said}},
+    )

@@ -1,0 +1,99 @@
+"""Truth: the minima of sums of squares that are known by formula."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.errors import InputError
+from casid.estimation.starts import drawn
+
+
+def wave(noise: float = 0.1) -> tuple[cs.Model, cs.Record]:
+    """y = a sin(w x): beside the best frequency every side lobe is a minimum of its own."""
+    model = cs.define_regression(
+        "wave",
+        inputs=["x"],
+        parameters={"w": 1.0, "a": 1.0},
+        outputs=["y"],
+        output=lambda s: {"y": s.a * np.sin(s.w * s.x)},
+    )
+    x = np.linspace(0.0, 10.0, 200)
+    y = 2.0 * np.sin(3.3 * x) + noise * np.random.default_rng(0).standard_normal(200)
+    return model, cs.Record(name="m1", t=np.arange(200.0), channels={"x": x, "y": y})
+
+
+def test_the_best_of_many_minima_is_returned_and_all_are_counted():
+    model, record = wave()
+    problem = cs.Problem(
+        model, [record], free=["*"], noise={"y": 0.1}, constraints=[cs.parameter("w", lower=0.5, upper=6.0)]
+    )
+    alone, fit = cs.solve(problem), cs.solve(problem, starts=12, seed=3)
+    assert alone.converged and alone.starts is None and abs(alone["w"].value - 3.3) > 1.0
+    assert fit.converged and fit["w"].value == pytest.approx(3.3, abs=0.01) and fit.starts is not None
+    assert fit.starts.count == 12 and len(fit.starts.minima) > 1
+    behind = [minimum.behind for minimum in fit.starts.minima]
+    assert behind[0] == 0.0 and behind == sorted(behind)
+    # with a given noise a minimum lies behind by its cost
+    assert behind[1] == pytest.approx(fit.starts.minima[1].cost - fit.cost, rel=1e-9)
+    assert "the best minimum" in str(fit) and "of 12 ended" in repr(fit.starts)
+    assert fit.problem is problem
+
+
+def test_a_straight_line_has_one_minimum():
+    model = cs.define_regression(
+        "line", inputs=["x"], parameters={"a": 1.0}, outputs=["y"], output=lambda s: {"y": s.a * s.x}
+    )
+    x = np.linspace(1.0, 2.0, 30)
+    y = 3.0 * x + 0.1 * np.random.default_rng(1).standard_normal(30)
+    fit = cs.solve(cs.Problem(model, [cs.Record(name="m1", t=x, channels={"x": x, "y": y})], free=["a"]), starts=8)
+    assert fit.starts is not None and [m.count for m in fit.starts.minima] == [8] and not fit.starts.lost
+    assert fit["a"].value == pytest.approx(float(x @ y / (x @ x)), rel=1e-9)
+
+
+def test_starts_are_drawn_between_limits_by_the_prior_or_over_decades():
+    model = cs.define_regression(
+        "three",
+        inputs=["x"],
+        parameters={"a": 1.0, "b": 2.0, "c": -5.0},
+        outputs=["y"],
+        output=lambda s: {"y": s.a + s.b * s.x + s.c * s.x**2},
+        prior_std={"b": 0.1},
+    )
+    x = np.linspace(1.0, 2.0, 30)
+    record = cs.Record(name="m1", t=x, channels={"x": x, "y": x})
+    problem = cs.Problem(model, [record], free=["*"], constraints=[cs.parameter("a", lower=-2.0, upper=4.0)])
+    table = drawn(problem, 256, 5)
+    a, b, c = (np.array([start[name] for start in table]) for name in "abc")
+    assert a.mean() == pytest.approx(1.0, abs=0.05) and a.std() == pytest.approx(6.0 / np.sqrt(12.0), rel=0.02)
+    assert b.mean() == pytest.approx(2.0, abs=0.005) and b.std() == pytest.approx(0.1, rel=0.03)
+    decades = np.log10(-c / 5.0)
+    assert (np.abs(decades) <= 1.0).all() and decades.std() == pytest.approx(2.0 / np.sqrt(12.0), rel=0.02)
+    assert drawn(problem, 3, 5) == drawn(problem, 3, 5) != drawn(problem, 3, 6)
+
+
+def test_a_start_at_zero_without_limits_has_no_range():
+    model, record = wave()
+    problem = cs.Problem(model, [record], free=["*"], start={"a": 0.0})
+    with pytest.raises(InputError, match=r"no range for 'a'.*cs.parameter\('a'"):
+        cs.solve(problem, starts=3)
+    with pytest.raises(InputError, match="starts"):
+        cs.solve(problem, starts=0)
+
+
+@pytest.mark.parametrize("solver", [cs.Automatic(), cs.GaussNewton(), cs.Ipopt(), cs.Ipopt(hessian="gauss-newton")])
+def test_a_stationary_point_that_is_no_minimum_is_not_converged(solver):
+    """(a^2 - 1)^2 has a maximum at 0."""
+    model = cs.define_regression(
+        "quartic",
+        inputs=("x",),
+        parameters={"a": 0.0, "b": 1.0},
+        outputs=("y", "z"),
+        output=lambda s: {"y": s.a**2 * s.x, "z": s.b * s.x + s.a},
+    )
+    x = np.linspace(1.0, 2.0, 20)
+    record = cs.Record(name="m1", t=np.arange(20.0), channels={"x": x, "y": x, "z": x})
+    problem = cs.Problem(model, [record], free=["*"], noise={"y": 0.1, "z": 1.0})
+    fit = cs.solve(problem, solver=solver)
+    assert not fit.converged or abs(fit["a"].value) > 0.9
