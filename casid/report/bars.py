@@ -17,13 +17,13 @@ from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.result import Diagnosis
 from casid.report.reconstruction import Reconstruction
 from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
-from casid.report.words import effect_name, label, place, quantity
+from casid.report.words import EVIDENCE, effect_name, label, place, quantity
 
 _MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
 _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
     {
         "named": {"facecolor": EXTENDED, "edgecolor": EXTENDED},
-        "fitted, gained less": {"facecolor": FAINT, "edgecolor": FAINT},
+        "fitted, explains less": {"facecolor": FAINT, "edgecolor": FAINT},
         "too small to matter, or implausible": {"facecolor": NOISE, "edgecolor": MEASURED, "hatch": "..."},
         "refuted by kinematics": {"facecolor": "white", "edgecolor": MEASURED, "hatch": "////"},
     }
@@ -31,7 +31,7 @@ _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
 
 
 def ladder(diagnosis: Diagnosis) -> Picture | None:
-    """Gain of every cause that was fitted, round by round, and of the named ones on held-out records."""
+    """Evidence for every cause that was fitted, round by round, and of the named ones on held-out records."""
     rows = [
         (number, trial, i == 0 and r.named)
         for number, r in enumerate(diagnosis.rounds, 1)
@@ -57,26 +57,26 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("gain 2 Δ ln L (log scale)")
+    ax.set_xlabel("evidence for it (log scale)")
     handles: list[Artist] = [Patch(**face) for face in _FACES.values() if face in faces]
     words = [word for word, face in _FACES.items() if face in faces]
     if held_out:
         handles.append(Line2D([], [], ls="", marker="D", color=BASELINE))
-        words.append("named, on held-out records")
+        words.append("the same on held-out records")
     handles.append(Line2D([], [], color=MEASURED, ls=":"))
-    figure.legend(handles, [*words, "least gain to be named"], loc="outside upper center", ncols=2)
+    figure.legend(handles, [*words, "least evidence for a name"], loc="outside upper center", ncols=2)
     best, name = rows[0], effect_name(rows[0][1].effect)
     return Picture(
         name="ladder",
         figure=figure,
-        title="Which cause: what each one gains when it is fitted",
+        title="Which cause: the evidence for each one when it is fitted",
         caption=(
-            "Each bar is a full fit of the extended model. 2 Δ ln L is the drop of the deviance; to be named a "
-            f"cause must gain {asked.gain:.0f} beyond its price, a fault of an instrument "
-            f"{asked.gain_of_an_instrument:.0f}. On fitted records only that counts which small further terms cannot "
-            "explain. " + ("Round 2 starts from the model with the first cause, and so on." if several else "")
+            f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
+            f"than its free numbers bring by chance, a fault of an instrument {asked.gain_of_an_instrument:.0f}. What "
+            "small further terms could explain as well does not count. "
+            + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
-        alt=f"Bar chart of {len(rows)} fitted causes by gain; the first is {name} with {best[1].gain.raw:.0f}.",
+        alt=f"Bar chart of {len(rows)} fitted causes by evidence; the first is {name} with {best[1].gain.raw:.0f}.",
     )
 
 
@@ -85,7 +85,7 @@ def _face(trial: Trial, named: bool) -> dict[str, Any]:
         return _FACES["refuted by kinematics"]
     if not trial.meaningful:
         return _FACES["too small to matter, or implausible"]
-    return _FACES["named" if named else "fitted, gained less"]
+    return _FACES["named" if named else "fitted, explains less"]
 
 
 def _row_name(number: int, trial: Trial, several: bool) -> str:
@@ -138,18 +138,18 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     ax.set_yticks(y, [place(s) for s in order])
     ax.set_ylim(len(order) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("gain of an unknown input there, 2 Δ ln L (log scale)")
+    ax.set_xlabel("evidence of an unknown input there (log scale)")
     figure.legend(loc="outside upper center", ncols=2)
     return Picture(
         name="missing",
         figure=figure,
         title="Where something is missing",
         caption=(
-            "An unknown time history is allowed at one place of the signal path at a time. A large gain says that "
-            "something enters there, whatever it is; neighbouring places share the gain of one cause. What is left "
+            "An unknown time history is allowed at one place of the signal path at a time. Large evidence says that "
+            "something enters there, whatever it is; neighbouring places share that of one cause. What is left "
             "counts as unexplained only when it is large and small further terms cannot explain it either."
         ),
-        alt=f"Bar chart of the gain of an unknown input per place; largest before naming: {place(order[0])}, "
+        alt=f"Bar chart of the evidence of an unknown input per place; largest before naming: {place(order[0])}, "
         f"{before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),
     )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.missing_input import MissingInput
@@ -11,23 +12,31 @@ from casid.model.effects import effect_of
 from casid.model.station import Station
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.budget_figures import budget
+from casid.report.check_figures import check_figure
+from casid.report.claims import numbered
+from casid.report.derivatives import derivatives
+from casid.report.envelope import envelope
 from casid.report.heatmap import ambiguity, heatmap
 from casid.report.onset import onset
 from casid.report.reconstruction import Reconstruction, reconstruct
 from casid.report.residuals import gain, histories, residuals
 from casid.report.shape import missing_history, shape, wind
 from casid.report.style import Picture, settings
+from casid.report.tracks import tracks
+
+_MOST = 3  # causes, and places where something is unexplained, that have pictures of their own
 
 
 def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
     """Name -> picture; the one most convincing for this verdict comes first and is not repeated."""
     seen = reconstruct(diagnosis)
     with settings():
-        lead = _lead(diagnosis, seen)
         further = [
+            *_of_causes(diagnosis, seen),
+            *_of_the_unexplained(diagnosis),
             budget(diagnosis.budget),
             gain(diagnosis),
-            *_further(diagnosis, seen),
+            *tracks(diagnosis),
             histories(diagnosis),
             residuals(diagnosis),
             heatmap(diagnosis),
@@ -35,44 +44,50 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
             ambiguity(diagnosis),
             missing(diagnosis, seen),
             kinematic(diagnosis),
+            check_figure(diagnosis.data, *_before_and_after(diagnosis)),
+            derivatives(diagnosis),
+            envelope(diagnosis),
         ]
-    table = {lead.name: lead}
-    for picture in further:
-        if picture is not None:
-            table.setdefault(picture.name, picture)
-    return table
+    table = {picture.name: picture for picture in further if picture is not None}
+    lead = _lead(diagnosis, table)
+    return {lead: table.pop(lead)} | table
 
 
-def _lead(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
-    for cause in diagnosis.causes[:1]:
-        effect = effect_of(cause)
-        if effect.stochastic:
-            return wind(diagnosis)
-        choice = [shape(diagnosis, cause, seen.before), onset(diagnosis, cause)]
-        if effect.enters is not None and Station.at(effect.enters).kind == "wind":
-            choice.insert(0, _history_of(diagnosis, cause, seen))
-        return next((picture for picture in choice if picture is not None), residuals(diagnosis))
-    unexplained = _unexplained(diagnosis)
-    if unexplained is not None:
-        return missing_history(diagnosis, unexplained, curve=False)
-    return histories(diagnosis) or residuals(diagnosis)
+def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
+    """Name of the picture that comes first."""
+    if diagnosis.causes:
+        effect = effect_of(diagnosis.causes[0])
+        of_air = effect.enters is not None and Station.at(effect.enters).kind == "wind"
+        choice = ("wind", "missing_history", "shape", "onset") if of_air else ("wind", "shape", "onset")
+        return next((name for name in choice if name in table), "residuals")
+    return "unexplained" if "unexplained" in table else "histories"
 
 
-def _further(diagnosis: Diagnosis, seen: Reconstruction) -> Iterable[Picture | None]:
-    """Pictures of the strongest cause that are not the first one, and of what stays unexplained."""
-    for cause in diagnosis.causes[:1]:
-        yield _history_of(diagnosis, cause, seen)
-        yield onset(diagnosis, cause)
-    unexplained = _unexplained(diagnosis)
-    if diagnosis.causes and unexplained is not None:
-        yield missing_history(diagnosis, unexplained, curve=False, name="still_missing")
+def _of_causes(diagnosis: Diagnosis, seen: Reconstruction) -> Iterator[Picture]:
+    """Pictures of the strongest causes, each named with the number of its cause."""
+    for number, cause in enumerate(diagnosis.causes[:_MOST], 1):
+        for picture in _of_cause(diagnosis, cause, seen):
+            if picture is not None:
+                yield replace(picture, name=numbered(picture.name, number))
 
 
-def _history_of(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Picture | None:
+def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Iterable[Picture | None]:
+    if effect_of(cause).stochastic:
+        yield wind(diagnosis)
+        return
+    yield shape(diagnosis, cause, seen.before)
+    yield onset(diagnosis, cause)
     found = seen.before.get(effect_of(cause).enters or "")
-    return missing_history(diagnosis, found, curve=True) if found is not None else None
+    yield missing_history(diagnosis, found, curve=True) if found is not None else None
 
 
-def _unexplained(diagnosis: Diagnosis) -> MissingInput | None:
-    left = diagnosis.unexplained
-    return left[0] if left else None
+def _of_the_unexplained(diagnosis: Diagnosis) -> Iterator[Picture]:
+    for number, one in enumerate(diagnosis.unexplained[:_MOST], 1):
+        yield missing_history(diagnosis, one, curve=False, name=numbered("unexplained", number))
+
+
+def _before_and_after(diagnosis: Diagnosis):
+    """Records as they were recorded, and as they were judged."""
+    recorded = (*diagnosis.as_given.fit.flight.records, *diagnosis.held_out_as_given.fit.flight.records)
+    judged = (*diagnosis.refitted.fit.flight.records, *diagnosis.held_out_refitted.fit.flight.records)
+    return recorded, judged

@@ -15,7 +15,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
 from casid.model.causes import configuration_change
 from casid.report.style import BASELINE, EXTENDED, Picture, blank
-from casid.report.words import cause_name
+from casid.report.words import EVIDENCE, cause_name
 
 _STEP = 0.25  # s
 _MAX_RECORDS = 4
@@ -37,10 +37,10 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
         middle = 0.5 * (low + high)
         ax.axvspan(low, high, color=BASELINE, alpha=0.35, lw=0, label="95 % interval of the onset")
         ax.axvline(middle, color=BASELINE, lw=1.2)
-        ax.plot(t, statistic, color=EXTENDED, label="2 Δ ln L, the size being fitted")
+        ax.plot(t, statistic, color=EXTENDED, label="evidence, the size being fitted")
         ax.set_title(f"{name}: {middle:.1f} s (between {low:.1f} and {high:.1f} s)", loc="left")
         ax.set_ylim(bottom=0.0)
-        ax.set_ylabel("2 Δ ln L")
+        ax.set_ylabel("evidence")
     axes[-1].set_xlabel("time of onset t [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     times = ", ".join(f"{0.5 * sum(cause.onset_s[n]):.1f} s in {n}" for n in records)
@@ -50,7 +50,7 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
         figure=figure,
         title=f"When it set in: {name}",
         caption="How well the cause explains each record when it is made to begin at the time on the axis. Where the "
-        "curve is flat, nothing happened that could tell the times apart.",
+        f"curve is flat, nothing happened that could tell the times apart. {EVIDENCE}",
         alt=f"Likelihood over the time of onset of {name}; its peaks lie at {times}.",
     )
 

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
-from html import escape
-from importlib.resources import files
+from dataclasses import dataclass
 from pathlib import Path
-from string import Template
 from types import MappingProxyType
 from typing import Any
 
 from casid.diagnosis.result import Diagnosis
 from casid.report import tables
+from casid.report.claims import Claim, claims
+from casid.report.envelope import envelope_table
 from casid.report.folder import provenance
+from casid.report.gained import gained
 from casid.report.lead import pictures
+from casid.report.shares import shares
 from casid.report.style import Picture
-from casid.report.words import cause_name, digits, place, pretty
-from casid.signals import label_of
+from casid.report.table import Table
+from casid.report.templating import Figure, figures_of, render
 
 FIGURES = "report_figures"
 _COLOURS: Mapping[str, str] = MappingProxyType(
@@ -30,11 +31,48 @@ _COLOURS: Mapping[str, str] = MappingProxyType(
         "data at fault": "#A3122A",
     }
 )
-_TOLD = 3  # of a kind that the opening tells one by one
-_GAIN = ("budget", "gain")
-_EVIDENCE = ("missing_history", "wind", "shape", "onset", "histories", "residuals", "heatmap")
-_CAUSES = ("ladder", "ambiguity")
-_WHERE = ("still_missing", "missing", "kinematic")
+# anchor -> title, template, and the figures, in the order of the page
+_SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "gain": (
+            "What it gains",
+            "gain.html",
+            ("budget", "gain", "histories", "tracks_longitudinal", "tracks_lateral"),
+        ),
+        "evidence": (
+            "Evidence",
+            "figures.html",
+            ("wind", "shape", "onset", "missing_history", "unexplained", "residuals", "heatmap"),
+        ),
+        "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
+        "where": ("Where it enters", "figures.html", ("missing", "kinematic")),
+        "data": ("Data", "data.html", ("check",)),
+        "values": ("Values of the file", "values.html", ("derivatives",)),
+        "envelope": ("What was flown", "envelope.html", ("envelope",)),
+        "numbers": ("Numbers", "numbers.html", ()),
+        "unseen": ("What could not be seen with these records", "unseen.html", ()),
+        "made": ("How this was made", "made.html", ()),
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Headline:
+    """The verdict as it opens the page: the `badge`, the `causes` where there are several, and the sentence."""
+
+    badge: str
+    causes: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A section of the page: its anchor, title and template, and the figures in it."""
+
+    anchor: str
+    title: str
+    template: str
+    figures: tuple[Figure, ...]
 
 
 def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> None:
@@ -43,133 +81,116 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     `made_with` is what `run.json` has; default: this process and the versions it runs.
     """
     made_with = provenance(0) if made_with is None else made_with
-    shown = pictures(diagnosis)
-    place = Path(folder) / FIGURES
+    drawn = drawn_into(Path(folder) / FIGURES, _in_order(pictures(diagnosis)))
+    page = render("report.html", _context(diagnosis, drawn, made_with))
+    (Path(folder) / "report.html").write_text(page, encoding="utf-8")
+
+
+def drawn_into(place: Path, shown: Mapping[str, Picture]) -> dict[str, tuple[Picture, bytes]]:
+    """Name -> picture and its SVG; `place`, which is made, has these and no other SVG afterwards."""
     place.mkdir(parents=True, exist_ok=True)
     for old in place.glob("*.svg"):
         old.unlink()
-    drawn = {name: picture.svg() for name, picture in shown.items()}
-    for name, svg in drawn.items():
+    drawn = {name: (picture, picture.svg()) for name, picture in shown.items()}
+    for name, (_, svg) in drawn.items():
         (place / f"{name}.svg").write_bytes(svg)
-    html = {name: _figure(picture, drawn[name]) for name, picture in shown.items()}
-    (Path(folder) / "report.html").write_text(_page(diagnosis, html, made_with), encoding="utf-8")
+    return drawn
 
 
-def _figure(picture: Picture, svg: bytes) -> str:
-    data = base64.b64encode(svg).decode("ascii")
-    return (
-        f"<figure id='figure-{picture.name}'><h3>{escape(picture.title)}</h3>"
-        f"<img src='data:image/svg+xml;base64,{data}' alt='{escape(picture.alt)}'>"
-        f"<figcaption>{escape(picture.caption)}</figcaption></figure>"
-    )
+def _in_order(shown: Mapping[str, Picture]) -> dict[str, Picture]:
+    """As they stand on the page: the leading one, then section by section."""
+    lead = next(iter(shown))
+    places = [name for _, _, names in _SECTIONS.values() for name in names]
+    return {name: shown[name] for name in (lead, *sorted(set(shown) - {lead}, key=lambda name: _place(name, places)))}
 
 
-def _page(diagnosis: Diagnosis, html: dict[str, str], made_with: Mapping[str, Any]) -> str:
-    lead, best = next(iter(html)), diagnosis.best
-    rest = {name: figure for name, figure in html.items() if name != lead}
-
-    def those(names: tuple[str, ...]) -> str:
-        return "\n".join(rest[name] for name in names if name in rest)
-
-    held = tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, best)
-    template = Template(files("casid.report").joinpath("page.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        aircraft=escape(diagnosis.aircraft.name),
-        verdict=escape(diagnosis.verdict.capitalize()),
-        colour=_COLOURS[diagnosis.verdict],
-        sentence=_verdict(diagnosis),
-        opening=_opening(diagnosis),
-        facts=escape(_facts(diagnosis)),
-        lead=html[lead],
-        gain_section=those(_GAIN) + held,
-        evidence=those(_EVIDENCE),
-        where=those(_WHERE),
-        cause_section=tables.causes(diagnosis)
-        + those(_CAUSES)
-        + tables.alternatives(diagnosis)
-        + "<h3>Minor</h3>"
-        + tables.minor(diagnosis),
-        values=tables.contradicted(diagnosis) + tables.parameters(diagnosis),
-        numbers=tables.channels(diagnosis.as_given, diagnosis.extended, best),
-        unseen=tables.not_judged(diagnosis) + _UNSEEN + tables.unseen(diagnosis),
-        made=tables.findings(diagnosis)
-        + tables.remarks(diagnosis)
-        + tables.seconds(diagnosis)
-        + tables.made_with(made_with),
-    )
+def _place(name: str, places: Sequence[str]) -> tuple[int, str]:
+    """Place on the page of a figure; those of further causes stand beside that of the first, `shape-2`."""
+    return places.index(name.partition("-")[0]), name
 
 
-_UNSEEN = (
-    "<p>An effect below the size in the table leaves no trace that could be told from noise. A steady uniform wind, "
-    "the scale of a surface (it is its effectiveness) and steady errors that a change of trim imitates cannot be "
-    "seen at all.</p>"
-)
-
-
-def _opening(diagnosis: Diagnosis) -> str:
-    """What is wrong in data, values and structure, what got better and worse, and what was not judged: a line each."""
-    lines = {
-        "Data": _several([one.sentence for one in diagnosis.data]) or "No fault was found in them.",
-        "Values": _values(diagnosis),
-        "Structure": _structure(diagnosis),
-        "Unseen data": gain_sentence(diagnosis),
-        "Not judged": "; ".join(f"{one.what} ({one.because})" for one in diagnosis.not_judged) or "Nothing.",
+def _context(
+    diagnosis: Diagnosis, drawn: Mapping[str, tuple[Picture, bytes]], made_with: Mapping[str, Any]
+) -> dict[str, Any]:
+    """All that the templates ask for."""
+    claimed = claims(diagnosis, drawn)
+    figures = figures_of(drawn, _by_figure(claimed))
+    return {
+        "aircraft": diagnosis.aircraft.name,
+        "colour": _COLOURS[diagnosis.verdict],
+        "headline": _headline(diagnosis),
+        "shares": shares(diagnosis),
+        "claims": claimed,
+        "claim_of": {one.anchor: one for some in claimed.values() for one in some},
+        "values_told": _values_told(diagnosis),
+        "gained": gained(diagnosis),
+        "not_judged": diagnosis.not_judged,
+        "facts": _facts(diagnosis),
+        "figures": figures,
+        "lead": next(iter(figures.values())),
+        "sections": _sections(figures),
+        "tables": _tables(diagnosis, made_with),
+        "minor": [one.sentence for one in diagnosis.minor],
+        "remarks": tables.remarks(diagnosis),
     }
-    items = "".join(f"<dt>{head}</dt><dd>{escape(pretty(line))}</dd>" for head, line in lines.items())
-    return f"<dl class='opening'>{items}</dl>"
 
 
-def _several(sentences: Sequence[str]) -> str:
-    more = f" And {len(sentences) - _TOLD} more." if len(sentences) > _TOLD else ""
-    return " ".join(sentences[:_TOLD]) + more
+def _by_figure(claimed: Mapping[str, Sequence[Claim]]) -> dict[str, list[tuple[str, str]]]:
+    """Name of figure -> (anchor, head) of the claims that it shows."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for one in (one for some in claimed.values() for one in some):
+        for name in one.figures:
+            found.setdefault(name, []).append((one.anchor, one.head))
+    return found
 
 
-def _values(diagnosis: Diagnosis) -> str:
-    told = sum(one.told for one in diagnosis.flight.values())
-    against = diagnosis.contradicted
-    if not against:
-        return f"None of the {told} numbers of the file that these records tell of stands against flight."
-    names = ", ".join(one.parameter for one in against)
-    return f"{len(against)} of the file's numbers, of {told} that these records tell of, against flight: {names}."
+def _sections(figures: Mapping[str, Figure]) -> list[Section]:
+    rest = list(figures.items())[1:]
+    return [
+        Section(
+            anchor=anchor,
+            title=title,
+            template=template,
+            figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
+        )
+        for anchor, (title, template, names) in _SECTIONS.items()
+    ]
 
 
-def _structure(diagnosis: Diagnosis) -> str:
-    named = "; ".join(cause_name(c.kind, c.target, c.term) for c in diagnosis.causes)
-    left = ", ".join(dict.fromkeys(place(one.station) for one in diagnosis.unexplained))
-    parts = [f"Missing: {named}." if named else "", f"Unexplained at: {left}." if left else ""]
-    return " ".join(part for part in parts if part) or "Nothing of a size that matters is missing."
+def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, Table]:
+    return {
+        "held_out": tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, diagnosis.best),
+        "fitted": tables.channels(diagnosis.as_given, diagnosis.extended, diagnosis.best),
+        "causes": tables.causes(diagnosis),
+        "alternatives": tables.alternatives(diagnosis),
+        "findings": tables.findings(diagnosis),
+        "derivatives": tables.derivatives(diagnosis),
+        "envelope": envelope_table(diagnosis),
+        "not_judged": tables.not_judged(diagnosis),
+        "unseen": tables.unseen(diagnosis),
+        "seconds": tables.seconds(diagnosis),
+        "made_with": tables.made_with(made_with),
+    }
 
 
-def gain_sentence(diagnosis: Diagnosis) -> str:
-    """What got better and what got worse on records that no fit has seen."""
-    steps, ratio = diagnosis.budget.together, diagnosis.rms_ratio
-    names = ", ".join(diagnosis.budget.records)
-    better = sorted((o for o in ratio if ratio[o] < 1.0), key=lambda o: ratio[o])
-    worse = [o for o in ratio if ratio[o] >= 1.0]
-
-    def told(channels: Sequence[str]) -> str:
-        return ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f} %".replace("-", "−") for o in channels)
-
-    more = f" and {len(better) - _TOLD} more" if len(better) > _TOLD else ""
-    gusts = " Gusts are new in every record, so that open-loop residuals need not shrink."
-    return (
-        f"On {names} the open-loop error is {digits(steps.as_given, 2)} times the noise as given and "
-        f"{digits(steps.structure, 2)} with the {diagnosis.best}. Better: {told(better[:_TOLD]) or 'nothing'}{more}. "
-        f"Worse: {told(worse) or 'nothing'}.{gusts if diagnosis.turbulence.named else ''}"
-    )
-
-
-def _verdict(diagnosis: Diagnosis) -> str:
-    """The verdict's sentence; several causes become a list, and what follows them its last line."""
-    rest, items = diagnosis.headline, []
+def _headline(diagnosis: Diagnosis) -> Headline:
+    """Several causes become a list, and what follows them the sentence."""
+    rest, told = diagnosis.headline, []
     for cause in diagnosis.causes:
         if cause.told in rest:
             rest = rest.replace(cause.told, "", 1)
-            items.append(cause.told)
-    if len(items) < 2:
-        return f"<p class='sentence'>{escape(pretty(diagnosis.headline))}</p>"
-    lines = "".join(f"<li>{escape(pretty(item))}</li>" for item in items)
-    return f"<ol class='sentence'>{lines}</ol><p class='sentence'>{escape(pretty(rest.strip()))}</p>"
+            told.append(cause.told)
+    badge = diagnosis.verdict.capitalize()
+    if len(told) < 2:
+        return Headline(badge=badge, causes=(), sentence=diagnosis.headline)
+    return Headline(badge=badge, causes=tuple(told), sentence=rest.strip())
+
+
+def _values_told(diagnosis: Diagnosis) -> str:
+    told, against = sum(one.told for one in diagnosis.flight.values()), len(diagnosis.contradicted)
+    if not against:
+        return f"None of the {told} numbers of the file that these records tell of stands against flight."
+    return f"{against} of {told} numbers of the file that these records tell of stand against flight."
 
 
 def _facts(diagnosis: Diagnosis) -> str:

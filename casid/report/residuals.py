@@ -108,8 +108,12 @@ def _within(values: np.ndarray) -> np.ndarray:
 
 
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
-    """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left."""
-    before, after = diagnosis.as_given, diagnosis.extended
+    """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left.
+
+    Before is the file refitted where causes were found: what new values explain is no sign of these.
+    """
+    before, after = diagnosis.refitted if diagnosis.causes else diagnosis.as_given, diagnosis.extended
+    wrong_by = "file refitted" if diagnosis.causes else AS_GIVEN
     channels = channels or telling_channels(before, after, 3)
     r = _worst_record(before, channels)
     record = before.fit.flight.records[r]
@@ -120,7 +124,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
         i, noise = before.fit.model.outputs.index(channel), before.channels[channel].noise
         wrong = smooth(before.simulated.residual[:n, r, i] / noise, record.dt)
         ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
-        ax.plot(record.t, wrong, color=BASELINE, label="what the file as given gets wrong")
+        ax.plot(record.t, wrong, color=BASELINE, label=f"what the {wrong_by} gets wrong")
         explained = smooth((after.simulated.output - before.simulated.output)[:n, r, i] / noise, record.dt)
         left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
         ax.plot(record.t, explained, "--", color=EXPLAINED, label=f"explained by the {diagnosis.best}")
@@ -134,7 +138,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
     return Picture(
         name=name,
         figure=figure,
-        title=f"What the simulation gets wrong, in units of the noise (record {record.name})",
+        title=f"What the {wrong_by} gets wrong, in units of the noise (record {record.name})",
         caption=(
             "Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey band "
             "is noise."

@@ -21,7 +21,7 @@ MEASURED, BASELINE, EXTENDED, EXPLAINED = "#222222", "#D55E00", "#0072B2", "#009
 NOISE, FAINT, ALERT = "#DDDDDD", "#9A9A9A", "#CC79A7"
 RECORD_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 RECORD_MARKERS = ("o", "s", "^", "D", "v", "P")
-WIDTH = 5.6  # inches; the page shows it up to 40 rem wide
+WIDTH, WIDE = 5.6, 8.2  # inches; a page shows them up to 40 and 46 rem wide
 _RC: Mapping[str, Any] = MappingProxyType(
     {
         "font.size": 10.5,
@@ -49,13 +49,15 @@ _RC: Mapping[str, Any] = MappingProxyType(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
-    """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it."""
+    """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it. A `wide`
+    one is scrolled sideways where there is no room for it."""
 
     name: str
     figure: Figure
     title: str
     caption: str
     alt: str
+    wide: bool = False
 
     def svg(self) -> bytes:
         """The figure as SVG; the same figure gives the same bytes."""
@@ -70,9 +72,9 @@ def settings() -> AbstractContextManager[None]:
     return mpl.rc_context(rc={key: value for key, value in _RC.items()})  # pyright: ignore[reportArgumentType]
 
 
-def blank(height: float) -> Figure:
-    """An empty figure, `height` in inches; call it under `settings`."""
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+def blank(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure, in inches; call it under `settings`."""
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def window(height: float) -> Figure:

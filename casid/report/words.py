@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
 import textwrap
 
+from casid.model import numbers
 from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.vocabulary import effect_title
@@ -13,6 +13,9 @@ from casid.report.style import shown_unit
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
+EVIDENCE = (
+    "Evidence is twice the natural logarithm of how many times more probable it makes the records: 14 is 1000 times."
+)
 _COEFFICIENTS = {
     "CL": "lift",
     "CD": "drag",
@@ -65,12 +68,7 @@ def place(station: str) -> str:
 
 def digits(value: float, significant: int = 3) -> str:
     """A number to some significant digits, without an exponent where it can be helped."""
-    if value == 0.0 or not math.isfinite(value):
-        return "0" if value == 0.0 else "–"
-    size = math.floor(math.log10(abs(value)))
-    if -4 <= size <= 6:
-        return f"{value:.{max(0, significant - 1 - size)}f}".replace("-", "−")
-    return f"{value:.{significant - 1}e}".replace("-", "−")
+    return numbers.digits(value, significant).replace("-", "−")
 
 
 def quantity(value: float, unit: str, significant: int = 2) -> str:
@@ -82,10 +80,13 @@ def quantity(value: float, unit: str, significant: int = 2) -> str:
 def with_std(value: float, std: float, unit: str) -> str:
     """Value ± 1-sigma with its unit, to two digits of the sigma."""
     factor, shown = shown_unit(unit)
-    shown = "" if shown == "1" else f" {shown}"
-    if not (std > 0.0 and math.isfinite(std)):
-        return f"{digits(factor * value)}{shown}"
-    places = max(0, 1 - math.floor(math.log10(factor * std)))
-    if places > 6:
-        return f"{digits(factor * value)} ± {digits(factor * std, 2)}{shown}"
-    return f"{factor * value:.{places}f} ± {factor * std:.{places}f}{shown}".replace("-", "−")
+    told = numbers.with_deviation(factor * value, factor * std).replace("+-", "±").replace("-", "−")
+    return told if shown in ("", "1") else f"{told} {shown}"
+
+
+def percent(value: float, of: float, std: float) -> str:
+    """By how much of a number another one, whose 1-sigma is given, stands off it: "−54.7 %"; a dash of nothing."""
+    if not of:
+        return "–"
+    told = numbers.to_deviation(100.0 * (value / of - 1.0), abs(100.0 * std / of))
+    return f"{told if told.startswith('-') else f'+{told}'} %".replace("-", "−")

@@ -241,7 +241,7 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
     assert "m4, which no fit has seen" in found.sentence
     first = next(iter(pictures(found).values()))
-    assert (first.name, [ax.get_title(loc="left") for ax in first.figure.axes]) == ("missing_history", ["m4"])
+    assert (first.name, [ax.get_title(loc="left") for ax in first.figure.axes]) == ("unexplained", ["m4"])
 
 
 def test_straight_lines_between_samples_are_part_of_a_size() -> None:

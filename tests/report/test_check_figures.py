@@ -20,9 +20,10 @@ def test_suspected_channels_are_drawn_as_recorded_and_as_they_should_be(healthy:
     """In degrees: the reversed pitch rate twice; of the other channel the outlier is marked."""
     q, az = -healthy["q"], healthy["az"].copy()
     az[[300, 500]] += 40.0
-    picture = check_figure(cs.check(healthy.with_channels(q=q, az=az)))
+    found = cs.check(healthy.with_channels(q=q, az=az))
+    picture = check_figure(found.findings, found.recorded, found.records)
     assert picture is not None
-    by_title = {axis.get_title(loc="left"): axis for axis in picture.figure.axes}
+    by_title = {axis.get_title(loc="right"): axis for axis in picture.figure.axes}
     lines = by_title["pitch rate"].lines
     assert np.allclose(np.asarray(lines[0].get_ydata()), np.degrees(q))
     assert np.allclose(np.asarray(lines[1].get_ydata()), -np.degrees(q))
@@ -31,4 +32,19 @@ def test_suspected_channels_are_drawn_as_recorded_and_as_they_should_be(healthy:
 
 
 def test_of_clean_data_there_is_no_picture(healthy: Record) -> None:
-    assert check_figure(cs.check(healthy)) is None
+    found = cs.check(healthy)
+    assert check_figure(found.findings, found.recorded, found.records) is None
+
+
+def test_intervals_of_a_frozen_channel_are_shaded(healthy: Record) -> None:
+    """Truth: frozen from the 10th to the 15th second."""
+    beta = healthy["beta"].copy()
+    low, high = np.searchsorted(healthy.t, [10.0, 15.0])
+    beta[low:high] = beta[low]
+    found = cs.check(healthy.with_channels(beta=beta))
+    picture = check_figure(found.findings, found.recorded, found.records)
+    assert picture is not None
+    spans = [
+        patch.get_extents().transformed(patch.axes.transData.inverted()) for patch in picture.figure.axes[0].patches
+    ]
+    assert any(abs(box.x0 - 10.0) < 0.1 and abs(box.x1 - 15.0) < 0.1 for box in spans)

@@ -19,10 +19,14 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from small_flight import HIDDEN, NAMES, aircraft_file, records
 
+from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.keeping import load
@@ -31,10 +35,14 @@ from casid.model.causes import effectiveness_change
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.report.folder import provenance, whole_folder
+from casid.report.gained import gained
 from casid.report.lead import pictures
 from casid.report.onset import onset_profiles
-from casid.report.page import FIGURES, gain_sentence, write_report
+from casid.report.page import FIGURES, write_report
+from casid.report.shares import shares
 from casid.report.style import Picture, settings, smooth
+from casid.report.tables import derivatives, unseen
+from casid.report.tracks import tracks
 from casid.report.words import digits, pretty, quantity, with_std
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -182,7 +190,7 @@ def test_every_figure_has_words_and_a_file_of_its_own(folder: Path, shown: dict[
 
 def test_page_opens_with_the_verdict_and_the_shape_of_what_is_missing(folder: Path, diagnosis: Diagnosis) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.index(pretty(diagnosis.headline)) < page.index("figure-shape") < page.index("What it gains")
+    assert page.index(pretty(diagnosis.headline)) < page.index('id="figure-shape"') < page.index("What it gains</h2>")
 
 
 def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judged(
@@ -191,9 +199,54 @@ def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judg
     page = (folder / "report.html").read_text(encoding="utf-8")
     heads = [f"<dt>{head}</dt>" for head in ("Data", "Values", "Structure", "Unseen data", "Not judged")]
     at = [page.index(head) for head in heads]
-    assert at == sorted(at) and at[-1] < page.index("figure-shape")
-    assert "no channel psi" in page[at[-1] : page.index("figure-shape")]
+    first = page.index('id="figure-shape"')
+    assert at == sorted(at) and at[-1] < first
+    assert "no channel psi" in page[at[-1] : first]
     assert "Cm: alpha²" in page[at[2] : at[3]]
+
+
+def wrong_in_all(diagnosis: Diagnosis) -> Diagnosis:
+    """With a fault of the data, a contradicted value and something unexplained beside the cause."""
+    history = {name: (t, 0.02 * np.sin(t), 0.001 + 0.0 * t) for name, (t, _, _) in missing(diagnosis).history.items()}
+    loud = replace(missing(diagnosis), station="dCl", gain=1e4, history=history)
+    stuck = Finding(
+        kind="data_stuck",
+        target="beta",
+        records=(NAMES[0],),
+        intervals_s={NAMES[0]: ((2.0, 3.0),)},
+        handled="excluded",
+        sentence="The sideslip angle is frozen.",
+    )
+    against = Contradiction(
+        parameter="Cl_p",
+        unit="1",
+        given=-0.9,
+        flight=-0.5,
+        std=0.01,
+        reversed=False,
+        impossible=False,
+        sentence="Cl_p.",
+    )
+    return replace(diagnosis, data=(stuck,), contradicted=(against,), unexplained=(loud,))
+
+
+def missing(diagnosis: Diagnosis) -> MissingInput:
+    return diagnosis.missing_after[0]
+
+
+def test_every_claim_has_a_figure_that_links_back_to_it(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    """Data, values, causes and the unexplained: from the statement to a figure, and from that to the statement."""
+    write_report(wrong_in_all(diagnosis), tmp_path, provenance(seed=0))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    ids = {a["id"] for _, a in Tags(page).found if "id" in a}
+    figures = {m[1]: m[0] for m in re.finditer(r'<figure id="([^"]+)".*?</figure>', page, flags=re.DOTALL)}
+    anchors = {"data-1", "value-Cl_p", "unexplained-1", *(f"cause-{k + 1}" for k in range(len(diagnosis.causes)))}
+    assert anchors <= ids
+    for anchor in anchors:
+        statement = page[page.index(f'id="{anchor}"') :].partition("</p>")[0]
+        shown = re.findall(r'href="#(figure-[^"]+)"', statement)
+        assert shown, anchor
+        assert all(f'href="#{anchor}"' in figures[name] for name in shown), anchor
 
 
 def test_a_name_with_markup_is_only_text(
@@ -205,31 +258,61 @@ def test_a_name_with_markup_is_only_text(
 ) -> None:
     assert set(drawn) == set(shown)
     monkeypatch.setattr("casid.report.page.pictures", lambda named: shown)
-    named = replace(diagnosis, aircraft=replace(diagnosis.aircraft, name="<script>alert(1)</script> & $gain"))
-    write_report(named, tmp_path, provenance(seed=0))
+    evil = "<script>alert(1)</script> & $gain {{ 7 * 7 }}"
+    stuck = replace(wrong_in_all(diagnosis).data[0], records=(evil,), sentence=f"In {evil}.")
+    open_ = NotJudged(what=evil, because=evil)
+    named = replace(diagnosis, aircraft=replace(diagnosis.aircraft, name=evil), data=(stuck,), not_judged=(open_,))
+    write_report(named, tmp_path, provenance(seed=0) | {"command": ["casid", "diagnose", evil]})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain" in page and not list(Tags(page).named("script"))
+    escaped = "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain {{ 7 * 7 }}"
+    assert page.count(escaped) >= 6 and not list(Tags(page).named("script"))
 
 
 def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(diagnosis: Diagnosis) -> None:
     ratios = diagnosis.to_dict()["gain"]["held_out"]["rms_ratio"]
     before, after = diagnosis.held_out_as_given.channels, diagnosis.held_out_extended.channels
     assert ratios == {o: pytest.approx(after[o].rms / before[o].rms) for o in before}
-    best, told = min(ratios.values()), gain_sentence(diagnosis)
-    assert f"{100.0 * (best - 1.0):+.0f} %".replace("-", "−") in told
-    worse = {o: c for o, c in after.items() if o in ("p", "V")}
-    lost = {o: replace(c, rms=3.0 * before[o].rms) for o, c in worse.items()}
+    told = gained(diagnosis)
+    assert f"{100.0 * (min(ratios.values()) - 1.0):+.0f} %".replace("-", "−") in told.better
+    lost = {o: replace(after[o], rms=k * before[o].rms) for k, o in ((3.0, "p"), (5.0, "V"))}
     view = replace(diagnosis.held_out_extended, channels={**after, **lost})
-    told = gain_sentence(replace(diagnosis, held_out_extended=view))
-    assert all(f"{name} +200 %" in told.partition("Worse:")[2] for name in ("roll rate", "true airspeed"))
+    worse = gained(replace(diagnosis, held_out_extended=view)).worse
+    assert worse.startswith("true airspeed +400 %, roll rate +200 %")
 
 
-def test_every_number_of_the_file_stands_beside_flight(folder: Path, diagnosis: Diagnosis) -> None:
-    page = (folder / "report.html").read_text(encoding="utf-8")
-    table = page[page.index("Values of the file</h2>") : page.index('<h2 id="numbers"')]
-    for one in diagnosis.parameters:
-        assert f">{one.name}</th>" in table
-    assert table.count("not told by these records") == sum(not one.flight.told for one in diagnosis.parameters)
+def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first(diagnosis: Diagnosis) -> None:
+    rows = derivatives(wrong_in_all(diagnosis)).rows
+    assert sorted(row.cells[0] for row in rows) == sorted(one.name for one in diagnosis.parameters)
+    assert rows[0].cells[0] == "Cl_p" and [row.marked for row in rows] == [True] + [False] * (len(rows) - 1)
+    untold = sum(not one.flight.told for one in diagnosis.parameters)
+    assert sum(row.cells[2] == "not told by these records" for row in rows) == untold
+
+
+def test_a_size_beyond_anything_plausible_is_not_detectable(diagnosis: Diagnosis) -> None:
+    """The limit of a bias of an angle is 10 deg: 0.1 rad can be found, 4.85 rad cannot."""
+    found = replace(diagnosis, detectable={"sensor_bias(theta)": 4.85, "sensor_bias(phi)": 0.1})
+    (row,) = unseen(found).rows
+    assert row.cells == ("sensor bias", "phi 5.7 deg", "theta")
+
+
+def test_explanations_stand_side_by_side_and_add_up(diagnosis: Diagnosis) -> None:
+    told = [(("actuator_lag(delta_e)",), 0.97), (("input_delay(delta_e)",), 0.02), ((), 0.001)]
+    found = shares(replace(diagnosis, explanations=tuple(told)))
+    said = ["elevator: actuator lag", "elevator: input delay", "other explanations"]
+    assert [one.what for one in found] == said and [one.percent for one in found] == ["97 %", "2 %", "1 %"]
+    assert shares(replace(diagnosis, explanations=())) == []
+
+
+def test_channels_are_drawn_in_all_records_with_what_was_left_out(diagnosis: Diagnosis) -> None:
+    """Measured lines are the records, one after the other; the frozen second is shaded on its own channel alone."""
+    pictures_ = {one.name: one for one in tracks(wrong_in_all(diagnosis))}
+    assert set(pictures_) == {"tracks_longitudinal", "tracks_lateral"}
+    axes = {axis.get_ylabel().split("\n")[0]: axis for axis in pictures_["tracks_lateral"].figure.axes}
+    assert list(axes)[:2] == ["delta_a", "delta_r"] and {"beta", "p", "r", "phi", "ay"} <= set(axes)
+    assert len(axes["beta"].patches) == len(axes["p"].patches) + 1  # beside the shade of the held-out record
+    measured = axes["beta"].lines[0]
+    record = diagnosis.as_given.fit.flight.records[0]
+    assert np.allclose(np.asarray(measured.get_ydata()), np.degrees(record["beta"]))
 
 
 # -- the figures -------------------------------------------------------------------------------------------------------
@@ -281,12 +364,9 @@ def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> 
 
 def test_what_stays_unexplained_opens_the_page(diagnosis: Diagnosis) -> None:
     """An input as large as the rolling moment itself, at the station of the rolling moment."""
-    quiet, view = diagnosis.missing_after[0], diagnosis.refitted
-    history = {name: (t, 0.02 * np.sin(t), 0.001 + 0.0 * t) for name, (t, _, _) in quiet.history.items()}
-    loud = replace(quiet, station="dCl", gain=1e4, history=history)
-    plain = replace(diagnosis, verdict="unexplained", causes=(), extended=view, unexplained=(loud,))
+    plain = replace(wrong_in_all(diagnosis), verdict="unexplained", causes=(), extended=diagnosis.refitted)
     first = next(iter(pictures(plain).values()))
-    assert first.name == "missing_history" and "rolling moment Cl" in first.title
+    assert first.name == "unexplained" and "rolling moment Cl" in first.title
 
 
 def test_onset_profile_peaks_where_the_surface_failed() -> None:

@@ -18,6 +18,7 @@ from casid.diagnosis.given.flight_values import FlightValue
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
+from casid.model.numbers import with_deviation
 from casid.model.terms import derivative_term
 from casid.model.vocabulary import effect_title
 
@@ -179,7 +180,6 @@ def _plain(value: float, unit: str) -> str:
 
 
 def _number(one: FlightValue, unit: str) -> str:
-    """Value +- 1-sigma, to two digits of the sigma; a derivative per rad without its unit."""
-    places = max(0, 1 - math.floor(math.log10(one.std))) if one.std > 0.0 and math.isfinite(one.std) else 3
+    """Value +- 1-sigma; a derivative per rad without its unit."""
     shown = "" if unit in ("", "1") or unit.startswith("1/") else f" {unit}"
-    return f"{one.value:.{places}f} +- {one.std:.{places}f}{shown}"
+    return with_deviation(one.value, one.std) + shown

@@ -1,0 +1,111 @@
+"""What the report claims, and the figures that show it: data, values, causes, and what stays unexplained."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+
+from casid.diagnosis.result import Cause, Diagnosis
+from casid.report.words import cause_name, digits, place, pretty, with_std
+
+# a figure of a cause or of what is unexplained is named with the number of that behind it, from the second on
+_OF_A_CAUSE = ("shape", "wind", "onset", "missing_history")
+_OF_THE_UNEXPLAINED = ("unexplained", "missing")
+_IN_GENERAL = ("residuals",)  # shows what the model with all causes explains
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """Something that the report claims: the `anchor` of its statement, what it is about in a few words, the statement,
+    and the names of the figures that show it, the most telling one first."""
+
+    anchor: str
+    head: str
+    text: str
+    figures: tuple[str, ...]
+    probability: float | None = None
+
+
+def about_cause(number: int) -> str:
+    """Anchor of the claim of the cause with this number, from 1."""
+    return f"cause-{number}"
+
+
+def about_data(number: int) -> str:
+    """Anchor of the claim of a fault of the data."""
+    return f"data-{number}"
+
+
+def about_unexplained(number: int) -> str:
+    """Anchor of the claim that something is unexplained."""
+    return f"unexplained-{number}"
+
+
+def about_value(parameter: str) -> str:
+    """Anchor of the claim that flight stands against a number of the file."""
+    return "value-" + re.sub(r"[^\w.-]+", "-", parameter).strip("-")
+
+
+def numbered(name: str, number: int) -> str:
+    """Name of a figure about the cause, or the unexplained place, with this number."""
+    return name if number == 1 else f"{name}-{number}"
+
+
+def claims(diagnosis: Diagnosis, figures: Collection[str]) -> dict[str, list[Claim]]:
+    """Claims under `data`, `values`, `causes` and `unexplained`; `figures` are the names of those that there are."""
+    found = {
+        "data": list(_data(diagnosis)),
+        "values": list(_values(diagnosis)),
+        "causes": list(_causes(diagnosis)),
+        "unexplained": list(_unexplained(diagnosis)),
+    }
+    return {kind: [_with_figures(one, figures) for one in some] for kind, some in found.items()}
+
+
+def _with_figures(claim: Claim, figures: Collection[str]) -> Claim:
+    return replace(claim, figures=tuple(name for name in claim.figures if name in figures))
+
+
+def _data(diagnosis: Diagnosis) -> Iterator[Claim]:
+    for number, one in enumerate(diagnosis.data, 1):
+        head = f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}"
+        yield Claim(anchor=about_data(number), head=head, text=pretty(one.sentence), figures=("check",))
+
+
+def _values(diagnosis: Diagnosis) -> Iterator[Claim]:
+    for one in diagnosis.contradicted:
+        if one.impossible:
+            text = one.sentence
+        else:
+            text = f"{one.parameter}: {digits(one.given)} in the file, {with_std(one.flight, one.std, '1')} by flight"
+        yield Claim(anchor=about_value(one.parameter), head=one.parameter, text=pretty(text), figures=("derivatives",))
+
+
+def _causes(diagnosis: Diagnosis) -> Iterator[Claim]:
+    for number, one in enumerate(diagnosis.causes, 1):
+        own = tuple(numbered(name, number) for name in _OF_A_CAUSE)
+        yield Claim(
+            anchor=about_cause(number),
+            head=cause_name(one.kind, one.target, one.term),
+            text=f"{cause_name(one.kind, one.target, one.term)} ({with_std(one.value, one.std, one.unit)})",
+            figures=(*own, *_IN_GENERAL, *(("ladder",) if _was_tried(diagnosis, one) else ())),
+            probability=one.probability,
+        )
+
+
+def _was_tried(diagnosis: Diagnosis, cause: Cause) -> bool:
+    key = (cause.kind, cause.target, cause.term)
+    return any(trial.effect.key == key for round_ in diagnosis.rounds for trial in round_.trials)
+
+
+def _unexplained(diagnosis: Diagnosis) -> Iterator[Claim]:
+    for number, one in enumerate(diagnosis.unexplained, 1):
+        own, general = _OF_THE_UNEXPLAINED
+        yield Claim(
+            anchor=about_unexplained(number),
+            head=f"unexplained at {place(one.station)}",
+            text=f"Something enters at {place(one.station)} that no cause of the catalogue explains",
+            figures=(numbered(own, number), general),
+            probability=diagnosis.entered.get(one.station),
+        )

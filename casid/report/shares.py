@@ -1,0 +1,49 @@
+"""Explanations side by side: what each says, and how probable it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from casid.diagnosis.result import Diagnosis
+from casid.report.words import cause_name
+
+_TOLD = 4  # explanations told one by one
+_NAME = re.compile(r"(?P<kind>\w+)(?:\((?P<target>[^:,)]*)(?::(?P<term>[^,)]*))?(?:, (?P<variant>[^)]*))?\))?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Share:
+    """What an explanation says, and its probability."""
+
+    what: str
+    probability: float
+
+    @property
+    def percent(self) -> str:
+        """As it is told: never 0 or 100 of what is neither."""
+        if self.probability > 0.995:
+            return "> 99 %"
+        return "< 1 %" if self.probability < 0.005 else f"{100.0 * self.probability:.0f} %"
+
+
+def shares(diagnosis: Diagnosis) -> list[Share]:
+    """The most probable explanations and all others together; none where there are no probabilities."""
+    told = [Share(what=_said(names), probability=p) for names, p in diagnosis.explanations[:_TOLD]]
+    told = [one for k, one in enumerate(told) if k == 0 or one.probability >= 0.005]
+    rest = 1.0 - sum(one.probability for one in told)
+    return [*told, Share(what="other explanations", probability=rest)] if told and rest >= 0.005 else told
+
+
+def _said(names: Sequence[str]) -> str:
+    return " and ".join(title_of(name) for name in names) if names else "nothing that matters is missing"
+
+
+def title_of(name: str) -> str:
+    """Short name of a cause from its name in tables: "actuator_lag(delta_e)" -> "elevator: actuator lag"."""
+    parts = _NAME.fullmatch(name)
+    if parts is None:
+        return name
+    title = cause_name(parts["kind"], parts["target"] or "", parts["term"])
+    return f"{title} ({parts['variant']})" if parts["variant"] else title

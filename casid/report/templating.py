@@ -1,0 +1,56 @@
+"""The templates of the pages: Jinja2 with every value escaped, and files of the package."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from casid.report.style import Picture
+from casid.report.words import pretty
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A picture as a page shows it: its `number`, the SVG as `data`, and the claims that it shows, (anchor, head)."""
+
+    number: int
+    picture: Picture
+    data: str
+    claims: Sequence[tuple[str, str]] = field(default=())
+
+    @property
+    def anchor(self) -> str:
+        """What a link to it names."""
+        return f"figure-{self.picture.name}"
+
+
+def figures_of(
+    drawn: Mapping[str, tuple[Picture, bytes]], claims: Mapping[str, Sequence[tuple[str, str]]]
+) -> dict[str, Figure]:
+    """Name -> figure, numbered in their order; `drawn` are pictures with their SVG, `claims` by name of figure."""
+    return {
+        name: Figure(
+            number=number,
+            picture=picture,
+            data=base64.b64encode(svg).decode("ascii"),
+            claims=claims.get(name, ()),
+        )
+        for number, (name, (picture, svg)) in enumerate(drawn.items(), 1)
+    }
+
+
+def render(template: str, context: Mapping[str, Any]) -> str:
+    """A page from a template of `casid/report/templates`. Whatever it is given is text: none of it becomes markup."""
+    environment = Environment(
+        loader=PackageLoader("casid.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["pretty"] = pretty
+    return environment.get_template(template).render(context)
