@@ -6,7 +6,8 @@ import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
-from casid.diagnosis.result import Cause, Diagnosis
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.result import Diagnosis
 from casid.report.words import cause_name, digits, place, pretty, with_std
 
 # a figure of a cause or of what is unexplained is named with the number of that behind it, from the second on
