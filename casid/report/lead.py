@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_of
 from casid.model.station import Station
