@@ -1,0 +1,203 @@
+"""What the report says and draws. Truth: the hidden term of the flight, what is measured, the diagnosis in numbers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from small_flight import HIDDEN, aircraft_file, records
+
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.result import Diagnosis
+from casid.keeping import load
+from casid.model.causes import effectiveness_change
+from casid.model.dynamics import aircraft_model
+from casid.model.simulate import simulate
+from casid.report.gained import gained
+from casid.report.lead import pictures
+from casid.report.onset import onset_profiles
+from casid.report.page import FIGURES
+from casid.report.shares import shares
+from casid.report.style import Picture, settings, smooth
+from casid.report.tables import derivatives, unseen
+from casid.report.tracks import tracks
+from casid.report.words import digits, pretty, quantity, with_std
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(diagnosis: Diagnosis) -> None:
+    ratios = diagnosis.to_dict()["gain"]["held_out"]["rms_ratio"]
+    before, after = diagnosis.held_out_as_given.channels, diagnosis.held_out_extended.channels
+    assert ratios == {o: pytest.approx(after[o].rms / before[o].rms) for o in before}
+    told = gained(diagnosis)
+    assert f"{100.0 * (min(ratios.values()) - 1.0):+.0f} %".replace("-", "−") in told.better
+    lost = {o: replace(after[o], rms=k * before[o].rms) for k, o in ((3.0, "p"), (5.0, "V"))}
+    view = replace(diagnosis.held_out_extended, channels={**after, **lost})
+    worse = gained(replace(diagnosis, held_out_extended=view)).worse
+    assert worse.startswith("true airspeed +400 %, roll rate +200 %")
+
+
+def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first(
+    diagnosis: Diagnosis, wrong_in_all: Diagnosis
+) -> None:
+    rows = derivatives(wrong_in_all).rows
+    assert sorted(row.cells[0] for row in rows) == sorted(one.name for one in diagnosis.parameters)
+    assert rows[0].cells[0] == "Cl_p" and [row.marked for row in rows] == [True] + [False] * (len(rows) - 1)
+    untold = sum(not one.flight.told for one in diagnosis.parameters)
+    assert sum(row.cells[2] == "not told by these records" for row in rows) == untold
+
+
+def test_a_size_beyond_anything_plausible_is_not_detectable(diagnosis: Diagnosis) -> None:
+    """The limit of a bias of an angle is 10 deg: 0.1 rad can be found, 4.85 rad cannot."""
+    found = replace(diagnosis, detectable={"sensor_bias(theta)": 4.85, "sensor_bias(phi)": 0.1})
+    (row,) = unseen(found).rows
+    assert row.cells == ("sensor bias", "phi 5.7 deg", "theta")
+
+
+def test_explanations_stand_side_by_side_and_add_up(diagnosis: Diagnosis) -> None:
+    told = [(("actuator_lag(delta_e)",), 0.97), (("input_delay(delta_e)",), 0.02), ((), 0.001)]
+    found = shares(replace(diagnosis, explanations=tuple(told)))
+    said = ["elevator: actuator lag", "elevator: input delay", "other explanations"]
+    assert [one.what for one in found] == said and [one.percent for one in found] == ["97 %", "2 %", "1 %"]
+    assert shares(replace(diagnosis, explanations=())) == []
+
+
+def test_channels_are_drawn_in_all_records_with_what_was_left_out(
+    diagnosis: Diagnosis, wrong_in_all: Diagnosis
+) -> None:
+    """Measured lines are the records, one after the other; the frozen second is shaded on its own channel alone."""
+    pictures_ = {one.name: one for one in tracks(wrong_in_all)}
+    assert set(pictures_) == {"tracks_longitudinal", "tracks_lateral"}
+    axes = {axis.get_ylabel().split("\n")[0]: axis for axis in pictures_["tracks_lateral"].figure.axes}
+    assert list(axes)[:2] == ["delta_a", "delta_r"] and {"beta", "p", "r", "phi", "ay"} <= set(axes)
+    assert len(axes["beta"].patches) == len(axes["p"].patches) + 1  # beside the shade of the held-out record
+    measured = axes["beta"].lines[0]
+    record = diagnosis.as_given.fit.flight.records[0]
+    assert np.allclose(np.asarray(measured.get_ydata()), np.degrees(record["beta"]))
+
+
+# -- the figures -------------------------------------------------------------------------------------------------------
+
+
+def undrawn(figure: Figure) -> set[Text]:
+    """Labels of ticks beyond the limits of their axis, which matplotlib keeps but does not draw."""
+    found = set()
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        low, high = sorted(axis.get_view_interval())
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        found |= {label for t in ticks if not low <= t.get_loc() <= high for label in (t.label1, t.label2)}
+    return found
+
+
+def test_no_text_is_cut_off_at_the_edge(shown: dict[str, Picture], drawn: dict[str, bytes]) -> None:
+    assert set(drawn) == set(shown)
+    for picture in shown.values():
+        with settings():
+            picture.figure.draw_without_rendering()
+        edge = picture.figure.bbox.padded(1.0)
+        for text in set(picture.figure.findobj(Text)) - undrawn(picture.figure):
+            if text.get_visible() and text.get_text().strip():
+                corners = text.get_window_extent().corners()
+                assert all(edge.contains(x, y) for x, y in corners), (picture.name, text.get_text())
+
+
+def test_figures_are_the_same_bytes_each_time(folder: Path, drawn: dict[str, bytes]) -> None:
+    for name, svg in drawn.items():
+        assert svg == (folder / FIGURES / f"{name}.svg").read_bytes(), name
+
+
+def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Picture]) -> None:
+    """The dots were made without knowing the term; they must lie about HIDDEN alpha^2."""
+    lines = {str(line.get_label()): line for line in shown["shape"].figure.axes[0].lines}
+    dots = next(line for label, line in lines.items() if label.startswith("reconstructed"))
+    x, y = np.array(dots.get_data(), dtype=float)
+    parabola = HIDDEN * np.radians(x) ** 2
+    assert np.corrcoef(y, parabola)[0, 1] > 0.8
+    assert np.polyfit(parabola, y, 1)[0] == pytest.approx(1.0, abs=0.35)
+
+
+def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> None:
+    view, held = diagnosis.refitted, diagnosis.held_out_refitted
+    plain = replace(diagnosis, verdict="adequate", causes=(), extended=view, held_out_extended=held, missing_after=())
+    names = list(pictures(plain))
+    assert names[0] == "histories" and "shape" not in names and {"budget", "gain"} <= set(names)
+
+
+def test_what_stays_unexplained_opens_the_page(diagnosis: Diagnosis, wrong_in_all: Diagnosis) -> None:
+    """An input as large as the rolling moment itself, at the station of the rolling moment."""
+    plain = replace(wrong_in_all, verdict="unexplained", causes=(), extended=diagnosis.refitted)
+    first = next(iter(pictures(plain).values()))
+    assert first.name == "unexplained" and "rolling moment Cl" in first.title
+
+
+def test_onset_profile_peaks_where_the_surface_failed() -> None:
+    """The elevator loses 40 % at t = 1.3 s, in the middle of a pulse."""
+    failed, aircraft = 1.3, aircraft_file()
+    pulses = records()[0]
+    lost = np.where(pulses.t >= failed, -0.4, 0.0) * pulses["delta_e"]
+    model = aircraft_model(aircraft)
+    flown = simulate(model, pulses, model.guess(pulses)[0], disturbances={"d_delta_e": lost})
+    rng = np.random.default_rng(11)
+    noise = {name: rng.normal(0.0, 1e-3, len(pulses)) for name in ("V", "alpha", "beta", "p", "q", "r", "phi", "theta")}
+    record = pulses.without("ax", "ay", "az").with_channels(**{n: flown.output(n) + e for n, e in noise.items()})
+    flight = prepare(aircraft, [record])
+    cause = Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={record.name: 1.0})
+    t, statistic = onset_profiles(fit(flight, [], flight.noise()), cause)[record.name]
+    assert t[np.argmax(statistic)] == pytest.approx(failed, abs=0.3)
+
+
+# -- words and numbers -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (with_std(0.12345, 0.0021, "s"), "0.1235 ± 0.0021 s"),
+        (with_std(-np.pi / 180.0, 0.1 * np.pi / 180.0, "rad"), "−1.00 ± 0.10 deg"),
+        (with_std(3.0, 0.0, "1/rad2"), "3.00 1/rad²"),
+        (quantity(0.05, "rad/s"), "2.9 deg/s"),
+        (quantity(-0.3, "1"), "−0.30"),
+        (digits(0.0), "0"),
+        (digits(1234.5, 3), "1234"),
+        (digits(1.5e-9, 2), "1.5e−09"),
+        (pretty("alpha^2*beta by 3 1/rad2 in m2 at 1 m/s2"), "alpha²·beta by 3 1/rad² in m2 at 1 m/s²"),
+    ],
+)
+def test_numbers_as_a_person_writes_them(text: str, expected: str) -> None:
+    assert text == expected
+
+
+def test_smoothing_keeps_a_constant_and_skips_gaps() -> None:
+    values = np.full(100, 2.5)
+    values[30:35] = np.nan
+    assert smooth(values, dt=0.02) == pytest.approx(np.full(100, 2.5))
+    assert np.isnan(smooth(np.full(50, np.nan), dt=0.02)).all()
+
+
+def test_a_diagnosis_becomes_a_data_frame_and_a_notebooks_table(diagnosis: Diagnosis) -> None:
+    table = diagnosis.to_frame()
+    assert len(table) == len(diagnosis.causes) + len(diagnosis.minor)
+    assert table.loc["aero_term(Cm:alpha^2)", "value"] == diagnosis.causes[0].value
+    assert not table.loc["aero_term(Cm:alpha^2)", "minor"]
+    page = diagnosis._repr_html_()
+    assert diagnosis.verdict in page and "aero_term(Cm:alpha^2)" in page
+    assert len(repr(diagnosis)) < 300 and diagnosis.verdict in repr(diagnosis)
+
+
+def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    diagnosis.save(tmp_path / "found.casid")
+    found = load(tmp_path / "found.casid")
+    assert str(found) == str(diagnosis) and json.dumps(found.to_dict()) == json.dumps(diagnosis.to_dict())
+    assert found.extended_aircraft == diagnosis.extended_aircraft
+    assert {name: picture.svg() for name, picture in pictures(found).items()} == {
+        name: picture.svg() for name, picture in pictures(diagnosis).items()
+    }
