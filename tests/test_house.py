@@ -249,7 +249,6 @@ def test_no_line_is_kept_from_the_formatter() -> None:
 
 
 OWING = {  # files that still decide by numbers of their own
-    *(f"systems/{name}.py" for name in ("cause", "columns", "diagnose", "extended", "fit", "library", "naming")),
 }
 
 

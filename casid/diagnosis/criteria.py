@@ -15,6 +15,7 @@ from casid.diagnosis.criterion import Criterion, Value, listed, number, overridd
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.numerics import Numerics
+from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.errors import InputError
 
 _GAIN = "2 ln L"
@@ -348,6 +349,7 @@ class Criteria:
     held_out: HeldOutCriteria = HeldOutCriteria()
     verdict: VerdictCriteria = VerdictCriteria()
     priors: Priors = Priors()
+    systems: SystemCriteria = SystemCriteria()
     numerics: Numerics = Numerics()
 
     @property

@@ -40,6 +40,7 @@ def diagnose(
     records: Sequence[Record],
     hold_out: Sequence[Record] = (),
     report: Say = ...,
+    criteria: Criteria | None = None,
     *,
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
@@ -56,7 +57,7 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
         An `Aircraft` or the name of its file, or the `Model` of any dynamic system (`define_model`).
     records, hold_out, report, criteria, naming, as_recorded
         Of an aircraft: see `casid.diagnosis.diagnose.diagnose`.
-    records, hold_out, report, ports, exact, library
+    records, hold_out, report, criteria, ports, exact, library
         Of a model: see `casid.diagnosis.systems.diagnose.diagnose_system`.
 
     Raises

@@ -17,7 +17,6 @@ from casid.records.record import Record
 
 Change = Callable[[Any, Any, Any], None]  # (model under change, value, flag)
 Operator = Callable[[np.ndarray, np.ndarray, float], np.ndarray]  # (t, series, value) -> series
-_SLOPE = 0.02  # of its value, over which the slope of an operator is taken
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +41,7 @@ class Cause:
     onset      it begins within a record
     late       it delays a reading: its record says what a series of two terms leaves along the motion
     history    (run, value) -> (N,) at its port; of a linear one for a value of 1
-    operator   of an operator on an input: what it makes of it
+    operator   of an operator on an input: what it makes of it; `slope_over` the part of its value for its slope
     change     of all others: how it enters the model, `casid.diagnosis.systems.extended.Draft`
     sentence   template with fields target, term, size, where
     """
@@ -59,6 +58,7 @@ class Cause:
     late: bool = False
     history: Callable[[Run, float], np.ndarray] | None = None
     operator: Operator | None = None
+    slope_over: float = 0.0
     change: Change | None = None
     sentence: str
 
@@ -122,7 +122,7 @@ class Attached:
     def prepared(self, record: Record) -> Record:
         """The record with what the extended model needs of it: an operator's input, its slope, the flag."""
         if self.cause.operator is not None:
-            u, step = record[self.cause.target], _SLOPE * abs(self.value)
+            u, step = record[self.cause.target], self.cause.slope_over * abs(self.value)
             at, above, below = (self.cause.operator(record.t, u, self.value + d) for d in (0.0, step, -step))
             slope = (above - below) / (2.0 * step)
             return record.with_channels(**{self.cause.target: at - self.value * slope, str(self.slope): slope})

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.explanations.explanation import CauseColumn, Entrance, Innovations, RecordColumns
 from casid.diagnosis.explanations.explanation import Port as Place
 from casid.diagnosis.explanations.prior import Priors
@@ -19,11 +20,6 @@ from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.model.port import Port, with_ports
 from casid.native.compiler import Compilable
 from casid.records.record import Record
-
-MATTERS = 0.05  # of the variation at a port, or of a parameter: as for the coefficients of an aircraft
-_NODES = 40  # of a history in a record
-# of a record: correlation times of unknown histories. As for an aircraft, whose records of 20 s have 0.4, 1.5 and 6 s
-_TIMES = (0.02, 0.075, 0.3)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,6 +47,7 @@ class _Along:
     filter: Filter
     runs: tuple[Run, ...]
     matters: dict[str, float]
+    criteria: Criteria
 
 
 def columns_of(
@@ -59,7 +56,8 @@ def columns_of(
     """Linearise a fit, whiten everything, and state the priors."""
     along = _along(found, asked, tuple(ports), library)
     span = float(np.median([r.duration for r in along.records]))
-    priors = Priors(times=tuple(share * span for share in _TIMES))
+    criteria = asked.criteria
+    priors = replace(criteria.priors, times=tuple(share * span for share in criteria.systems.times))
     free = along.linear.free
     prior_std = np.array([found.model.prior_std.get(name, np.inf) for name in free])
     nominal = np.array([found.model.nominal[name] for name in free])
@@ -119,7 +117,7 @@ def _along(found: Fitted, asked: Question, ports: tuple[Port, ...], library: Lib
             there = np.concatenate([run.inputs[port.name] for run in runs])
         else:
             there = np.concatenate([run.outputs[port.name] for run in runs])
-        matters[port.disturbance] = max(MATTERS * float(np.std(there)), 1e-12)
+        matters[port.disturbance] = max(asked.criteria.size.share * float(np.std(there)), 1e-12)
     return _Along(
         ports=ports,
         records=found.records,
@@ -128,6 +126,7 @@ def _along(found: Fitted, asked: Question, ports: tuple[Port, ...], library: Lib
         filter=kalman_filter(linear, NoiseModel(measurement=asked.noise)),
         runs=runs,
         matters=matters,
+        criteria=asked.criteria,
     )
 
 
@@ -162,16 +161,18 @@ def _runs(
 
 def _histories(along: _Along) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Per port (N, R, ny, nodes) whitened responses to a unit at each node, and the nodes' times of each record."""
-    N, R = along.batch.live.shape
-    nodes = [np.linspace(r.t[0], r.t[-1], _NODES + 1) for r in along.records]
-    series = np.zeros((N, R, _NODES + 1))
+    (N, R), intervals = along.batch.live.shape, along.criteria.systems.nodes
+    nodes = [np.linspace(r.t[0], r.t[-1], intervals + 1) for r in along.records]
+    series = np.zeros((N, R, intervals + 1))
     for r, record in enumerate(along.records):
-        unit = np.eye(_NODES + 1)
-        series[: len(record), r] = np.stack([np.interp(record.t, nodes[r], unit[k]) for k in range(_NODES + 1)], axis=1)
+        unit = np.eye(intervals + 1)
+        series[: len(record), r] = np.stack(
+            [np.interp(record.t, nodes[r], unit[k]) for k in range(intervals + 1)], axis=1
+        )
     found = []
     for port in along.ports:
         station = along.linear.model.disturbances.index(port.disturbance)
-        white = along.filter.whiten_histories([station] * (_NODES + 1), series)
+        white = along.filter.whiten_histories([station] * (intervals + 1), series)
         found.append(white.astype(np.float32))
     return found, [at - at[0] for at in nodes]
 
@@ -251,7 +252,7 @@ def _shapes(along: _Along, found: Fitted, cause: Cause, priors: Priors):
     for subset in _subsets(cause, records):
         names = () if len(subset) == len(records) else tuple(records[r].name for r in subset)
         if cause.port is None:
-            least = MATTERS * max(abs(found.values[cause.target]), 1e-12)
+            least = along.criteria.size.share * max(abs(found.values[cause.target]), 1e-12)
             histories = dict.fromkeys(subset, np.zeros(0))
             yield _linear(cause, names, histories, least, priors)
         elif not cause.grid and cause.history is not None:
@@ -293,7 +294,7 @@ def _stuck(along: _Along, cause: Cause, priors: Priors):
         if cause.target not in record:
             continue
         reads = along.runs[r].outputs[cause.target]
-        for onset in onsets(record):
+        for onset in onsets(record, along.criteria.systems.onsets):
             begin = int(np.searchsorted(record.t, onset))
             history = np.where(np.arange(len(record)) >= begin, reads[begin] - reads, 0.0)
             if not (size := _rms({r: history})) > 0.0:

@@ -9,10 +9,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from casid.diagnosis.criteria import HeldOutCriteria
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.budget import Budget, Steps
 from casid.diagnosis.judging.held_out import split
-from casid.diagnosis.systems.extended import SHORTEST, Extended
+from casid.diagnosis.systems.criteria import SystemCriteria
+from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown, Question, fly, motions, noise_of
 from casid.diagnosis.systems.library import Library, causes_for
 from casid.diagnosis.systems.naming import Naming, Searching, share_of
@@ -24,8 +25,6 @@ from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record
 
-_UNEXPLAINED = 0.5  # probability: to look where nothing is costs little beside a wrong name
-
 
 @single_threaded()
 def diagnose_system(
@@ -33,6 +32,7 @@ def diagnose_system(
     records: Sequence[Record],
     hold_out: Sequence[Record] = (),
     report: Callable[[str], None] = lambda stage: None,
+    criteria: Criteria | None = None,
     *,
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
@@ -53,6 +53,8 @@ def diagnose_system(
         Records that are never fitted; when none is given one record, or the last third of a single one, is held back.
     report
         Is called with the name of every stage.
+    criteria
+        Every number that decides, see `Criteria`; `systems`, `priors`, `size` and `held_out` matter here.
     ports
         Where reality may differ; by default at every state derivative, input and output whose name is not in `exact`.
     exact
@@ -67,26 +69,26 @@ def diagnose_system(
     EstimationError
         When the model cannot be fitted at all.
     """
-    begin = time.perf_counter()
+    begin, criteria = time.perf_counter(), criteria or Criteria()
     report("reading the records")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
-    fit_on, held = split(records, hold_out, HeldOutCriteria())
+    fit_on, held = split(records, hold_out, criteria.held_out)
     library = library or Library()
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
-    asked, base = _question(model, fit_on)
-    causes = causes_for(library, base.base, ports, asked.records, asked.free)
+    asked, base = _question(model, fit_on, criteria)
+    causes = causes_for(library, base.base, ports, asked)
     naming = Searching(asked=asked, ports=ports, causes=causes, library=library).naming(base, {}, report)
     if naming is None:
         raise EstimationError(f"model '{model.name}' cannot be fitted to these records from its nominal values")
     report("held-out records")
     first = naming.wholes[0]
-    given = fly(base, model.nominal, held, asked.noise)
-    refitted = fly(base, first.found.values, held, asked.noise)
+    given = fly(base, model.nominal, held, asked)
+    refitted = fly(base, first.found.values, held, asked)
     naming, extended, gains = _that_recurs(naming, asked, held)
     best = naming.best
     named, minor = _named(naming, asked, gains)
-    unexplained = _unexplained(naming, ports)
+    unexplained = _unexplained(naming, ports, criteria.systems)
     values = _values(model, naming, asked)
     verdict, sentence = _verdict(named, minor, unexplained, values)
     return SystemDiagnosis(
@@ -109,7 +111,7 @@ def diagnose_system(
     )
 
 
-def _question(model: Model, records: Sequence[Record]) -> tuple[Question, Extended]:
+def _question(model: Model, records: Sequence[Record], criteria: Criteria) -> tuple[Question, Extended]:
     """What is asked of which model: priors of 0 become fixed values, and a state is as large as it is measured."""
     exact = [name for name, std in model.prior_std.items() if std == 0.0]
     free = tuple(name for name in model.parameters if name not in exact)
@@ -122,13 +124,13 @@ def _question(model: Model, records: Sequence[Record]) -> tuple[Question, Extend
         prior_std={name: std for name, std in model.prior_std.items() if std > 0.0},
         state_scale={name: seen[name] or scale for name, scale in model.state_scale.items()},
     )
-    noise = noise_of(base, records)
+    noise = noise_of(base, records, criteria.systems)
     series = {o: np.concatenate([r[o] for r in records if o in r]) for o in model.outputs}
     sizes = {o: max(float(np.nanstd(values)), noise[o]) for o, values in series.items()}
-    shortest = SHORTEST * min(record.dt for record in records)
+    shortest = criteria.systems.shortest_lag * min(record.dt for record in records)
     return (
-        Question(records=tuple(records), noise=noise, free=free),
-        Extended(base=base, sizes=sizes, shortest=shortest, paths=motions(base, records, noise)),
+        Question(records=tuple(records), noise=noise, free=free, criteria=criteria),
+        Extended(base=base, sizes=sizes, shortest=shortest, paths=motions(base, records, noise, criteria.systems)),
     )
 
 
@@ -139,18 +141,18 @@ def _that_recurs(
     each of its causes gains there: log likelihood per reading against the best without it, None for what is in some
     records only, of which others say nothing."""
     while True:
-        extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, asked.noise), {}
+        extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, asked), {}
         for one in naming.best.attached:
             without = naming.without(one.name)
             gains[one.name] = None
             if without is not None and one.flag is None:
-                other = fly(without.found.extended, without.found.values, held, asked.noise)
+                other = fly(without.found.extended, without.found.values, held, asked)
                 gains[one.name] = extended.log_likelihood - other.log_likelihood
         worst = min(gains, key=lambda name: math.inf if gains[name] is None else float(gains[name] or 0.0), default="")
         gain = gains.get(worst)
         if gain is None or gain > 0.0:
             return naming, extended, gains
-        naming = Naming(wholes=tuple(one for one in naming.wholes if worst not in one.names))
+        naming = Naming(wholes=tuple(one for one in naming.wholes if worst not in one.names), criteria=naming.criteria)
 
 
 def _named(
@@ -188,11 +190,11 @@ def _named(
     return tuple(sorted(causes, key=lambda c: -c.log_odds)), tuple(sorted(minor, key=lambda c: -c.log_odds))
 
 
-def _unexplained(naming: Naming, ports: Sequence[Port]) -> tuple[Unexplained, ...]:
+def _unexplained(naming: Naming, ports: Sequence[Port], criteria: SystemCriteria) -> tuple[Unexplained, ...]:
     """Ports at which something enters; where none alone is likely but one of them is, the likeliest."""
     unknown, by_name = naming.unknown(), {port.disturbance: port for port in ports}
-    found = [Unexplained(port=by_name[name], probability=p) for name, p in unknown.items() if p > _UNEXPLAINED]
-    if not found and sum(unknown.values()) > _UNEXPLAINED:
+    found = [Unexplained(port=by_name[name], probability=p) for name, p in unknown.items() if p > criteria.unexplained]
+    if not found and sum(unknown.values()) > criteria.unexplained:
         name, p = max(unknown.items(), key=lambda item: item[1])
         found = [Unexplained(port=by_name[name], probability=p)]
     return tuple(found)

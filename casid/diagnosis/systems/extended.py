@@ -15,8 +15,6 @@ from casid.diagnosis.systems.cause import Attached
 from casid.model.system import Model
 from casid.records.record import Record
 
-SHORTEST = 0.5  # of a sample: the integrator follows no quicker lag
-
 
 class Draft:
     """A model under change. Expressions that are added are in the symbols of the model at its beginning; `current` is

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.systems.cause import Attached
+from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.errors import CasidError, EstimationError, InputError
 from casid.estimation import Fit, Problem, solve
@@ -21,21 +23,16 @@ from casid.model.system import Model
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 
-_STAYS = 0.02  # of its value: an operator or an onset that moves by less has settled
-_STILL = 0.1  # of the noise: what is left of a delayed reading that changes by less has settled
-_ROUNDS = 8
-_FACTOR = 3.0  # by which a value of an operator may move in a round
-_SMOOTHED = 8  # times that a motion is smoothed about itself
-_LEAST_NOISE = 1e-4  # of a channel's variation: a noise-free simulation must not have infinite weight
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Question:
-    """What stays the same over a diagnosis: records as given, noise of each output, parameters that are fitted."""
+    """What stays the same over a diagnosis: records as given, noise of each output, parameters that are fitted, and by
+    which criteria."""
 
     records: tuple[Record, ...]
     noise: Mapping[str, float]
     free: tuple[str, ...]
+    criteria: Criteria
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,7 +49,7 @@ class Fitted:
         return self.extended.model
 
 
-def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
+def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) -> dict[str, float]:
     """Output -> 1-sigma, from the band above the motion; of what is too short for that, from a fit of the model.
 
     Raises InputError for an output that no record has."""
@@ -64,7 +61,7 @@ def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
             raise InputError(
                 f"no record has the output '{name}' of '{model.name}'; add the channel, or drop the output"
             )
-        least = max(_LEAST_NOISE * float(np.std(np.concatenate(there))), 1e-12)
+        least = max(criteria.smallest_noise * float(np.std(np.concatenate(there))), 1e-12)
         sigma = pooled_sigma(there)
         found[name] = max(sigma, least) if np.isfinite(sigma) else np.nan
     if not np.isfinite(list(found.values())).all():
@@ -73,7 +70,9 @@ def noise_of(model: Model, records: Sequence[Record]) -> dict[str, float]:
     return found
 
 
-def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float]) -> dict[str, np.ndarray]:
+def motions(
+    model: Model, records: Sequence[Record], noise: Mapping[str, float], criteria: SystemCriteria
+) -> dict[str, np.ndarray]:
     """record -> (N, states) motion from which a fit may begin: as it was read, states that no instrument reads by a
     smoother to which every equation is as uncertain as it is large. A record on which that departs has none."""
     wide = with_ports(model, [port for port in ports_of(model) if port.kind == "state derivative"])
@@ -86,7 +85,7 @@ def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float])
         white = {f"f_{name}": float(size) for name, size in zip(model.states, sizes, strict=True) if size > 0.0}
         try:
             with np.errstate(all="ignore"):
-                for _ in range(_SMOOTHED):
+                for _ in range(criteria.smoothed):
                     linear = linearise(functions, batch, P, X)
                     smoother = kalman_filter(linear, NoiseModel(measurement=noise, white=white))
                     X = X + smoother.smooth(*residual_column(linear))[0][..., : X.shape[2]]
@@ -103,7 +102,7 @@ def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> F
     fixed = {name: model.nominal[name] for name in extended.base.parameters if name not in asked.free}
     values = {**start, **{one.name: one.value for one in extended.attached}}
     fit, records = None, asked.records
-    for _ in range(_ROUNDS):
+    for _ in range(asked.criteria.systems.rounds):
         records = tuple(now.prepared(r) for r in asked.records)
         problem = Problem(model, records, free=["*"], fixed=fixed, start=values, noise=asked.noise, prior=True)
         try:
@@ -114,10 +113,12 @@ def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> F
             return None
         values = dict(fit.values)
         motion = {name: states.trajectory for name, states in fit.states.items()}
-        moved = replace(now, attached=tuple(_moved(one, values[one.name], fit) for one in now.attached))
+        moved = replace(
+            now, attached=tuple(_moved(one, values[one.name], fit, asked.criteria.systems) for one in now.attached)
+        )
         moved = moved.along(motion, records, model.nominal_vector({**fixed, **values}))
         pairs = zip(now.attached, moved.attached, strict=True)
-        settled = all(_same(one, other, asked.noise) for one, other in pairs)
+        settled = all(_same(one, other, asked) for one, other in pairs)
         now = moved
         if settled:
             break
@@ -127,10 +128,10 @@ def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> F
     return Fitted(extended=now, values={**fixed, **fit.values}, fit=fit, records=records)
 
 
-def _moved(one: Attached, value: float, fit: Fit) -> Attached:
+def _moved(one: Attached, value: float, fit: Fit, criteria: SystemCriteria) -> Attached:
     """A cause where the fit has it, an onset where the residuals have it."""
     if one.cause.operator is not None and one.centre > 0.0 and min(v for v, _ in one.cause.grid) > 0.0:
-        value = float(np.clip(value, one.value / _FACTOR, _FACTOR * one.value))
+        value = float(np.clip(value, one.value / criteria.factor, criteria.factor * one.value))
     if not one.cause.onset:
         return one.at(value)
     found = {}
@@ -154,13 +155,14 @@ def _onset(one: Attached, value: float, fit: Fit, record: Record) -> float:
     return float(record.t[min(int(np.argmin(squares)), len(record) - 2)])
 
 
-def _same(one: Attached, other: Attached, noise: Mapping[str, float]) -> bool:
+def _same(one: Attached, other: Attached, asked: Question) -> bool:
+    criteria = asked.criteria.systems
     if one.cause.late:
         return all(
-            np.abs(left - one.left.get(name, 0.0)).max() < _STILL * noise[one.cause.target]
+            np.abs(left - one.left.get(name, 0.0)).max() < criteria.still * asked.noise[one.cause.target]
             for name, left in other.left.items()
         )
-    near = abs(one.value - other.value) <= _STAYS * abs(other.value)
+    near = abs(one.value - other.value) <= criteria.settled * abs(other.value)
     return (one.cause.operator is None or near) and dict(one.onset_s) == dict(other.onset_s)
 
 
@@ -178,13 +180,11 @@ class Flown:
         return -0.5 * float(np.mean([v**2 for v in self.rms.values()]))
 
 
-def fly(
-    extended: Extended, values: Mapping[str, float], records: Sequence[Record], noise: Mapping[str, float]
-) -> Flown:
+def fly(extended: Extended, values: Mapping[str, float], records: Sequence[Record], asked: Question) -> Flown:
     """Simulate records with these values. A cause that is in some records only is tried in these, with and without."""
-    squares, counts = dict.fromkeys(noise, 0.0), dict.fromkeys(noise, 0)
+    squares, counts = dict.fromkeys(asked.noise, 0.0), dict.fromkeys(asked.noise, 0)
     for record in records:
-        tried = [_squares(one, values, record, noise) for one in _shapes(extended, record)]
+        tried = [_squares(one, values, record, asked) for one in _shapes(extended, record)]
         best = min(tried, key=lambda found: sum(s for s, _ in found.values()))
         for name, (square, count) in best.items():
             squares[name] += square
@@ -202,13 +202,14 @@ def _shapes(extended: Extended, record: Record) -> list[Extended]:
 
 
 def _squares(
-    extended: Extended, values: Mapping[str, float], record: Record, noise: Mapping[str, float]
+    extended: Extended, values: Mapping[str, float], record: Record, asked: Question
 ) -> dict[str, tuple[float, int]]:
+    noise, criteria = asked.noise, asked.criteria.systems
     own = {name: value for name, value in values.items() if name in extended.base.parameters}
     base = replace(extended.base, nominal={**extended.base.nominal, **own})
-    extended = replace(extended, paths=motions(base, [record], noise))
+    extended = replace(extended, paths=motions(base, [record], noise, criteria))
     flown = None
-    for _ in range(_ROUNDS if any(one.cause.late for one in extended.attached) else 1):
+    for _ in range(criteria.rounds if any(one.cause.late for one in extended.attached) else 1):
         prepared = extended.prepared(record)
         model = replace(extended.model, nominal={**extended.model.nominal, **values})
         try:

@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 
 from casid.diagnosis.systems.cause import Cause, Operator, Run
+from casid.diagnosis.systems.criteria import SystemCriteria
+from casid.diagnosis.systems.fit import Question
 from casid.errors import InputError, unknown
 from casid.model import operators
 from casid.model.port import Port
@@ -37,12 +39,6 @@ KINDS = (
     "parameter_change",
     "missing_term",
 )
-# r.m.s. change by an operator, of the variation of what it acts on, between which its sizes are tried: less does not
-# matter, more leaves nothing of the signal
-_SEEN, _WHOLE = 0.01, 1.2
-_SHARES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the range of an input, sizes of what cuts it
-_NEAR = 0.35  # 1-sigma about a value of a grid whose neighbours are a factor of two apart
-_ONSETS = 12  # in a record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,24 +91,23 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
 
-def causes_for(
-    library: Library, model: Model, ports: Sequence[Port], records: Sequence[Record], free: Iterable[str]
-) -> tuple[Cause, ...]:
-    """All that the library knows for this model: at its ports, and for its `free` parameters."""
+def causes_for(library: Library, model: Model, ports: Sequence[Port], asked: Question) -> tuple[Cause, ...]:
+    """All that the library knows for this model: at its ports, and for its free parameters."""
+    records, criteria = asked.records, asked.criteria.systems
     found: list[Cause] = []
     for port in ports:
         if port.kind == "input":
-            found += _of_input(port, records)
+            found += _of_input(port, records, criteria)
         elif port.kind == "output":
-            found += _of_output(port, records)
+            found += _of_output(port, records, criteria)
         else:
             found += [_term(port, name, term) for name, term in library.terms(model).items()]
     if len(records) > 1:
-        found += [_parameter(name, model.units.get(name, "")) for name in free]
+        found += [_parameter(name, model.units.get(name, "")) for name in asked.free]
     return tuple(cause for cause in found if cause.kind in library.kinds)
 
 
-def _of_input(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
+def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Cause]:
     name = port.name
     series = [record[name] for record in records]
     low, high = min(s.min() for s in series), max(s.max() for s in series)
@@ -120,11 +115,12 @@ def _of_input(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
     if not span > 0.0:
         return
     steps = _doubling(records)
-    cuts = [share * span for share in _SHARES]
+    cuts = [share * span for share in criteria.cuts]
     # kind, operator, values, 1-sigma of each, sentence
     yield from _operators(
         port,
         records,
+        criteria,
         (
             ("input_delay", operators.delay, steps, None, "{target} acts {size} later than the model has it{where}."),
             ("actuator_lag", operators.lag, steps, None, "{target} acts with a lag of {size} that the model lacks."),
@@ -132,14 +128,14 @@ def _of_input(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
                 "limit_above",
                 lambda t, u, v: np.minimum(u, v),
                 [high - c for c in cuts],
-                0.1 * span,
+                criteria.limit_spread * span,
                 "{target} does not act beyond {size}.",
             ),
             (
                 "limit_below",
                 lambda t, u, v: np.maximum(u, v),
                 [low + c for c in cuts],
-                0.1 * span,
+                criteria.limit_spread * span,
                 "{target} does not act below {size}.",
             ),
             (
@@ -160,15 +156,17 @@ def _of_input(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
     )
 
 
-def _operators(port: Port, records: Sequence[Record], rows: Iterable[tuple]) -> Iterator[Cause]:
+def _operators(
+    port: Port, records: Sequence[Record], criteria: SystemCriteria, rows: Iterable[tuple]
+) -> Iterator[Cause]:
     variation = _variation([record[port.name] for record in records])
     for kind, operator, values, spread, sentence in rows:
         grid = []
         for value in values:
             changes = [operator(record.t, record[port.name], value) - record[port.name] for record in records]
             part = np.sqrt(np.mean(np.concatenate(changes) ** 2)) / variation
-            if _SEEN < part < _WHOLE:
-                grid.append((float(value), spread or _NEAR * abs(value)))
+            if criteria.seen < part < criteria.whole:
+                grid.append((float(value), spread or criteria.near * abs(value)))
         if grid:
             yield Cause(
                 kind=kind,
@@ -178,6 +176,7 @@ def _operators(port: Port, records: Sequence[Record], rows: Iterable[tuple]) -> 
                 grid=tuple(grid),
                 history=_change_of_input(operator, port.name),
                 operator=operator,
+                slope_over=criteria.slope,
                 sentence=sentence,
             )
 
@@ -186,7 +185,7 @@ def _change_of_input(operator: Operator, name: str) -> Callable[[Run, float], np
     return lambda run, value: operator(run.t, run.inputs[name], value) - run.inputs[name]
 
 
-def _of_output(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
+def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Cause]:
     name, disturbance = port.name, port.disturbance
     measured = [r[name][np.isfinite(r[name])] for r in records if name in r]
     measured = [values for values in measured if len(values)]
@@ -212,7 +211,7 @@ def _of_output(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
         sentence="The reading of {target} is off by the part {size} of itself{where}.",
     )
     variation = _variation(measured)
-    yield from _behind(port, records, variation)
+    yield from _behind(port, records, variation, criteria)
     mean = float(np.mean(np.concatenate(measured)))
     yield Cause(
         kind="sensor_stuck",
@@ -227,7 +226,7 @@ def _of_output(port: Port, records: Sequence[Record]) -> Iterator[Cause]:
     )
 
 
-def _behind(port: Port, records: Sequence[Record], variation: float) -> Iterator[Cause]:
+def _behind(port: Port, records: Sequence[Record], variation: float, criteria: SystemCriteria) -> Iterator[Cause]:
     """Readings of a port that come late or lag, by steps that make a part of its `variation`."""
     name = port.name
     having = [r for r in records if name in r]
@@ -241,7 +240,9 @@ def _behind(port: Port, records: Sequence[Record], variation: float) -> Iterator
             for step in _doubling(records)
         }
         part = {step: np.sqrt(np.mean(np.concatenate(of) ** 2)) / variation for step, of in changes.items()}
-        grid = tuple((step, _NEAR * step) for step, share in part.items() if _SEEN < share < _WHOLE)
+        grid = tuple(
+            (step, criteria.near * step) for step, share in part.items() if criteria.seen < share < criteria.whole
+        )
         if grid:
             yield Cause(
                 kind=kind,
@@ -289,9 +290,9 @@ def _term(port: Port, name: str, term: ca.SX) -> Cause:
     )
 
 
-def onsets(record: Record) -> np.ndarray:
-    """Times [s] at which something may begin in a record."""
-    return record.t[0] + record.duration * np.arange(1, _ONSETS) / _ONSETS
+def onsets(record: Record, count: int) -> np.ndarray:
+    """(count - 1,) times [s] at which something may begin in a record."""
+    return record.t[0] + record.duration * np.arange(1, count) / count
 
 
 def _variation(series: Sequence[np.ndarray]) -> float:

@@ -18,19 +18,12 @@ from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import Sums, background, gain, hold, sums_of
 from casid.diagnosis.explanations.search import search_sums
 from casid.diagnosis.systems.cause import Attached, Cause, Run
-from casid.diagnosis.systems.columns import MATTERS, Asked, columns_of
+from casid.diagnosis.systems.columns import Asked, columns_of
+from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Fitted, Question, fitted
 from casid.diagnosis.systems.library import Library
 from casid.model.port import Port
-
-_MOST = 4  # causes in a whole
-_TRIED = 3  # causes of each ranking that are put into the model in a round
-_ADDS = 0.005  # of probability: less makes no member of a set
-_WORTH = 0.02  # of probability, from which a cause is tried
-_POOL = 30  # columns of each ranking that a search of causes in company takes
-_WORSE = 10.0  # nats that a fit may lie behind the one without its cause: beyond, it ended elsewhere
-_PROMISE = -3.0  # log odds from which a cause is tried that a linearisation judges
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,6 +34,7 @@ class Whole:
     asked: Asked
     sums: Sums
     total: float
+    criteria: SystemCriteria
 
     @cached_property
     def promises(self) -> Promises:
@@ -50,7 +44,7 @@ class Whole:
     @cached_property
     def beyond(self) -> Posterior:
         """What may be wrong besides, of the causes that promise most by themselves."""
-        asked, pool = self.asked.innovations, self.promises.pool
+        asked, pool = self.asked.innovations, self.promises.pool(self.criteria.pool)
         few = replace(asked, causes=tuple(asked.causes[i] for i in pool))
         sums = replace(self.sums, asked=few, picked=tuple(picked[list(pool)] for picked in self.sums.picked))
         return posterior(search_sums(sums, self.asked.priors))
@@ -73,6 +67,7 @@ class Naming:
     """All wholes that were fitted; the best of them, and what they say together."""
 
     wholes: tuple[Whole, ...]
+    criteria: SystemCriteria
 
     @cached_property
     def best(self) -> Whole:
@@ -104,7 +99,7 @@ class Naming:
             if name not in whole.names:
                 for other in whole.names - rest:
                     found[other] += float(weight)
-        return tuple(sorted(((n, p) for n, p in found.items() if p > _ADDS), key=lambda one: -one[1]))
+        return tuple(sorted(((n, p) for n, p in found.items() if p > self.criteria.member), key=lambda one: -one[1]))
 
     def unknown(self) -> dict[str, float]:
         """Disturbance -> probability that something unknown enters there in the best model."""
@@ -120,7 +115,7 @@ def share_of(whole: Whole, one: Attached, asked: Question) -> tuple[float, float
     """Size of a cause of a whole in units of what matters, and its 1-sigma."""
     value, std = whole.found.values[one.name], whole.std(one.name)
     if one.cause.onset:
-        return 1.0 / MATTERS, 0.0  # nothing is left of a reading that does not move
+        return 1.0 / asked.criteria.size.share, 0.0  # nothing is left of a reading that does not move
     if one.cause.history is None or not one.cause.grid:
         return abs(value) / one.matters, std / one.matters
     unit = whole.asked.matters[str(one.cause.port)]
@@ -150,6 +145,7 @@ class Searching:
     def naming(self, base: Extended, start: Mapping[str, float], say: Callable[[str], None]) -> Naming | None:
         """Causes added one by one while that makes a better whole, then dropped; None when nothing can be fitted."""
         say("refit")
+        criteria = self.asked.criteria.systems
         first = self.whole(base, start)
         if first is None:
             return None
@@ -158,12 +154,12 @@ class Searching:
         def tried(extended: Extended, values: Mapping[str, float]) -> None:
             if _key(extended) not in wholes:
                 say("refit with " + ", ".join(one.name for one in extended.attached))
-                found = self.whole(extended, values, first.found.fit.cost + _WORSE)
+                found = self.whole(extended, values, first.found.fit.cost + criteria.worse)
                 if found is not None:
                     wholes[_key(extended)] = found
 
         current = first
-        while len(current.attached) < _MOST:
+        while len(current.attached) < criteria.most:
             for look in (_leaders, _beside):
                 for one in look(current):
                     tried(current.found.extended.with_cause(one), current.found.values)
@@ -175,7 +171,7 @@ class Searching:
             current = best
         for one in current.attached if len(current.attached) > 1 else ():
             tried(current.found.extended.without(one.name), current.found.values)
-        return Naming(wholes=tuple(wholes.values()))
+        return Naming(wholes=tuple(wholes.values()), criteria=criteria)
 
     def whole(self, extended: Extended, start: Mapping[str, float], most: float = np.inf) -> Whole | None:
         """An extended model fitted and scored; None when it cannot be fitted to a cost of `most`."""
@@ -189,7 +185,7 @@ class Searching:
         asked = columns_of(found, self.asked, self.ports, causes, self.library)
         sums = sums_of(asked.innovations)
         total = sum(one.log_prior for one in found.extended.attached) + _alone(sums, asked)
-        return Whole(found=found, asked=asked, sums=sums, total=total)
+        return Whole(found=found, asked=asked, sums=sums, total=total, criteria=self.asked.criteria.systems)
 
 
 def _alone(sums: Sums, asked: Asked) -> float:
@@ -214,11 +210,10 @@ class Promises:
     unknown: float
     sizes: np.ndarray
 
-    @cached_property
-    def pool(self) -> tuple[int, ...]:
-        """Columns of the causes that promise most, in the order of the columns."""
+    def pool(self, most: int) -> tuple[int, ...]:
+        """Columns of the causes that promise most, so many of each ranking, in the order of the columns."""
         ranked = [self.column[np.argsort(-of, kind="stable")].tolist() for of in (self.alone, self.beside)]
-        return tuple(sorted({column for of in ranked for column in list(dict.fromkeys(of))[:_POOL]}))
+        return tuple(sorted({column for of in ranked for column in list(dict.fromkeys(of))[:most]}))
 
 
 def _promises(sums: Sums, priors: Priors) -> Promises:
@@ -248,7 +243,7 @@ def _leaders(whole: Whole) -> list[Attached]:
     for promise, least in ((said.alone, 0.0), (said.beside, said.unknown)):
         names: set[str] = set()
         for k in np.argsort(-promise, kind="stable").tolist():
-            if len(names) == _TRIED or promise[k] < least + _PROMISE:
+            if len(names) == whole.criteria.tried or promise[k] < least + whole.criteria.promise:
                 break
             one = whole.asked.attachable[said.column[k]]
             if one.name not in names:
@@ -259,7 +254,7 @@ def _leaders(whole: Whole) -> list[Attached]:
 
 def _beside(whole: Whole) -> list[Attached]:
     """The causes that a search of all that may be wrong besides believes in."""
-    believed = [b for b in whole.beyond.causes if b.probability > _WORTH][:_TRIED]
+    believed = [b for b in whole.beyond.causes if b.probability > whole.criteria.worth][: whole.criteria.tried]
     number = {id(column): i for i, column in enumerate(whole.asked.innovations.causes)}
     return [_part(whole.asked.attachable[number[id(b.column)]], b.size, whole.asked.priors) for b in believed]
 
