@@ -17,6 +17,7 @@ from casid.estimation.integration import (
     TOLERANCE,
     integration_error,
     is_plain,
+    order,
     stable_steps,
     steps_for,
 )
@@ -38,6 +39,7 @@ from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
+_Stepping = SingleShooting | MultipleShooting | Collocation
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 
 
@@ -105,37 +107,61 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         outcome = solver.minimise(objective)
-        if isinstance(method, SingleShooting | MultipleShooting) and method.substeps is None:
+        if isinstance(method, MultipleShooting) and isinstance(solver, Automatic):
+            objective, outcome = _from_collocation(objective, outcome, method, solver)
+        if isinstance(method, _Stepping) and method.substeps is None:
             objective, outcome, method = _integrated(objective, outcome, method, solver)
         outcome = to_second_order(objective, outcome)
         return taken.returned(_fit(objective, outcome, method, begin))
 
 
+def _from_collocation(
+    objective: Objective, outcome: Outcome, method: MultipleShooting, solver: Automatic
+) -> tuple[Objective, Outcome]:
+    """Where the motion over the intervals is too far from straight for the solver: once more from where collocation
+    ends, which has a state of its own at every sample."""
+    problem, status = objective.problem, outcome.status
+    lost_its_way = status.startswith(("stopped", "departed")) or "descent" in status or "no motion" in status
+    if not lost_its_way or objective.dynamics is None or objective.soft or problem.feedback or problem.path_constraints:
+        return objective, outcome
+    finely = Objective(problem, Collocation(substeps=1).dynamics(problem))
+    found = solver.minimise(finely)
+    if found.status != "converged":
+        return objective, outcome
+    own = [finely.layout.segments_of(r) for r in range(len(problem.records))]
+    nodes = np.concatenate([found.point.nodes[segments][:: method.interval] for segments in own])
+    begin = replace(objective.start(), theta=found.point.theta, nodes=nodes)
+    again = Objective(problem, method.dynamics(problem), begin)
+    ended = solver.minimise(again)
+    return (again, ended) if ended.status == "converged" else (objective, outcome)
+
+
 def _integrated(
-    objective: Objective, outcome: Outcome, method: SingleShooting | MultipleShooting, solver: Solver
+    objective: Objective, outcome: Outcome, method: _Stepping, solver: Solver
 ) -> tuple[Objective, Outcome, Transcription]:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
     problem, steps = objective.problem, 1
     if objective.dynamics is None or problem.feedback is not None or objective.soft:
         return objective, outcome, method
-    chosen: Transcription = method
     for _ in range(_REFINEMENTS):
         needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
         if needed <= steps:
             break
         steps = needed
-        chosen = replace(method, substeps=steps) if steps <= MOST_STEPS else Collocation()
-        objective = Objective(problem, chosen.dynamics(problem))
-        outcome = solver.minimise(objective)
         if steps > MOST_STEPS:
-            break
-    return objective, outcome, chosen
+            if isinstance(method, Collocation):
+                break
+            method, steps = Collocation(), 1
+        method = replace(method, substeps=steps)
+        objective = Objective(problem, method.dynamics(problem))
+        outcome = solver.minimise(objective)
+    return objective, outcome, method
 
 
-def _needed_steps(objective: Objective, outcome: Outcome, finer: Transcription) -> int:
+def _needed_steps(objective: Objective, outcome: Outcome, finer: _Stepping) -> int:
     steps = objective.layout.substeps
     if outcome.status != "converged":  # where it gave up is no place to judge the motion of the solution
-        return max(stable_steps(objective), steps)
+        return steps if isinstance(finer, Collocation) else max(stable_steps(objective), steps)
     if is_plain(objective, outcome.value, outcome.point):
         return steps
     linear = outcome.linear
@@ -144,8 +170,10 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Transcription) 
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
         return max(stable_steps(objective), steps)
-    error = integration_error(objective, outcome.point, linear, outcome.value, finer.dynamics(objective.problem))
-    return steps if error < TOLERANCE else max(steps_for(error, steps), steps + 1)
+    error = integration_error(objective, outcome.point, linear, outcome.value, finer)
+    if not np.isfinite(error) and isinstance(finer, Collocation):
+        return 2 * steps
+    return steps if error < TOLERANCE else max(steps_for(error, steps, order(finer)), steps + 1)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:

@@ -52,6 +52,9 @@ def _plain(problem: Problem, status: str, errors: Uncertainty) -> str:
         return f"failed: the model does not depend on {', '.join(idle)}; fix {_it(idle)}, or give a prior"
     if errors.linear is not None and errors.confused:
         return f"failed: the data cannot tell {', '.join(errors.confused)} apart; fix one or give a prior"
+    weak = ", ".join(errors.weakest)
+    if weak:
+        return f"failed: the data hardly tell {weak} near this point; start elsewhere, fix one or give a prior"
     return "failed: parameters or states cannot be told apart near this point; start elsewhere, fix one or give a prior"
 
 

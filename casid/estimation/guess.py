@@ -1,7 +1,8 @@
 """A first guess of states that no channel measures: what the model, at its start values, makes of what is measured.
 
 A smoother: outputs weigh as if their noise were a twentieth of their range, and every state may wander by ten times its
-size over a record, so that a wrong start value does not keep the motion from the data.
+size over a record, so that a wrong start value does not keep the motion from the data. Where its explicit steps run
+off, a stiff system, it is the simulation at the start values by CVODES.
 """
 
 from __future__ import annotations
@@ -16,16 +17,24 @@ from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.transcriptions.steps import cached
+from casid.estimation.transcriptions.layout import build_layout
+from casid.estimation.transcriptions.steps import cached, dynamics_function
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.system import Model
 
 _NOISE = 0.05  # of a channel's range
 _WANDER = 10.0  # sizes of a state over a record
 _ITERATIONS = 30
+_MOTION = 1e-3  # sizes of a state that may be missing between two samples, noise and all
 
 
-def smoothed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
+def guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
+    """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
+    found = _smoothed(problem)
+    return _simulated(problem) if found is None else found
+
+
+def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
     model = cached(problem.model, ("held",), lambda: _held(problem.model))
     duration = max(record.duration for record in problem.records)
@@ -48,10 +57,39 @@ def smoothed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
     except np.linalg.LinAlgError:
         return None
     trajectory = outcome.value.trajectory
-    if trajectory is None or not np.isfinite(outcome.value.cost) or not np.isfinite(trajectory.states).all():
+    if trajectory is None or not np.isfinite(trajectory.states).all() or not outcome.value.worst() < _MOTION:
         return None
     flat = trajectory.states.reshape(-1, len(model.states))
     return {r.name: flat[own] for r, own in zip(problem.records, objective.layout.sample, strict=True)}
+
+
+def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
+    """Record -> (N, states) from the first row of the model's guess, by an implicit method of variable order."""
+    model = problem.model
+    step = cached(model, ("implicit step",), lambda: _implicit_step(model))
+    known = problem.initial_knowledge[0]
+    layout = build_layout(problem, None)
+    found = {}
+    for r, (record, p) in enumerate(zip(problem.records, problem.model_parameters(problem.start_vector), strict=True)):
+        rows = [np.where(np.isnan(known[r]), model.guess(record)[0], known[r])]
+        try:
+            for k in range(len(record) - 1):
+                given = np.concatenate([layout.u0[r, k], layout.u1[r, k], [layout.dt[r, k]], p])
+                rows.append(step(x0=rows[-1], p=given)["xf"].full()[:, 0])
+        except RuntimeError:  # CVODES gives up
+            return None
+        found[record.name] = np.array(rows)
+    return found if all(np.isfinite(x).all() for x in found.values()) else None
+
+
+def _implicit_step(model: Model) -> ca.Function:
+    """From sample to sample: x0, p = (u0, u1, dt, parameters) -> xf."""
+    u0, u1 = (ca.SX.sym(name, len(model.inputs)) for name in ("u0", "u1"))
+    dt, share = ca.SX.sym("dt"), ca.SX.sym("share")
+    slope = dynamics_function(model)(model.x, u0 + share * (u1 - u0), model.p)
+    dae = {"x": model.x, "p": ca.vertcat(u0, u1, dt, model.p), "t": share, "ode": dt * slope}
+    quietly = {"show_eval_warnings": False, "disable_internal_warnings": True}
+    return ca.integrator("implicit", "cvodes", dae, 0.0, 1.0, {"reltol": 1e-6, "abstol": 1e-9, **quietly})
 
 
 _NOTHING = "(nothing)"  # a parameter without effect: all others are held

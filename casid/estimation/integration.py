@@ -7,14 +7,17 @@ standard deviations: the estimate is a projection of the residuals. So |e| over 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Point, Value
-from casid.estimation.transcriptions.dynamics import Dynamics, Trajectory
+from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.dynamics import Trajectory
 from casid.estimation.transcriptions.steps import cached, quiet
+from casid.estimation.transcriptions.transcription import Collocation, Transcription
 from casid.native.compiler import Compilable
 
 TOLERANCE = 0.1  # standard deviations that an estimate may be off
@@ -59,23 +62,48 @@ def _fastest(objective: Objective, point: Point, decaying: bool = False) -> floa
     return float(np.abs(rates[rates.real < 0.0] if decaying else rates).max(initial=0.0))
 
 
+def order(method: Transcription) -> int:
+    """With which power of the step the error falls."""
+    return 2 * method.degree - 1 if isinstance(method, Collocation) else _ORDER
+
+
 def stable_steps(objective: Objective) -> int:
     """Steps per sample interval with which a decaying motion at the start does not grow by the method alone."""
     interval = float(objective.layout.dt.max()) * objective.layout.substeps
     return math.ceil(min(_fastest(objective, objective.start(), decaying=True) * interval / _STABLE, 1e6))
 
 
-def integration_error(objective: Objective, point: Point, linear: Linearised, value: Value, finer: Dynamics) -> float:
-    """|e| by the motion with twice as many steps from the same nodes; `finer` is the transcription with these."""
-    trajectory = value.trajectory
+def integration_error(
+    objective: Objective, point: Point, linear: Linearised, value: Value, method: Transcription
+) -> float:
+    """|e| by the motion with twice as many steps from the same nodes; `method` is the transcription with these."""
+    trajectory, finer = value.trajectory, method.dynamics(objective.problem)
     assert trajectory is not None and linear.blocks is not None
-    better = finer.trajectory(point.nodes, objective.parameters(point.theta))
-    scale = 2.0**_ORDER / (2.0**_ORDER - 1.0)  # of the difference, to the error
+    power = 2.0 ** order(method)
+    scale = power / (power - 1.0)  # of the difference, to the error
+    if isinstance(finer, LiftedCollocation):
+        better = replace(trajectory, end=_end_of_halves(objective, point, trajectory, finer))
+        direct = 0.0  # samples are nodes
+    else:
+        better = finer.trajectory(point.nodes, objective.parameters(point.theta))
+        direct = _directly(objective, value, trajectory, better, scale)
     shift = _shift_of_nodes(objective, linear, scale * (better.end - trajectory.end))
     # what a shift of a node does to the predictions of its segment, in the whitened norm
     n = shift.shape[1]
     by_node = np.einsum("kn,knm,km->k", shift, linear.blocks.hessian[:, :n, :n], shift)
-    return float(np.sqrt(_directly(objective, value, trajectory, better, scale) + by_node.sum()))
+    return float(np.sqrt(direct + by_node.sum()))
+
+
+def _end_of_halves(objective: Objective, point: Point, coarse: Trajectory, finer: LiftedCollocation) -> np.ndarray:
+    """(K, n) ends of the steps of collocation by two half steps each; the last sample of a record has no step."""
+    layout, halves = objective.layout, finer.layout
+    last = np.append(layout.first[1:], layout.segments) - 1
+    steps = np.setdiff1d(np.arange(layout.segments), last)
+    pair = halves.first[layout.record[steps]] + 2 * (steps - layout.first[layout.record[steps]])
+    parameters = objective.problem.model_parameters(point.theta)[halves.record]
+    end = coarse.end.copy()
+    end[steps] = finer.ends_of_pairs(point.nodes[steps], pair, parameters)
+    return end
 
 
 def _directly(objective: Objective, value: Value, coarse: Trajectory, fine: Trajectory, scale: float) -> float:
@@ -96,7 +124,7 @@ def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -
     return shift
 
 
-def steps_for(error: float, substeps: int) -> int:
+def steps_for(error: float, substeps: int, power: int = _ORDER) -> int:
     """Steps per sample interval with which the error should be small enough; a motion that ran off needs any number."""
-    needed = _GROWTH * substeps * (error / TOLERANCE) ** (1.0 / _ORDER) if math.isfinite(error) else math.inf
+    needed = _GROWTH * substeps * (error / TOLERANCE) ** (1.0 / power) if math.isfinite(error) else math.inf
     return math.ceil(min(needed, 1e6))

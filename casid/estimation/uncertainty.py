@@ -22,7 +22,7 @@ from casid.estimation.residual_colour import (
     noise_autocovariance,
     spread,
 )
-from casid.estimation.solvers.identified import lost
+from casid.estimation.solvers.identified import lost, weakest
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Value
 from casid.estimation.solvers.quadratic import inverse_along
@@ -82,6 +82,11 @@ class Uncertainty:
         if self.linear is None:
             return ()
         return lost(self.objective, self.linear, self.limit_multipliers)
+
+    @property
+    def weakest(self) -> tuple[str, ...]:
+        """Parameters of the direction that the data say least of."""
+        return () if self.linear is None else weakest(self.objective, self.linear, self.limit_multipliers)
 
     @cached_property
     def _free(self) -> np.ndarray:

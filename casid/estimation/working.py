@@ -17,7 +17,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.fit import Fit, StateHistory, channel_fit
-from casid.estimation.guess import smoothed_states
+from casid.estimation.guess import guessed_states
 from casid.estimation.problem import InitialState, Problem
 from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.uncertainty import Rescaled
@@ -106,24 +106,32 @@ def working(problem: Problem) -> Working:
 
 
 def _with_guess(problem: Problem, inner: Problem) -> Problem:
-    """`inner` with states that the records of `problem` do not have where a smoother sees them."""
-    found = smoothed_states(inner)
+    """`inner` with states that the records of `problem` do not have where a smoother sees them, which begins with what
+    is known of their initial value."""
+    states, known = problem.model.states, inner.initial_knowledge[0]
+    missing, table = {}, {}
+    for r, (posed, record) in enumerate(zip(problem.records, inner.records, strict=True)):
+        own = [i for i, s in enumerate(states) if s not in posed or not np.isfinite(posed[s]).any()]
+        missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
+        table[record.name][:, own] = np.where(np.isnan(known[r, own]), table[record.name][:, own], known[r, own])
+    inner = _guessing(inner, table)
+    found = guessed_states(inner)
     if found is None:
         return inner
-    table, wide, std = {}, {}, dict(inner.initial_state.std)
-    for posed, record in zip(problem.records, inner.records, strict=True):
-        without = [i for i, s in enumerate(problem.model.states) if s not in posed or not np.isfinite(posed[s]).any()]
-        table[record.name] = inner.model.guess(record).copy()
-        table[record.name][:, without] = found[record.name][:, without]
-        for i in without:  # as large as the guess itself: nobody measured it
-            name, size = inner.model.states[i], float(np.abs(found[record.name][:, i]).max())
-            if not {name, f"{name}[{record.name}]"} & set(std):
-                wide[f"{name}[{record.name}]"] = max(size, inner.model.state_scale[name])
-    return replace(
-        inner,
-        model=share_cache(replace(inner.model, guess=partial(looked_up, table)), inner.model),
-        initial_state=replace(inner.initial_state, std=std | wide),
-    )
+    std, wide = dict(inner.initial_state.std), {}
+    for record, own in missing.items():
+        table[record][:, own] = found[record][:, own]
+        for i in own:  # as large as the guess itself: nobody measured it
+            if not {states[i], f"{states[i]}[{record}]"} & set(std):
+                size = float(np.abs(found[record][:, i]).max())
+                wide[f"{states[i]}[{record}]"] = max(size, inner.model.state_scale[states[i]])
+    return _guessing(replace(inner, initial_state=replace(inner.initial_state, std=std | wide)), table)
+
+
+def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
+    """The problem with a guess (N, states) by record."""
+    model = replace(problem.model, guess=partial(looked_up, table))
+    return replace(problem, model=share_cache(model, problem.model))
 
 
 def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:

@@ -9,7 +9,28 @@ from casid.estimation.solvers.point import Linearised
 from casid.estimation.solvers.quadratic import jacobi_scale
 
 _RANK = 1e-12  # of the scaled information: a smaller eigenvalue is rounding
+_FAINT = 0.1  # standard deviations of the noise that all predictions together move
+_PART = 0.3  # of the largest share in a direction: what has less is not named
 _IDLE = 1e-6  # standard deviations of the noise that all predictions together move
+
+
+def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
+    """Parameters that the data hardly tell: a change by their whole size moves all predictions together by less than a
+    tenth of the noise; if there is none, those of the direction that the data say least of, however much that is."""
+    size = np.maximum(np.abs(linear.point.theta), np.abs(objective.problem.start_vector))
+    with np.errstate(over="ignore", invalid="ignore"):
+        moves = size * np.sqrt(np.maximum(np.diagonal(linear.hessian), 0.0))
+    faint = tuple(n for n, m in zip(objective.problem.parameters, moves, strict=True) if m < _FAINT)
+    if faint:
+        return faint
+    free = objective.free_directions(limit_multipliers)
+    inner = free.T @ linear.hessian @ free
+    if not len(inner) or not np.isfinite(inner).all():
+        return ()
+    scale = jacobi_scale(inner)
+    vector = np.linalg.eigh(inner * np.outer(scale, scale))[1][:, 0]
+    share = np.abs(free @ vector)
+    return tuple(n for n, s in zip(objective.problem.parameters, share, strict=True) if s > _PART * share.max())
 
 
 def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:

@@ -26,10 +26,11 @@ _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps th
 
 
 class Objective:
-    """Residuals of `problem`; `dynamics` is None where nothing is simulated. `noise` is what to begin with."""
+    """Residuals of `problem`; `dynamics` is None where nothing is simulated. `noise` is what to begin with, and `begin`
+    the point, that of the problem's start and guess if None."""
 
-    def __init__(self, problem: Problem, dynamics: Dynamics | None) -> None:
-        self.problem, self.dynamics = problem, dynamics
+    def __init__(self, problem: Problem, dynamics: Dynamics | None, begin: Point | None = None) -> None:
+        self.problem, self.dynamics, self._begin = problem, dynamics, begin
         self.part, self.equation_share = problem.weights
         self.equations = EquationPart(problem) if self.equation_share else None
         n = len(problem.model.states)
@@ -116,6 +117,8 @@ class Objective:
 
     def start(self) -> Point:
         """Parameters at their start values, nodes at the model's guess from the measurements."""
+        if self._begin is not None:
+            return self._begin
         theta = self.problem.start_vector
         if self.dynamics is None:
             return Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))

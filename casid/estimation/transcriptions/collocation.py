@@ -23,6 +23,9 @@ from casid.estimation.transcriptions.symbolic import collocated
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 
+_NEWTON = 12  # steps of Newton's method for two steps of the motion
+_SOLVED = 1e-6  # of the states: what may be left of its equations
+
 
 def radau(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (d,) in (0, 1], the last one 1, and C (d+1, d): derivative at point i of the polynomial of node r."""
@@ -91,6 +94,29 @@ class LiftedCollocation:
         gap = np.einsum("ri,krn->kin", self.c, together) - self.layout.dt[:, :, None] * slopes
         y = self._outputs(nodes, self.layout.u0, parameters)[0].reshape(count, 1, -1)
         return Trajectory(states=nodes[:, None], y=y.copy(), end=interior[:, -1], points=interior, gap=gap)
+
+    def ends_of_pairs(self, start: np.ndarray, pair: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(P, n) states after two steps, `pair` (P,) and the one behind it, from start (P, n): the same equations by
+        Newton's method, with nodes that follow. Parameters as of `trajectory`. Not finite where it finds none."""
+        count, degree, n = self.shape
+        nodes, repeated = np.zeros((count, n)), np.repeat(parameters, degree, axis=0)
+        nodes[pair] = nodes[pair + 1] = start
+        points = np.repeat(nodes[:, None], degree, axis=1)
+        for _ in range(_NEWTON):
+            gap = self.trajectory(nodes, parameters, points).gap
+            assert gap is not None
+            fx, fp, _, _ = (r.copy() for r in self._derivatives(points, self.u, repeated))
+            try:
+                lift = self._lift(fx.reshape(count, degree, n, n), fp.reshape(count, degree, n, -1), gap)
+            except np.linalg.LinAlgError:
+                return np.full_like(start, np.nan)
+            points = points + lift.correction.reshape(count, degree, n)
+            nodes[pair + 1] = points[pair, -1]
+        left = self.trajectory(nodes, parameters, points).gap
+        assert left is not None
+        size = np.abs(points).max(axis=(0, 1)) + 1e-300
+        good = (np.abs(left) <= _SOLVED * size).all(axis=(1, 2))
+        return np.where((good[pair] & good[pair + 1])[:, None], points[pair + 1, -1], np.nan)
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
         """Linearised at a trajectory; weights as of `Shooting.blocks`."""

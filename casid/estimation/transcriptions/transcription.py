@@ -117,7 +117,7 @@ class Collocation:
     degree
         Of the polynomials, 1 to 9.
     substeps
-        Steps per sample interval.
+        Steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
 
     Raises
     ------
@@ -126,10 +126,10 @@ class Collocation:
     """
 
     degree: int = 3
-    substeps: int = 1
+    substeps: int | None = None
 
     def __post_init__(self) -> None:
-        whole(self.substeps, "Collocation: substeps")
+        _check_substeps(self.substeps, "Collocation")
         if whole(self.degree, "Collocation: degree") > 9:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
 
@@ -146,7 +146,7 @@ class Collocation:
                 "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or "
                 "MultipleShooting()"
             )
-        layout = build_layout(problem, 1, self.substeps, whole=False)
+        layout = build_layout(problem, 1, self.substeps or 1, whole=False)
         return LiftedCollocation(problem.model, problem.free_index, layout, self.degree)
 
 
