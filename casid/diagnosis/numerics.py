@@ -148,6 +148,7 @@ class ScoreNumerics:
     pairs: int = number(2, "causes that are added whatever the first of them promises alone")
     loose: int = number(3, "ports with something unknown at most")
     settings: int = number(6, "settings of scales and ports that are gone through at most")
+    first_settings: int = number(3, "settings gone through until the best explanation is that of the fit")
     rounds: int = number(6, "rounds of search and refit at most")
     rivals: int = number(3, "rivals that are fitted as wholes")
     linear: float = number(0.1, "part of an explanation's log odds that linearisation may be wrong by")
@@ -167,6 +168,9 @@ class ScoreNumerics:
     onset_edge: float = number(0.3, "time after the beginning within which nothing can set in", unit="s")
     spacing: float = number(0.5, "time between nodes of an unknown history", unit="s")
     most_nodes: int = number(400, "nodes of all records together; longer records are looked at less finely")
+    step: float = number(
+        0.2, "time for which the response to such a history is constant, of that between nodes", "derived: 1 % of it"
+    )
     further: float = number(0.5, "prior 1-sigma of a further value of an effect in the fit, of that value")
     smallest_further: float = number(1e-3, "and at least, in its unit")
     responses: int = number(48, "whitened responses in memory twice")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from casid.diagnosis.evidence.coefficients import coefficient_series
 from casid.diagnosis.evidence.evidence import Evidence
@@ -176,11 +177,12 @@ def _records(
     longest = max(nodes, key=len)
     since = base.batch.t - base.batch.t[0]
     hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - longest) / spacing) * base.batch.live[..., None]
+    steps = [_steps(base, r, base.criteria.priors.numerics.step * spacing) for r in range(len(nodes))]
     histories: list[list[np.ndarray]] = [[] for _ in nodes]
     for port in ports:
         entered = response(base, port, hats)
         for r, n in enumerate(nodes):
-            histories[r].append(entered[:, r, :, : len(n)].reshape(-1, len(n)).astype(np.float32))
+            histories[r].append((steps[r] @ entered[:, r, :, : len(n)].reshape(-1, len(n))).astype(np.float32))
     found = []
     for r, n in enumerate(nodes):
         flat = evidence.by_record[r]
@@ -193,6 +195,19 @@ def _records(
                 histories=tuple(histories[r]),
                 shapes=np.stack([w[:, r].reshape(-1) for w in white], axis=1) if white else np.zeros((len(flat), 0)),
                 nodes=n,
+                steps=steps[r],
             )
         )
     return found
+
+
+def _steps(base: Fit, r: int, length: float) -> csr_array:
+    """The steps in time of the readings of a record: of each channel those that were read within `length`, together."""
+    seen = base.linear.seen[:, r]
+    samples = max(1, int(length / base.flight.records[r].dt + 1e-6))
+    channels = seen.shape[1]
+    step = (np.arange(len(seen)) // samples)[:, None] * channels + np.arange(channels)
+    rows, number = np.flatnonzero(seen), step[seen]
+    count = np.bincount(number, minlength=int(step.max()) + 1)
+    weight = 1.0 / np.sqrt(count[number])
+    return csr_array((weight, (number, rows)), shape=(len(count), seen.size))

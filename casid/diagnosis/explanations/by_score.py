@@ -9,7 +9,7 @@ from scipy.special import expit
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
-from casid.diagnosis.evidence.screening import Candidate, screen
+from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.reading import Reading
 from casid.diagnosis.explanations.refit import Explained, explain
@@ -52,7 +52,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     explained, turbulence, in_air = _explained(begun, criteria.priors, stages.begin)
     reading = Reading(explained=explained, structure=tuple(begun.structure))
     stages.begin("held-out records")
-    final, first = reading.fit, explained.first.fit
+    final, first = reading.fit, explained.first
     held_refitted, held_extended = (judge_on(held, one) for one in (begun.calm, final))
     (gain,) = held_gains([held_refitted, held_extended])
     stages.begin("verdict")
@@ -60,7 +60,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     if turbulence.named:
         causes = (replace(turbulence_cause(turbulence, final.flight.aircraft, None), probability=in_air), *causes)
     verdict, sentence = reading.verdict(causes)
-    candidates = _ranking(explained)
+    candidates = explained.ranking
     before, after = (tuple(missing_inputs(weigh(one, discrepancy=False))) for one in (first, final))
     on_held = view_of(held_refitted), view_of(held_extended)
     stages.end()
@@ -108,10 +108,3 @@ def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tu
     kinds = len({e.kind for e in begun.calm.flight.effects})
     in_air = float(expit(moving.posterior.best.log + priors.cause(kinds) - calm.posterior.best.log))
     return (moving, begun.turbulence, in_air) if in_air > 0.5 else (calm, still_air(begun.calm.flight), in_air)
-
-
-def _ranking(explained: Explained) -> tuple[Candidate, ...]:
-    first = explained.first.fit
-    there = {one.effect.key for one in first.attached}
-    every = first.flight.effects
-    return tuple(screen(weigh(first), [e for e in every if e.key not in there]))

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from casid.diagnosis.explanations.explanation import Explanation, Innovations
+from casid.diagnosis.explanations.explanation import Explanation, Innovations, RecordColumns
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import (
     Sums,
@@ -84,13 +84,13 @@ def _followed(sums: Sums, priors: Priors, one: Explanation, r: int, y: np.ndarra
         return np.zeros(len(y))
     some = sums.nodes_of(r, list(levels))
     ports = [(p, sums.asked.ports[p].matters) for p in levels]
-    match = np.concatenate([matters * (record.histories[p].T @ y) for p, matters in ports])
+    match = np.concatenate([matters * (record.histories[p].T @ record.in_steps(y)) for p, matters in ports])
     spreads = [np.sum([v**2 * covariance(record.nodes, tau) for v, tau in at], axis=0) for at in levels.values()]
     prior = block_diag(*[np.linalg.inv(one) for one in spreads])
     nodes = np.linalg.solve(sums.records[r].hh[np.ix_(some, some)] + prior, match)
     n = len(record.nodes)
     parts = [matters * (record.histories[p] @ nodes[i * n : (i + 1) * n]) for i, (p, matters) in enumerate(ports)]
-    return np.sum(parts, axis=0)
+    return record.in_rows(np.sum(parts, axis=0))
 
 
 def worth(left: Sequence[np.ndarray], longest: float) -> float:
@@ -106,18 +106,26 @@ def worth(left: Sequence[np.ndarray], longest: float) -> float:
 
 
 def tempered(asked: Innovations, weights: Sequence[np.ndarray]) -> Innovations:
-    """The question with the likelihood of every row raised to a power, `weights` per record (rows,)."""
+    """The question with the likelihood of every row raised to a power, `weights` per record (rows,), which does not
+    change within a step of the histories."""
     records = []
     for record, weight in zip(asked.records, weights, strict=True):
         by = np.sqrt(weight)[:, None]
+        by_step = _of_steps(record, by)
         records.append(
             replace(
                 record,
                 residual=record.residual * by[:, 0],
                 nuisance=record.nuisance * by,
                 small=record.small * by,
-                histories=tuple((h * by).astype(h.dtype) for h in record.histories),
+                histories=tuple((h * by_step).astype(h.dtype) for h in record.histories),
                 shapes=record.shapes * by,
             )
         )
     return replace(asked, records=tuple(records))
+
+
+def _of_steps(record: RecordColumns, by: np.ndarray) -> np.ndarray:
+    """(steps, 1) of (rows, 1) that does not change within a step; zero of a step in which nothing was read."""
+    of_ones = record.in_steps(np.ones(by.shape))
+    return record.in_steps(by) / np.maximum(of_ones, 1e-300)

@@ -30,7 +30,15 @@ class Competitor:
     column: CauseColumn
 
 
-def competitors(evidence: Evidence, priors: Priors, banned: Collection[str] = ()) -> list[Competitor]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pool:
+    """What competes, and the `ranking` of the whole catalogue by one cause at a time."""
+
+    competitors: tuple[Competitor, ...] = ()
+    ranking: tuple[Candidate, ...] = ()
+
+
+def pool_of(evidence: Evidence, priors: Priors, banned: Collection[str] = ()) -> Pool:
     """Causes that are not in the fit already, nor `banned`: found impossible."""
     base = evidence.fit
     there = {a.effect.key for a in base.attached}
@@ -39,7 +47,8 @@ def competitors(evidence: Evidence, priors: Priors, banned: Collection[str] = ()
     of_kind, kinds = Counter(e.kind for e in every), len({e.kind for e in every})
     found: list[Competitor] = []
     seen: set[object] = set()
-    for candidate in _ranked(evidence, effects, priors.numerics):
+    candidates, ranking = _ranked(evidence, effects, priors.numerics)
+    for candidate in candidates:
         for one in _shapes(base, candidate):
             key = one.name, one.records, tuple(sorted(one.onsets.items())), tuple(sorted(one.values.items()))
             if key in seen:
@@ -52,7 +61,7 @@ def competitors(evidence: Evidence, priors: Priors, banned: Collection[str] = ()
                 base, candidate, one, priors
             )
             found.append(Competitor(one=one, column=_column(base, one, 1.0 / share, log_prior, priors)))
-    return found
+    return Pool(competitors=tuple(found), ranking=tuple(ranking))
 
 
 def _column(base: Fit, one: Attached, matters: float, log_prior: float, priors: Priors) -> CauseColumn:
@@ -70,8 +79,11 @@ def _column(base: Fit, one: Attached, matters: float, log_prior: float, priors: 
     )
 
 
-def _ranked(evidence: Evidence, effects: Sequence[Effect], numerics: ScoreNumerics) -> list[Candidate]:
-    """The best with small terms allowed for and without, the best of every kind, switches, and events finely."""
+def _ranked(
+    evidence: Evidence, effects: Sequence[Effect], numerics: ScoreNumerics
+) -> tuple[list[Candidate], list[Candidate]]:
+    """The best with small terms allowed for and without, the best of every kind, switches, and events finely; and all
+    of the catalogue, small terms allowed for."""
     found: dict[object, Candidate] = {}
 
     def add(candidates: Iterable[Candidate]) -> None:
@@ -80,8 +92,8 @@ def _ranked(evidence: Evidence, effects: Sequence[Effect], numerics: ScoreNumeri
             found.setdefault(key, c)
 
     prints = fingerprints(evidence, effects)
-    for exact in (False, True):
-        ranking = rank(Screen(evidence, exact), prints)
+    rankings = [rank(Screen(evidence, exact), prints) for exact in (False, True)]
+    for ranking in rankings:
         add(ranking[: numerics.ranked])
         number: Counter[str] = Counter()
         for c in ranking:
@@ -93,7 +105,7 @@ def _ranked(evidence: Evidence, effects: Sequence[Effect], numerics: ScoreNumeri
         add(_finely(evidence, c, numerics))
     if not any(a.effect.members for a in evidence.fit.attached):
         add(configuration_changes(evidence))
-    return list(found.values())
+    return list(found.values()), rankings[0]
 
 
 def _finely(evidence: Evidence, coarse: Candidate, numerics: ScoreNumerics) -> list[Candidate]:

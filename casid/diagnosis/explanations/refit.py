@@ -12,13 +12,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.explanations.asking import Asked, ask
 from casid.diagnosis.explanations.colour import searched_in_colour, tempered
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
-from casid.diagnosis.explanations.pool import competitors
+from casid.diagnosis.explanations.pool import pool_of
 from casid.diagnosis.explanations.posterior import Posterior, posterior
 from casid.diagnosis.explanations.prior import Priors
-from casid.diagnosis.explanations.search import Found, search
+from casid.diagnosis.explanations.search import Found, further, search
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -29,13 +30,14 @@ from casid.errors import InputError
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Weighed:
-    """A fit, what it asked, and what the search found about it; `own` the attached effects that compete, and
-    `intervals` of onsets by name."""
+    """A fit, what it asked, and what the search found about it; `own` the attached effects that compete, `intervals` of
+    onsets by name, and the `ranking` of the catalogue by one cause at a time."""
 
     asked: Asked
     found: Found
     own: Mapping[str, CauseColumn]
     intervals: Mapping[str, Intervals] = field(default_factory=dict)
+    ranking: tuple[Candidate, ...] = ()
 
     @property
     def fit(self) -> Fit:
@@ -56,11 +58,12 @@ class Weighed:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explained:
-    """The posterior; where the naming began (`first`) and ended (`lead`), and `rivals` fitted as wholes; `worths`
-    by channel: part of its readings that independent ones would be as good as."""
+    """The posterior; where the naming began, `first` and the `ranking` of the catalogue there, and ended, `lead`, and
+    `rivals` fitted as wholes; `worths` by channel: part of its readings that independent ones would be as good as."""
 
     posterior: Posterior
-    first: Weighed
+    first: Fit
+    ranking: tuple[Candidate, ...]
     lead: Weighed
     rivals: tuple[Weighed, ...]
     worths: Mapping[str, float]
@@ -78,21 +81,24 @@ def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing
     banned: set[str] = set()
     own: dict[str, CauseColumn] = {one.name: _given(one, priors) for one in competing}
     report("explanations, round 1")
-    first = lead = _weighed(start, priors, own, banned)
-    seen = {_content(lead)}
+    lead = _weighed(start, priors, own, banned)
+    seen, ranking = {_content(lead)}, lead.ranking
     for number in range(2, priors.numerics.rounds + 1):
         if _agrees(lead, lead.best):
             break
         report(f"explanations, round {number}")
-        other = _refitted(lead, _strongest(lead), priors, banned)
+        plan = _plan(lead, _strongest(lead), priors)
+        del lead  # its columns take as much memory as those of the next
+        other = _fitted(plan, priors, banned)
         if other is None:
-            lead = _weighed(lead.fit, priors, lead.own, banned)
+            lead = _weighed(plan.start, priors, plan.before, banned)
             continue
         # what linearisation promised and the fit does not keep is a step back: then the one before stays in the lead
-        lead = other
+        lead = _planned(plan, other, priors, banned)
         if _content(lead) in seen:
             break
         seen.add(_content(lead))
+    lead = lead.with_found(further(lead.found))
     rivals = _rivals(lead, priors, banned, report)
     better = max(rivals, key=lambda one: one.best.log, default=lead)
     if better.best.log > lead.best.log + 1.0:
@@ -108,7 +114,9 @@ def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing
         if other is not None:
             lead, rivals, worths = _in_colour(other, [])
     believed = posterior(lead.found, *(one.found for one in rivals))
-    return Explained(posterior=believed, first=first, lead=lead, rivals=tuple(rivals), worths=worths)
+    return Explained(
+        posterior=believed, first=start, ranking=ranking, lead=lead, rivals=tuple(rivals), worths=worths
+    )
 
 
 def _in_colour(lead: Weighed, rivals: Sequence[Weighed]) -> tuple[Weighed, list[Weighed], dict[str, float]]:
@@ -117,6 +125,7 @@ def _in_colour(lead: Weighed, rivals: Sequence[Weighed]) -> tuple[Weighed, list[
     seen = lead.fit.linear.seen
     number = np.where(seen, np.arange(seen.shape[2]), -1)
     channels = [number[:, r].reshape(-1) for r in range(seen.shape[1])]
+    lead = lead.with_found(further(lead.found))
     found, worths = searched_in_colour(lead.found, channels)
     by_name = {name: worths.get(i, 1.0) for i, name in enumerate(lead.fit.model.outputs)}
     if found is lead.found:
@@ -138,8 +147,11 @@ def _given(one: Attached, priors: Priors) -> CauseColumn:
 
 def _weighed(now: Fit, priors: Priors, own: Mapping[str, CauseColumn], banned: set[str]) -> Weighed:
     evidence = weigh(now)
-    asked = ask(evidence, competitors(evidence, priors, banned), priors, own)
-    return Weighed(asked=asked, found=search(asked.innovations, priors), own=own)
+    pool = pool_of(evidence, priors, banned)
+    asked = ask(evidence, pool.competitors, priors, own)
+    found = search(asked.innovations, priors, settings=priors.numerics.first_settings)
+    one = Weighed(asked=asked, found=found, own=own, ranking=pool.ranking)
+    return one.with_found(further(found)) if _agrees(one, one.best) else one
 
 
 def _alone(now: Fit, priors: Priors, own: Mapping[str, CauseColumn], about: Explanation) -> Weighed:
@@ -169,9 +181,20 @@ def _agrees(now: Weighed, best: Explanation) -> bool:
     return {now.asked.innovations.causes[e.column].name for e in best.elements} == set(now.own)
 
 
-def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str], alone: bool = False) -> Weighed | None:
-    """The fit with the causes of an explanation, at first of the sizes that it gives them; None, and a name more that
-    is `banned`, when the fit makes one of them impossible."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Plan:
+    """What is to be fitted: the effects of an explanation, from the fit at which it was weighed, and the columns that
+    they compete as; `before` those of that fit, and `intervals` of their onsets."""
+
+    start: Fit
+    before: Mapping[str, CauseColumn]
+    attached: Sequence[Attached]
+    own: Mapping[str, CauseColumn]
+    intervals: Mapping[str, Intervals]
+
+
+def _plan(now: Weighed, best: Explanation, priors: Priors) -> _Plan:
+    """The causes of an explanation at the sizes that it gives them."""
     causes = now.asked.innovations.causes
     others = [one for one in now.fit.attached if one.name not in now.own]
     chosen, own = [], {}
@@ -181,19 +204,38 @@ def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str],
             one = _sized(one, amplitude, priors)
         chosen.append(replace(one, passes=False))
         own[one.name] = now.own.get(one.name, column)
+    return _Plan(start=now.fit, before=now.own, attached=[*others, *chosen], own=own, intervals=now.intervals)
+
+
+def _fitted(plan: _Plan, priors: Priors, banned: set[str]) -> tuple[Fit, Mapping[str, Intervals]] | None:
+    """The fit, and where the onsets of its new events may be; None, and a name more that is `banned`, when the fit makes
+    one of the causes impossible."""
+    start, own, before = plan.start, plan.own, plan.before
     try:
-        fitted = fit(now.fit.flight, [*others, *chosen], now.fit.noise, now.fit, iterations=12, tolerance=2.0)
-        fitted, intervals = _events(fitted, set(own) - set(now.own), priors.numerics.moves)
+        fitted = fit(start.flight, plan.attached, start.noise, start, iterations=12, tolerance=2.0)
+        fitted, intervals = _events(fitted, set(own) - set(before), priors.numerics.moves)
     except (InputError, ArithmeticError, ValueError, MemoryError):
         # of these sizes it makes an aircraft that cannot fly the record, or a shape ran off
-        banned |= set(own) - set(now.own)
+        banned |= set(own) - set(before)
         return None
     impossible = {one.name for one in fitted.attached if one.name in own and not plausible(one)}
-    if impossible - set(now.own):
+    if impossible - set(before):
         banned |= impossible
         return None
-    weighed = _alone(fitted, priors, own, best) if alone else _weighed(fitted, priors, own, banned)
-    return replace(weighed, intervals={**now.intervals, **intervals})
+    return fitted, {**plan.intervals, **intervals}
+
+
+def _planned(
+    plan: _Plan, found: tuple[Fit, Mapping[str, Intervals]], priors: Priors, banned: set[str]
+) -> Weighed:
+    return replace(_weighed(found[0], priors, plan.own, banned), intervals=found[1])
+
+
+def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str]) -> Weighed | None:
+    """The fit with the causes of an explanation, weighed; None when it cannot be."""
+    plan = _plan(now, best, priors)
+    found = _fitted(plan, priors, banned)
+    return None if found is None else _planned(plan, found, priors, banned)
 
 
 def _sized(one: Attached, amplitude: float, priors: Priors) -> Attached:
@@ -236,7 +278,8 @@ def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[s
     found: list[Weighed] = []
     for one in list(ranked.values())[: numerics.rivals]:
         report("explanations, rivals")
-        other = _refitted(lead, one, priors, set(banned), alone=True)
+        plan = _plan(lead, one, priors)
+        other = _fitted(plan, priors, set(banned))
         if other is not None:
-            found.append(other)
+            found.append(replace(_alone(other[0], priors, plan.own, one), intervals=other[1]))
     return found

@@ -71,27 +71,20 @@ def sums_of(asked: Innovations) -> Sums:
 
 def _record_sums(asked: Innovations, record: RecordColumns) -> RecordSums:
     n = len(record.nodes) * len(asked.ports)
-    sizes = n, record.nuisance.shape[1] + record.small.shape[1] + record.shapes.shape[1], 1
-    whole = np.zeros((sum(sizes),) * 2)
+    X = np.column_stack([record.nuisance, record.small, record.shapes, record.residual])
+    stepped, square = record.in_steps(X), _gram(X)
+    hh, hx = np.zeros((n, n)), np.zeros((n, X.shape[1]))
     unit = np.repeat([port.matters for port in asked.ports], len(record.nodes))
     largest = [np.abs(h).max(axis=0, initial=0.0) for h in record.histories]
     gone = DIED_AWAY * (np.concatenate(largest) if largest else np.zeros(0)) * unit
-    for first in range(0, len(record.residual), ROWS_AT_A_TIME):
+    for first in range(0, len(stepped) if n else 0, ROWS_AT_A_TIME):
         rows = slice(first, first + ROWS_AT_A_TIME)
-        H = [h[rows] for h in record.histories]
-        h = np.concatenate(H, axis=1).astype(float) * unit if H else np.zeros((len(record.residual[rows]), 0))
+        h = np.concatenate([one[rows] for one in record.histories], axis=1).astype(float) * unit
         alive = np.flatnonzero(np.abs(h).max(axis=0, initial=0.0) > gone)
-        some = [
-            h[:, alive],
-            record.nuisance[rows],
-            record.small[rows],
-            record.shapes[rows],
-            record.residual[rows, None],
-        ]
-        at = np.concatenate([alive, np.arange(n, len(whole))])
-        whole[np.ix_(at, at)] += _gram(np.concatenate(some, axis=1))
-    h, x = slice(0, n), slice(n, -1)
-    return RecordSums(hh=whole[h, h], hx=whole[h, x], hy=whole[h, -1], xx=whole[x, x], xy=whole[x, -1])
+        some = h[:, alive]
+        hh[np.ix_(alive, alive)] += _gram(some)
+        hx[alive] += some.T @ stepped[rows]
+    return RecordSums(hh=hh, hx=hx[:, :-1], hy=hx[:, -1], xx=square[:-1, :-1], xy=square[:-1, -1])
 
 
 def _gram(columns: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ settings of their own: each that the best explanation asks for is gone through a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,6 +42,7 @@ class Found:
     without  name of a cause -> the best explanation without it
     nothing  log weight of the best explanation without any cause
     alike    (causes, causes) cosines of the responses to the causes' columns, as far as the background leaves them
+    gone     the settings that were gone through, for `further`
     """
 
     sums: Sums
@@ -50,35 +51,54 @@ class Found:
     without: Mapping[str, Explanation]
     nothing: float
     alike: np.ndarray
+    gone: _Gone
 
     @property
     def asked(self) -> Innovations:
         return self.sums.asked
 
 
-def search(asked: Innovations, priors: Priors, about: Explanation | None = None) -> Found:
+def search(
+    asked: Innovations, priors: Priors, about: Explanation | None = None, settings: int | None = None
+) -> Found:
     """The explanations of these innovations that are worth their weight.
 
-    about  an explanation of nearly the same innovations, in whose setting it begins
+    about     an explanation of nearly the same innovations, in whose setting it begins
+    settings  that are gone through at most, where a glance will do
     """
-    return search_sums(sums_of(asked), priors, about)
+    return search_sums(sums_of(asked), priors, about, settings)
 
 
-def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None) -> Found:
+def search_sums(
+    sums: Sums, priors: Priors, about: Explanation | None = None, settings: int | None = None
+) -> Found:
     """The same from normal equations that are there already."""
     ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
     todo: list[_Wanted] = [(level, (), ones) for level in priors.base]
     if about is not None:
         todo = [(about.setting.level, (), {**ones, **{o: v for o, v in about.setting.scales if o in ones}})]
     gone = _Gone(sums, priors)
-    while todo and len(gone.done) < priors.numerics.settings:
+    gone.todo = todo
+    return _gone_on(gone, settings or priors.numerics.settings)
+
+
+def further(found: Found) -> Found:
+    """The same search through all of its settings."""
+    if not found.gone.todo or len(found.gone.done) >= found.priors.numerics.settings:
+        return found
+    return _gone_on(found.gone, found.priors.numerics.settings)
+
+
+def _gone_on(gone: _Gone, settings: int) -> Found:
+    todo = gone.todo
+    while todo and len(gone.done) < settings:
         wanted = todo.pop(0)
         if _named(wanted) not in gone.done:
             gone.through(wanted)
         if not todo:
             best = gone.best
             gone.large |= dict(zip(best.unknown, best.large, strict=True))
-            todo = [one for one in _asked_for(gone, best) if _named(one) not in gone.done]
+            todo = gone.todo = [one for one in _asked_for(gone, best) if _named(one) not in gone.done]
     return gone.found()
 
 
@@ -96,6 +116,8 @@ class _Gone:
         self.sums, self.priors = sums, priors
         self.helds: dict[tuple[float, tuple[Unknown, ...]], Held] = {}
         self.done: list[object] = []
+        self.todo: list[_Wanted] = []
+        self.hopeful: frozenset[str] | None = None  # entrances; all before the first setting
         self.large: dict[Unknown, float] = {}
         self._found: dict[object, Explanation] = {}
         self._without: dict[str, Explanation] = {}
@@ -115,7 +137,7 @@ class _Gone:
         level, loose, scales = wanted
         self.done.append(_named(wanted))
         back = background(self.sums, self.priors, self.held(level, loose), scales)
-        one = _Search(back, self.priors, self.large)
+        one = _Search(back, self.priors, self.large, self.hopeful)
         known = sorted(self._found.values(), key=lambda one: -one.log)[: self.priors.numerics.changed]
         for explanation in one.run([explanation.elements for explanation in known]):
             key = explanation.setting, explanation.unknown, explanation.elements
@@ -125,6 +147,7 @@ class _Gone:
             if name not in self._without or other.log > self._without[name].log:
                 self._without[name] = other
         self._nothing = max(self._nothing, one.nothing)
+        self.hopeful = one.hopeful if self.hopeful is None else self.hopeful | one.hopeful
 
     def found(self) -> Found:
         best = self.best
@@ -139,6 +162,7 @@ class _Gone:
             without=self._without,
             nothing=self._nothing,
             alike=K * unit[:, None] * unit,
+            gone=self,
         )
 
 
@@ -197,7 +221,9 @@ class _State:
 class _Search:
     """All explanations on one background."""
 
-    def __init__(self, back: Background, priors: Priors, large: Mapping[Unknown, float]) -> None:
+    def __init__(
+        self, back: Background, priors: Priors, large: Mapping[Unknown, float], among: Collection[str] | None
+    ) -> None:
         self.back, self.priors, self.large, self.causes = back, priors, large, back.sums.asked.causes
         entries = [(i, s) for i, cause in enumerate(self.causes) for s in cause.scales]
         self.column = np.array([i for i, _ in entries], dtype=int)
@@ -209,15 +235,17 @@ class _Search:
         self.diagonal = np.diag(back.K)
         self.starts = np.flatnonzero(np.diff(self.column, prepend=-1)) if len(entries) else np.zeros(0, dtype=int)
         self.ends = np.append(self.starts[1:], len(entries))
-        self.top = -np.inf
+        self.top, self.among = -np.inf, among
+        self.promises: dict[str, float] = {}
         self.found: dict[_Key, tuple[float, float]] = {}
         self.expanded: set[_Key] = set()
 
     @cached_property
     def options(self) -> list[Loosened]:
-        """Histories that may be loosened beside those of the background."""
+        """Histories that may be loosened beside those of the background, of entrances that promised anything before."""
         there = {name for name, _, _ in self.back.loose}
         entrances = [e for e in self.back.sums.asked.entrances if e.name not in there]
+        entrances = [e for e in entrances if self.among is None or e.name in self.among]
         return [option for entrance in entrances for option in self.back.loosened(entrance, self.priors)]
 
     @property
@@ -257,13 +285,27 @@ class _Search:
             K = self.diagonal - option.d @ option.f**2
             more = max(0.0, float(np.max(self._gains(z, K), initial=0.0)))
             promise.append((option.log + option.log_prior + more, i))
+            self._promised(option, promise[-1][0])
         states = [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:most]]
         if beside[1]:
             both = [self._state((i, beside[1])) for i in range(len(self.options))]
             for state in both:
                 self._note(state)
+                self._promised(self.options[state.key[0]], state.log + state.prior)
             states += sorted(both, key=lambda state: -(state.log + state.prior))[:most]
         return states
+
+    def _promised(self, option: Loosened, total: float) -> None:
+        name = option.unknown[0]
+        self.promises[name] = max(total, self.promises.get(name, -np.inf))
+
+    @property
+    def hopeful(self) -> frozenset[str]:
+        """Entrances at which something unknown is not out of the question, here or at other settings."""
+        nothing = max(sum(weight) for (_, entries), weight in self.found.items() if not entries)
+        numerics = self.priors.numerics
+        within = numerics.negligible + max(numerics.near, numerics.linear * (self.top - nothing))
+        return frozenset(name for name, total in self.promises.items() if total > self.top - within)
 
     def _gains(self, z: np.ndarray, K: np.ndarray) -> np.ndarray:
         at = self.column
