@@ -10,6 +10,7 @@ from scipy.special import expit
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Candidate
+from casid.diagnosis.explanations.predictive import predicted
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.reading import Reading
 from casid.diagnosis.explanations.refit import Explained, explain
@@ -50,6 +51,9 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     """Name causes by the posterior over explanations, and judge the model that has them on `held` records."""
     criteria = begun.calm.criteria
     explained, turbulence, in_air = _explained(begun, criteria.priors, stages.begin)
+    stages.begin("explanations, held-out records")
+    lead = explained.lead
+    explained = explained.beside(predicted(lead.fit, lead.own.keys(), held, explained.worths))
     reading = Reading(explained=explained, structure=tuple(begun.structure))
     stages.begin("held-out records")
     final, first = reading.fit, explained.first
@@ -99,12 +103,15 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
 
 
 def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tuple[Explained, Turbulence, float]:
-    """The posterior in the air that explains more, moving or calm, all else that is wrong being named in either; and
-    the probability that it moves."""
-    calm = explain(begun.structured, priors, begin)
+    """The posterior in the air as it moves by kinematics; in calm air where that explains as much with the same causes;
+    and the probability that the air moves."""
     if not begun.turbulence.named:
-        return calm, begun.turbulence, 0.0
+        return explain(begun.structured, priors, begin), begun.turbulence, 0.0
     moving = explain(begun.start, priors, begin)
+    begin("explanations, calm air")
     kinds = len({e.kind for e in begun.calm.flight.effects})
-    in_air = float(expit(moving.posterior.best.log + priors.cause(kinds) - calm.posterior.best.log))
-    return (moving, begun.turbulence, in_air) if in_air > 0.5 else (calm, still_air(begun.calm.flight), in_air)
+    gained = moving.posterior.best.log + priors.cause(kinds) - moving.lead.in_other_air(begun.structured, priors)
+    in_air = float(expit(gained))
+    if in_air > 0.5:
+        return moving, begun.turbulence, in_air
+    return explain(begun.structured, priors, begin), still_air(begun.calm.flight), in_air

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.special import ndtr
 
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
 from casid.diagnosis.explanations.search import Found
+
+_NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,13 +75,14 @@ class Posterior:
         return tuple(found)
 
 
-def posterior(found: Found, *others: Found) -> Posterior:
+def posterior(found: Found, *others: Found, predicted: Mapping[str, float] = _NOTHING) -> Posterior:
     """What the explanations of a search say together.
 
-    others  searches about other fits, of rivals that were fitted as wholes: what such a one says of the names that it
-            was fitted with, those of its best explanation, counts in place of what the first predicts of them
+    others     searches about other fits, of rivals that were fitted as wholes: what such a one says of the names that
+               it was fitted with, those of its best explanation, counts in place of what the first predicts of them
+    predicted  name of a cause of the first search -> log likelihood ratio of its predictions of records not fitted
     """
-    pairs = _together(found, others)
+    pairs = [(of, _with_predictions(found, one, of, predicted)) for of, one in _together(found, others)]
     logs = np.array([one.log for _, one in pairs])
     weights = np.exp(logs - _log_sum(logs))
     by_names: dict[frozenset[str], float] = defaultdict(float)
@@ -96,7 +100,7 @@ def posterior(found: Found, *others: Found) -> Posterior:
     weighed = [(of, one, float(weight)) for (of, one), weight in zip(pairs, weights, strict=True)]
     return Posterior(
         explanations=_ranked(by_names),
-        causes=_beliefs(found, weighed),
+        causes=_beliefs(found, weighed, predicted),
         unknown=_ranked(unknown),
         adequate=min(adequate, 1.0),
         best=max(pairs, key=lambda pair: pair[1].log)[1],
@@ -112,6 +116,17 @@ def _together(found: Found, others: Sequence[Found]) -> list[tuple[Found, Explan
     }
     pairs = [(found, one) for one in found.explanations if one.names not in refitted]
     return pairs + [(of, one) for names, of in refitted.items() for one in of.explanations if one.names == names]
+
+
+def _with_predictions(found: Found, one: Explanation, of: Found, predicted: Mapping[str, float]) -> Explanation:
+    """An explanation with what records that were not fitted say of its causes: of one in the place of a cause that they
+    were asked about, so much of it as their responses have in common."""
+    names = {of.asked.causes[e.column].name for e in one.elements}
+    more = sum(
+        ratio * max((found.cosine(cause, name) ** 2 for name in names), default=0.0)
+        for cause, ratio in predicted.items()
+    )
+    return replace(one, log=one.log + more) if more else one
 
 
 def _log_sum(logs: Sequence[float] | np.ndarray) -> float:
@@ -149,16 +164,19 @@ class _Part:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _About:
     """By name of a cause: its parts in all explanations, its probability, and the column of its most probable part;
-    and the logs of all explanations."""
+    the logs of all explanations, and what was `predicted`."""
 
     found: Found
     parts: Mapping[str, Sequence[_Part]]
     likely: Mapping[str, float]
     foremost: Mapping[str, CauseColumn]
     logs: Sequence[float]
+    predicted: Mapping[str, float]
 
 
-def _beliefs(found: Found, weighed: Sequence[tuple[Found, Explanation, float]]) -> tuple[Belief, ...]:
+def _beliefs(
+    found: Found, weighed: Sequence[tuple[Found, Explanation, float]], predicted: Mapping[str, float]
+) -> tuple[Belief, ...]:
     parts: dict[str, list[_Part]] = defaultdict(list)
     for number, (of, one, weight) in enumerate(weighed):
         columns = of.asked.causes
@@ -181,6 +199,7 @@ def _beliefs(found: Found, weighed: Sequence[tuple[Found, Explanation, float]]) 
         likely={name: min(sum(p.weight for p in of), 1.0) for name, of in parts.items()},
         foremost={name: max(of, key=lambda p: (p.weight, -p.number)).column for name, of in parts.items()},
         logs=[one.log for _, one, _ in weighed],
+        predicted=predicted,
     )
     beliefs = [_belief(about, name) for name in parts]
     return tuple(sorted(beliefs, key=lambda one: (-one.probability, -one.log_odds, one.name)))
@@ -195,7 +214,8 @@ def _belief(about: _About, name: str) -> Belief:
     having = {p.number for p in mine}
     against = _log_sum([log for number, log in enumerate(about.logs) if number not in having])
     if name in about.found.without:
-        against = max(against, about.found.without[name].log)
+        without = _with_predictions(about.found, about.found.without[name], about.found, about.predicted)
+        against = max(against, without.log)
     alike, together = _set(about, name)
     return Belief(
         name=name,

@@ -51,6 +51,13 @@ class Weighed:
         """With another search about the same fit, of the same causes."""
         return replace(self, asked=replace(self.asked, innovations=found.asked), found=found)
 
+    def in_other_air(self, beside: Fit, priors: Priors) -> float:
+        """Log weight of the best explanation by the same causes under the noise of another fit of the records."""
+        attached = [one for one in self.fit.attached if one.name in self.own]
+        others = [one for one in beside.attached if one.name not in self.own]
+        other = fit(beside.flight, [*others, *attached], beside.noise, beside, iterations=12, tolerance=2.0)
+        return _alone(other, priors, self.own, self.best).best.log
+
     def attached(self, column: CauseColumn) -> Attached:
         """What a column stands for."""
         return self.asked.ones[self.asked.innovations.causes.index(column)]
@@ -59,7 +66,8 @@ class Weighed:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explained:
     """The posterior; where the naming began, `first` and the `ranking` of the catalogue there, and ended, `lead`, and
-    `rivals` fitted as wholes; `worths` by channel: part of its readings that independent ones would be as good as."""
+    `rivals` fitted as wholes; `worths` by channel: part of its readings that independent ones would be as good as; `predicted` by cause of the lead what
+    held-out records say of it, a log likelihood ratio."""
 
     posterior: Posterior
     first: Fit
@@ -67,6 +75,12 @@ class Explained:
     lead: Weighed
     rivals: tuple[Weighed, ...]
     worths: Mapping[str, float]
+    predicted: Mapping[str, float] = field(default_factory=dict)
+
+    def beside(self, predicted: Mapping[str, float]) -> Explained:
+        """With what records that were not fitted say of the causes of the lead."""
+        believed = posterior(self.lead.found, *(one.found for one in self.rivals), predicted=predicted)
+        return replace(self, posterior=believed, predicted=predicted)
 
     def stands_for(self, column: CauseColumn) -> Attached:
         """What a column stands for, in whichever fit it is of."""

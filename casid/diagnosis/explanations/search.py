@@ -57,6 +57,20 @@ class Found:
     def asked(self) -> Innovations:
         return self.sums.asked
 
+    def cosine(self, one: str, other: str) -> float:
+        """Largest cosine between responses to two causes in any of their shapes; none of what was not asked about."""
+        if one == other:
+            return 1.0
+        at, there = self._columns.get(one), self._columns.get(other)
+        return 0.0 if at is None or there is None else float(np.abs(self.alike[np.ix_(at, there)]).max())
+
+    @cached_property
+    def _columns(self) -> dict[str, list[int]]:
+        found: dict[str, list[int]] = {}
+        for i, cause in enumerate(self.asked.causes):
+            found.setdefault(cause.name, []).append(i)
+        return found
+
 
 def search(
     asked: Innovations, priors: Priors, about: Explanation | None = None, settings: int | None = None
