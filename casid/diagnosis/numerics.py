@@ -149,6 +149,9 @@ class ScoreNumerics:
     loose: int = number(3, "ports with something unknown at most")
     settings: int = number(6, "settings of scales and ports that are gone through at most")
     first_settings: int = number(3, "settings gone through until the best explanation is that of the fit")
+    misfit: float = number(
+        0.5, "log evidence per reading, short of white noise, from which higher levels everywhere are gone through"
+    )
     rounds: int = number(6, "rounds of search and refit at most")
     rivals: int = number(3, "rivals that are fitted as wholes")
     linear: float = number(0.1, "part of an explanation's log odds that linearisation may be wrong by")

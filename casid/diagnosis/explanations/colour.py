@@ -40,9 +40,10 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
     now, worths = found, dict.fromkeys(every, 1.0)
     numerics = found.priors.numerics
     for _ in range(numerics.colour_rounds):
-        left = left_by(found.sums, found.priors, now.explanations[0])
+        left, taken = left_by(found.sums, found.priors, now.explanations[0])
         of = {c: [e[at == c] for e, at in zip(left, channels, strict=True) if np.any(at == c)] for c in every}
-        before, worths = worths, {c: worth(of[c], numerics.longest_lag) for c in every}
+        spent = {c: sum(float(h[at == c].sum()) for h, at in zip(taken, channels, strict=True)) for c in every}
+        before, worths = worths, {c: worth(of[c], numerics.longest_lag, spent[c]) for c in every}
         worths = {c: w if w < found.priors.white else 1.0 for c, w in worths.items()}
         if all(abs(np.log(worths[c] / before[c])) < numerics.colour_stays for c in every):
             break
@@ -51,8 +52,11 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
     return now, worths
 
 
-def left_by(sums: Sums, priors: Priors, one: Explanation) -> list[np.ndarray]:
-    """Per record (rows,) what an explanation, and all that every explanation has, leave of the innovations."""
+def left_by(
+    sums: Sums, priors: Priors, one: Explanation
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Per record (rows,) what an explanation, and all that every explanation has, leave of the innovations; and what its
+    fitted sizes took of each row: the leverages, which add up to the number of sizes."""
     asked, k = sums.asked, len(sums.asked.precision)
     held = hold(sums, priors, one.setting.level, one.unknown)
     common, match = with_priors(asked, held)
@@ -67,14 +71,17 @@ def left_by(sums: Sums, priors: Priors, one: Explanation) -> list[np.ndarray]:
     L, unit = root_of(whole)
     inverse = solved(L, unit, np.eye(len(whole)))
     sizes = inverse.T @ (inverse @ right)
-    left = []
+    left, taken = [], []
     for r, record in enumerate(asked.records):
-        y = record.residual - np.hstack([record.nuisance, record.small]) @ sizes[: sums.common]
-        for c, size in zip(columns, sizes[sums.common :], strict=True):
+        every = np.zeros((len(record.residual), len(sizes)))
+        every[:, : sums.common] = np.hstack([record.nuisance, record.small])
+        for i, c in enumerate(columns, start=sums.common):
             if r in asked.causes[c].shape:
-                y = y - size * record.shapes[:, asked.causes[c].shape[r]]
+                every[:, i] = record.shapes[:, asked.causes[c].shape[r]]
+        y = record.residual - every @ sizes
         left.append(y - _followed(sums, priors, one, r, y))
-    return left
+        taken.append(np.sum((every @ inverse.T) ** 2, axis=1))
+    return left, taken
 
 
 def _followed(sums: Sums, priors: Priors, one: Explanation, r: int, y: np.ndarray) -> np.ndarray:
@@ -93,8 +100,12 @@ def _followed(sums: Sums, priors: Priors, one: Explanation, r: int, y: np.ndarra
     return record.in_rows(np.sum(parts, axis=0))
 
 
-def worth(left: Sequence[np.ndarray], longest: float) -> float:
-    """Part of the readings of a channel, in stretches without gaps, that independent ones would be as good as."""
+def worth(left: Sequence[np.ndarray], longest: float, spent: float = 0.0) -> float:
+    """Part of the readings of a channel, in stretches without gaps, that independent ones would be as good as.
+
+    spent  how many of these the fitted sizes took. They are slow and take what is slow: of w n independent readings
+           w n - spent are left to tell of it, so that what is left looks by n w / (n w - spent) too good
+    """
     square, T = float(np.mean(np.concatenate(left) ** 2)), 1.0
     energy = sum(float(e @ e) for e in left)
     for lag in range(1, max(2, int(longest * max(map(len, left))))):
@@ -102,7 +113,10 @@ def worth(left: Sequence[np.ndarray], longest: float) -> float:
         if correlation <= 0.0:
             break
         T += 2.0 * correlation
-    return float(min(1.0, 1.0 / max(square * T, 1e-300)))
+    looks, n = 1.0 / max(square * T, 1e-300), sum(map(len, left))
+    # w = looks (1 - spent / (n w)); where no root is left, all that could be told is spent
+    root = max(1.0 - 4.0 * spent / (n * looks), 0.0)
+    return float(min(1.0, 0.5 * looks * (1.0 + np.sqrt(root))))
 
 
 def tempered(asked: Innovations, weights: Sequence[np.ndarray]) -> Innovations:

@@ -41,7 +41,9 @@ class Priors:
         unit="s",
     )
     base: tuple[float, ...] = number(
-        (0.0, 0.02), "levels of histories at all ports at once, in units of what matters, with equal odds"
+        (0.0, 0.02, 0.1, 0.5),
+        "levels of histories at all ports at once, in units of what matters, with equal odds",
+        "chosen: none, and up to half of what matters, where only slow or large causes are told from them",
     )
     bends: tuple[float, ...] = number(
         (1.0, 2.0, 4.0), "scales of the small terms of a coefficient, with equal odds", "derived: structure.scales"

@@ -290,10 +290,25 @@ def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[s
         if names and lead.best.log - one.log < within and not names >= lead.own.keys():
             ranked.setdefault(names, one)
     found: list[Weighed] = []
-    for one in list(ranked.values())[: numerics.rivals]:
+    plans = [(_plan(lead, one, priors), one) for one in list(ranked.values())[: numerics.rivals]]
+    for plan, one in [*plans, *((plan, lead.best) for plan in _elsewhere(lead, priors))]:
         report("explanations, rivals")
-        plan = _plan(lead, one, priors)
         other = _fitted(plan, priors, set(banned))
         if other is not None:
             found.append(replace(_alone(other[0], priors, plan.own, one), intervals=other[1]))
     return found
+
+
+def _elsewhere(lead: Weighed, priors: Priors) -> list[_Plan]:
+    """A cause of some records as one of the opposite size of all the others. But for what is fitted the two differ by a
+    cause of all records, and another cause beside the wrong one may make up for that."""
+    plans, plan = [], _plan(lead, lead.best, priors)
+    every = lead.fit.batch.names
+    for one in plan.attached:
+        if one.name not in plan.own or not one.records or one.effect.timed or not one.effect.linear:
+            continue
+        others = tuple(name for name in every if name not in one.records)
+        opposite = replace(one, records=others).with_values({"value": -one.values["value"]})
+        if others:
+            plans.append(replace(plan, attached=[opposite if a is one else a for a in plan.attached]))
+    return plans

@@ -88,7 +88,7 @@ def search_sums(
 ) -> Found:
     """The same from normal equations that are there already."""
     ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
-    todo: list[_Wanted] = [(level, (), ones) for level in priors.base]
+    todo: list[_Wanted] = [(level, (), ones) for level in priors.base[:2]]
     if about is not None:
         todo = [(about.setting.level, (), {**ones, **{o: v for o, v in about.setting.scales if o in ones}})]
     gone = _Gone(sums, priors)
@@ -109,6 +109,8 @@ def _gone_on(gone: _Gone, settings: int) -> Found:
         wanted = todo.pop(0)
         if _named(wanted) not in gone.done:
             gone.through(wanted)
+            todo += gone.higher(wanted)
+            settings += len(todo) > 0 and todo[-1][0] > gone.priors.base[1]
         if not todo:
             best = gone.best
             gone.large |= dict(zip(best.unknown, best.large, strict=True))
@@ -162,6 +164,21 @@ class _Gone:
                 self._without[name] = other
         self._nothing = max(self._nothing, one.nothing)
         self.hopeful = one.hopeful if self.hopeful is None else self.hopeful | one.hopeful
+
+    def higher(self, wanted: _Wanted) -> list[_Wanted]:
+        """The base level above that of a setting, where nothing explains the innovations at those below it."""
+        level, loose, scales = wanted
+        above = [one for one in self.priors.base if one > level]
+        if not above or level < self.priors.base[1] or self.misfit < self.priors.numerics.misfit:
+            return []
+        return [(above[0], (), scales)] if not loose else []
+
+    @property
+    def misfit(self) -> float:
+        """Log evidence per reading that the best explanation lacks of what white noise would have."""
+        readings = sum(len(record.residual) for record in self.sums.asked.records)
+        white = -0.5 * (readings * (1.0 + np.log(2.0 * np.pi)) + self.sums.asked.log_determinant)
+        return float(white - self.best.log) / max(readings, 1)
 
     def found(self) -> Found:
         best = self.best
