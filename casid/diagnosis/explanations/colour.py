@@ -2,9 +2,12 @@
 
 Innovations of a right model are white. On real flights what is left of a channel moves slowly, whatever is named, and
 to count its samples as independent makes every probability 0 or 1. Slow histories of the model take some of that. Of
-what they leave, a channel whose residual has variance s and integrated correlation T = 1 + 2 (r1 + r2 + ...) tells a
-slow cause as much as 1 / (s T) of its readings would if they were independent: the power to which its likelihood is
-raised. Assumed is that what is left has the same colour throughout, and that causes are slow beside it.
+what they leave, a channel whose residual has the density d at low frequencies, in units of that of white noise of unit
+variance, tells a slow cause as much as 1 / d of its readings would if they were independent: the power to which its
+likelihood is raised. Assumed is that what is left has the same colour throughout, and that causes are slow beside it.
+
+What is fitted is slow and takes what is slow of the noise. The density is therefore power over what fitted sizes leave
+free of it, cosine by cosine (one less leverage), from the lowest frequency on until enough is free.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from casid.diagnosis.explanations.score import (
     with_priors,
 )
 from casid.diagnosis.explanations.search import Found, search
+from casid.diagnosis.numerics import ScoreNumerics
 
 
 def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Found, dict[int, float]]:
@@ -42,8 +46,8 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
     for _ in range(numerics.colour_rounds):
         left, taken = left_by(found.sums, found.priors, now.explanations[0])
         of = {c: [e[at == c] for e, at in zip(left, channels, strict=True) if np.any(at == c)] for c in every}
-        spent = {c: sum(float(h[at == c].sum()) for h, at in zip(taken, channels, strict=True)) for c in every}
-        before, worths = worths, {c: worth(of[c], numerics.longest_lag, spent[c]) for c in every}
+        by = {c: [q[at == c] for q, at in zip(taken, channels, strict=True) if np.any(at == c)] for c in every}
+        before, worths = worths, {c: worth(of[c], by[c], numerics) for c in every}
         worths = {c: w if w < found.priors.white else 1.0 for c, w in worths.items()}
         if all(abs(np.log(worths[c] / before[c])) < numerics.colour_stays for c in every):
             break
@@ -55,8 +59,8 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
 def left_by(
     sums: Sums, priors: Priors, one: Explanation
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Per record (rows,) what an explanation, and all that every explanation has, leave of the innovations; and what its
-    fitted sizes took of each row: the leverages, which add up to the number of sizes."""
+    """Per record (rows,) what an explanation, and all that every explanation has, leave of the innovations; and (rows,
+    sizes) what its sizes took of them: products of the rows of that are the hat matrix."""
     asked, k = sums.asked, len(sums.asked.precision)
     held = hold(sums, priors, one.setting.level, one.unknown)
     common, match = with_priors(asked, held)
@@ -80,7 +84,7 @@ def left_by(
                 every[:, i] = record.shapes[:, asked.causes[c].shape[r]]
         y = record.residual - every @ sizes
         left.append(y - _followed(sums, priors, one, r, y))
-        taken.append(np.sum((every @ inverse.T) ** 2, axis=1))
+        taken.append(every @ inverse.T)
     return left, taken
 
 
@@ -100,23 +104,23 @@ def _followed(sums: Sums, priors: Priors, one: Explanation, r: int, y: np.ndarra
     return record.in_rows(np.sum(parts, axis=0))
 
 
-def worth(left: Sequence[np.ndarray], longest: float, spent: float = 0.0) -> float:
-    """Part of the readings of a channel, in stretches without gaps, that independent ones would be as good as.
+def worth(left: Sequence[np.ndarray], taken: Sequence[np.ndarray], numerics: ScoreNumerics) -> float:
+    """Part of the readings of a channel that independent ones of unit variance would be as good as.
 
-    spent  how many of these the fitted sizes took. They are slow and take what is slow: of w n independent readings
-           w n - spent are left to tell of it, so that what is left looks by n w / (n w - spent) too good
+    left, taken  per stretch without gaps (n,) what is left, and (n, sizes) what was taken of it, as `left_by` has them
     """
-    square, T = float(np.mean(np.concatenate(left) ** 2)), 1.0
-    energy = sum(float(e @ e) for e in left)
-    for lag in range(1, max(2, int(longest * max(map(len, left))))):
-        correlation = sum(float(e[lag:] @ e[:-lag]) for e in left if len(e) > lag) / max(energy, 1e-300)
-        if correlation <= 0.0:
-            break
-        T += 2.0 * correlation
-    looks, n = 1.0 / max(square * T, 1e-300), sum(map(len, left))
-    # w = looks (1 - spent / (n w)); where no root is left, all that could be told is spent
-    root = max(1.0 - 4.0 * spent / (n * looks), 0.0)
-    return float(min(1.0, 0.5 * looks * (1.0 + np.sqrt(root))))
+    found = []
+    for e, q in zip(left, taken, strict=True):
+        k, n = min(len(e), numerics.colour_waves), len(e)
+        waves = np.cos(np.pi / n * np.outer(np.arange(k), np.arange(n) + 0.5)) * np.sqrt(2.0 / n)
+        waves[0] *= np.sqrt(0.5)
+        free = 1.0 - np.sum((waves @ q) ** 2, axis=1)
+        found.append(np.stack([np.arange(k) / n, (waves @ e) ** 2, np.clip(free, 0.0, 1.0)]))
+    frequency, power, free = np.concatenate(found, axis=1)
+    order = np.argsort(frequency, kind="stable")
+    power, free = np.cumsum(power[order]), np.cumsum(free[order])
+    enough = min(int(np.searchsorted(free, numerics.colour_free)), len(free) - 1)
+    return float(min(1.0, free[enough] / max(power[enough], 1e-300)))
 
 
 def tempered(asked: Innovations, weights: Sequence[np.ndarray]) -> Innovations:

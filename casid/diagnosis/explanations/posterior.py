@@ -6,7 +6,7 @@ Nothing is decided here but by probability: a name is given where it is worth th
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -82,7 +82,7 @@ def posterior(found: Found, *others: Found, predicted: Mapping[str, float] = _NO
                it was fitted with, those of its best explanation, counts in place of what the first predicts of them
     predicted  name of a cause of the first search -> log likelihood ratio of its predictions of records not fitted
     """
-    pairs = [(of, _with_predictions(found, one, of, predicted)) for of, one in _together(found, others)]
+    pairs = [(of, _with_predictions(found, one, of, predicted)) for of, one in _together(found, others, predicted)]
     logs = np.array([one.log for _, one in pairs])
     weights = np.exp(logs - _log_sum(logs))
     by_names: dict[frozenset[str], float] = defaultdict(float)
@@ -109,12 +109,15 @@ def posterior(found: Found, *others: Found, predicted: Mapping[str, float] = _NO
     )
 
 
-def _together(found: Found, others: Sequence[Found]) -> list[tuple[Found, Explanation]]:
-    """Every explanation, as the fit says that was made for it."""
+def _together(
+    found: Found, others: Sequence[Found], predicted: Collection[str]
+) -> list[tuple[Found, Explanation]]:
+    """Every explanation, as the fit says that was made for it; also those without what other records may refuse."""
     refitted = {
         of.explanations[0].names: of for of in others if of.explanations[0].names != found.explanations[0].names
     }
-    pairs = [(found, one) for one in found.explanations if one.names not in refitted]
+    every = dict.fromkeys([*found.explanations, *(found.without[name] for name in predicted if name in found.without)])
+    pairs = [(found, one) for one in every if one.names not in refitted]
     return pairs + [(of, one) for names, of in refitted.items() for one in of.explanations if one.names == names]
 
 

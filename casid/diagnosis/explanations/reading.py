@@ -58,18 +58,32 @@ class Reading:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """The named ones, strongest first, and structure that is large."""
-        found = [self._cause(one) for one in self.named]
+        found = [self._cause(one) for one in self.named if self._still(one)]
         found += [self._put_in(one) for one in self._standing if self._notable(one) >= self.priors.named]
         return tuple(sorted(found, key=lambda c: -(c.log_odds or 0.0)))
 
     @cached_property
     def minor(self) -> tuple[Cause, ...]:
         """What is probably there and not of a size that matters, and structure that was put in."""
+        slight = [replace(self._cause(one), meaningful=False) for one in self.named if not self._still(one)]
         stood_for = {name for one in self.named for name in (one.name, *(other for other, _ in one.alike))}
         there = {one.name for one in self.fit.attached}
         beliefs = [b for b in self.explained.posterior.causes if b.probability > 0.5 and b.name not in stood_for]
         found = [self._put_in(one) for one in self._standing if self._notable(one) < self.priors.named]
-        return (*(self._predicted(b) for b in beliefs if b.name not in there), *found)
+        return (*slight, *(self._predicted(b) for b in beliefs if b.name not in there), *found)
+
+    def _still(self, belief: Belief) -> bool:
+        """Whether the size of a named cause matters, as likely as a name needs, also where the fit has ended."""
+        one = next(a for a in self.fit.attached if a.name == belief.name)
+        if one.name not in {slot.name for slot in self.fit.slots}:
+            return True
+        return self._larger(one, 1.0) >= self.priors.named
+
+    def _larger(self, one: Attached, least: float) -> float:
+        """Probability that a fitted effect is larger than so many times what matters."""
+        share, std = meaningful_share(self.fit, one), deviation(self.evidence, one.name)
+        value = abs(one.values["value"])
+        return float(ndtr((share - least) / max(share * std / max(value, 1e-300), 1e-12)))
 
     @property
     def _standing(self) -> list[Attached]:
@@ -80,9 +94,7 @@ class Reading:
         """Probability that structure which is expected of any aircraft is large enough to be told as a cause."""
         if one.slight or not is_sure(self.evidence, one.name):
             return 0.0
-        share, std = meaningful_share(self.fit, one), deviation(self.evidence, one.name)
-        value = abs(one.values["value"])
-        return float(ndtr((share - self.priors.expected) / max(share * std / max(value, 1e-300), 1e-12)))
+        return self._larger(one, self.priors.expected)
 
     def _cause(self, belief: Belief) -> Cause:
         one = next(a for a in self.fit.attached if a.name == belief.name)

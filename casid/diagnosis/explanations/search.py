@@ -109,8 +109,9 @@ def _gone_on(gone: _Gone, settings: int) -> Found:
         wanted = todo.pop(0)
         if _named(wanted) not in gone.done:
             gone.through(wanted)
-            todo += gone.higher(wanted)
-            settings += len(todo) > 0 and todo[-1][0] > gone.priors.base[1]
+            more = gone.higher(wanted)
+            todo += more
+            settings += len(more)
         if not todo:
             best = gone.best
             gone.large |= dict(zip(best.unknown, best.large, strict=True))
