@@ -56,9 +56,7 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
     return now, worths
 
 
-def left_by(
-    sums: Sums, priors: Priors, one: Explanation
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def left_by(sums: Sums, priors: Priors, one: Explanation) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Per record (rows,) what an explanation, and all that every explanation has, leave of the innovations; and (rows,
     sizes) what its sizes took of them: products of the rows of that are the hat matrix."""
     asked, k = sums.asked, len(sums.asked.precision)

@@ -109,9 +109,7 @@ def posterior(found: Found, *others: Found, predicted: Mapping[str, float] = _NO
     )
 
 
-def _together(
-    found: Found, others: Sequence[Found], predicted: Collection[str]
-) -> list[tuple[Found, Explanation]]:
+def _together(found: Found, others: Sequence[Found], predicted: Collection[str]) -> list[tuple[Found, Explanation]]:
     """Every explanation, as the fit says that was made for it; also those without what other records may refuse."""
     refitted = {
         of.explanations[0].names: of for of in others if of.explanations[0].names != found.explanations[0].names

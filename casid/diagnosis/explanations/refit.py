@@ -66,8 +66,11 @@ class Weighed:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explained:
     """The posterior; where the naming began, `first` and the `ranking` of the catalogue there, and ended, `lead`, and
-    `rivals` fitted as wholes; `worths` by channel: part of its readings that independent ones would be as good as; `predicted` by cause of the lead what
-    held-out records say of it, a log likelihood ratio."""
+    `rivals` fitted as wholes.
+
+    worths     channel -> part of its readings that independent ones would be as good as
+    predicted  cause of the lead -> what held-out records say of it, a log likelihood ratio
+    """
 
     posterior: Posterior
     first: Fit
@@ -128,9 +131,7 @@ def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing
         if other is not None:
             lead, rivals, worths = _in_colour(other, [])
     believed = posterior(lead.found, *(one.found for one in rivals))
-    return Explained(
-        posterior=believed, first=start, ranking=ranking, lead=lead, rivals=tuple(rivals), worths=worths
-    )
+    return Explained(posterior=believed, first=start, ranking=ranking, lead=lead, rivals=tuple(rivals), worths=worths)
 
 
 def _in_colour(lead: Weighed, rivals: Sequence[Weighed]) -> tuple[Weighed, list[Weighed], dict[str, float]]:
@@ -222,8 +223,8 @@ def _plan(now: Weighed, best: Explanation, priors: Priors) -> _Plan:
 
 
 def _fitted(plan: _Plan, priors: Priors, banned: set[str]) -> tuple[Fit, Mapping[str, Intervals]] | None:
-    """The fit, and where the onsets of its new events may be; None, and a name more that is `banned`, when the fit makes
-    one of the causes impossible."""
+    """The fit, and where the onsets of its new events may be; None, and a name more that is `banned`, when a cause is
+    impossible in it."""
     start, own, before = plan.start, plan.own, plan.before
     try:
         fitted = fit(start.flight, plan.attached, start.noise, start, iterations=12, tolerance=2.0)
@@ -239,9 +240,7 @@ def _fitted(plan: _Plan, priors: Priors, banned: set[str]) -> tuple[Fit, Mapping
     return fitted, {**plan.intervals, **intervals}
 
 
-def _planned(
-    plan: _Plan, found: tuple[Fit, Mapping[str, Intervals]], priors: Priors, banned: set[str]
-) -> Weighed:
+def _planned(plan: _Plan, found: tuple[Fit, Mapping[str, Intervals]], priors: Priors, banned: set[str]) -> Weighed:
     return replace(_weighed(found[0], priors, plan.own, banned), intervals=found[1])
 
 

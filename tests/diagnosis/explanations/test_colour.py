@@ -36,9 +36,7 @@ def first_order(rho: float, n: int, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize(("rho", "expected"), [(0.8, 1.0 / 9.0), (0.95, 1.0 / 39.0)])
 @pytest.mark.parametrize("fitted", [0, 20])
-def test_readings_of_a_first_order_process_are_worth_what_theory_says(
-    rho: float, expected: float, fitted: int
-) -> None:
+def test_readings_of_a_first_order_process_are_worth_what_theory_says(rho: float, expected: float, fitted: int) -> None:
     """Unit variance, correlation rho^k: (1 - rho) / (1 + rho) of the readings, also where slow waves were fitted."""
     rng, n, found = np.random.default_rng(3), 16000, []
     waves = np.linalg.qr(np.cos(np.pi / n * np.outer(np.arange(n) + 0.5, np.arange(fitted))))[0]
