@@ -61,8 +61,9 @@ def test_where_nothing_explains_the_innovations_higher_levels_are_gone_through()
     assert max(settings) <= Priors().base[1]
     records = []
     for record in asked.records:
-        drawn = [p.matters * h @ rng.standard_normal(h.shape[1]) for p, h in zip(asked.ports, record.histories)]
-        records.append(replace(record, residual=record.residual + 4.0 * np.sum(drawn, axis=0)))
+        both = zip(asked.ports, record.histories, strict=True)
+        drawn = np.sum([p.matters * h @ rng.standard_normal(h.shape[1]) for p, h in both], axis=0)
+        records.append(replace(record, residual=record.residual + 4.0 * drawn))
     found = search(replace(asked, records=tuple(records), entrances=()), Priors())
     assert found.explanations[0].setting.level == Priors().base[-1]
 
