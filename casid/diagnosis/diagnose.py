@@ -24,7 +24,7 @@ from casid.diagnosis.given.as_given import AsGiven, fly_as_given, fly_recorded
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.given.reach import reach_of
-from casid.diagnosis.judging.conclusion import concluded
+from casid.diagnosis.judging.conclusion import concluded, named_beside
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.judging.verdict import (
@@ -105,23 +105,25 @@ def diagnose(
         split(both[: len(records)], both[len(records) :], criteria.held_out)
         for both in (checked.records, checked.recorded)
     )
-    reach = reach_of(aircraft, mended, criteria, axes)
-    known = attached_effects(reach.flight)
-    flight = with_noise_level(reach.flight, known)
-    stages.begin("simulation as given")
-    given = fly_as_given(flight, reach.held, known)
-    if any(one.handled != "reported" for one in checked.findings):
-        given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
-    stages.begin("refit of the file")
-    calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
-    flight, offsets = calm.flight, demanded_offsets(calm)
-    stages.begin("kinematics")
-    found = judge_kinematics(flight, known, offsets)
-    stages.begin("refit of the file")
-    begun = _begun(calm, found.turbulence, found.slight)
-    stages.begin("naming")
-    named = _by_score if naming == "score" else _by_rules
-    return concluded(named(aircraft, begun, found, given, reach.held, stages), reach, checked.findings)
+    with named_beside(checked.doubts):
+        reach = reach_of(aircraft, mended, criteria, axes)
+        known = attached_effects(reach.flight)
+        flight = with_noise_level(reach.flight, known)
+        stages.begin("simulation as given")
+        given = fly_as_given(flight, reach.held, known)
+        if any(one.handled != "reported" for one in checked.findings):
+            given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
+        stages.begin("refit of the file")
+        calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
+        flight, offsets = calm.flight, demanded_offsets(calm)
+        stages.begin("kinematics")
+        found = judge_kinematics(flight, known, offsets)
+        stages.begin("refit of the file")
+        begun = _begun(calm, found.turbulence, found.slight)
+        stages.begin("naming")
+        named = _by_score if naming == "score" else _by_rules
+        told = named(aircraft, begun, found, given, reach.held, stages)
+        return concluded(told, reach, checked.findings, checked.doubts)
 
 
 def _unexplained(

@@ -7,7 +7,7 @@ nothing else is named. "adequate" is right of none.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -133,9 +133,3 @@ ROWS: tuple[Row, ...] = (
     _row("thrust 25 % low", _whole("thrust_scale", "thrust", -0.25)),
     _row("surfaces 0.12 s late", _whole("sensor_delay", "surfaces", 0.12)),
 )
-
-
-def short() -> Flown:
-    """The healthy flight, cut to 10 s a record: for what is to be quick."""
-    aircraft, records = healthy()
-    return aircraft, tuple(replace(r.between(r.t[0], r.t[0] + 10.0), name=r.name) for r in records)

@@ -6,6 +6,7 @@ together, by physics that needs no aerodynamics, where alternatives to the recor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,16 +15,18 @@ import numpy as np
 
 from casid.diagnosis.data import words
 from casid.diagnosis.data.criteria import DataCriteria
+from casid.diagnosis.data.file_units import SI_OF, FileUnit
 from casid.diagnosis.data.finding import Finding, Handled
 from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.model.plausible import Doubt, believable, doubts
 from casid.native.threads import single_threaded
 from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults
 from casid.records.channel_table import ChannelRow, as_text, channel_table
 from casid.records.checks import INPUTS
 from casid.records.record import Record
-from casid.signals import unit_of
+from casid.signals import SURFACES, unit_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,17 +43,20 @@ class DataFindings:
         As they were given.
     table
         Every channel of the records as they were given, in units that a person reads.
+    doubts
+        Numbers of the aircraft file that cannot be, or with which flight agrees in another unit only.
     """
 
     findings: tuple[Finding, ...]
     records: tuple[Record, ...]
     recorded: tuple[Record, ...]
     table: tuple[ChannelRow, ...]
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def clean(self) -> bool:
         """Whether nothing is wrong."""
-        return not self.findings
+        return not (self.findings or self.doubts)
 
     @property
     def reported(self) -> tuple[Finding, ...]:
@@ -62,6 +68,7 @@ class DataFindings:
         return {
             "records": [record.name for record in self.recorded],
             "data": [one.to_dict() for one in self.findings],
+            "file": [one.to_dict() for one in self.doubts],
             "channels": {row.name: row.to_dict() for row in self.table},
         }
 
@@ -74,7 +81,8 @@ class DataFindings:
         said = [f"- {one.sentence}" for one in self.findings] or [
             "Nothing is wrong with these data, as far as they tell."
         ]
-        return "\n".join([text, "", *said])
+        file = [f"- Aircraft file: {one.sentence}" for one in self.doubts]
+        return "\n".join([text, "", *(said if self.findings or not file else []), *file])
 
 
 @single_threaded()
@@ -106,18 +114,46 @@ def check(
         raise InputError("no record was given to be checked; expected at least one")
     faults = [fault for record in given for fault in channel_faults(record)] + constant_in_one(given)
     kept = tuple(without_faults(record, faults) for record in given)
-    weighing = Weighing(kept, aircraft, criteria or DataCriteria())
+    cannot_be = doubts(aircraft) if aircraft is not None else ()
+    believed = believable(aircraft, cannot_be) if aircraft is not None else None
+    weighing = Weighing(kept, believed, criteria or DataCriteria())
     weighed = weighing.found()
     alone = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     together = [_of_alternative(one, len(given), undo) for one in weighed]
+    still = _no_input(given)
     if not undo:
         kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     return DataFindings(
-        findings=(*alone, *together),
+        findings=(*alone, *together, *still),
         records=given if undo else tuple(_noted(record, (*alone, *together)) for record in kept),
         recorded=given,
         table=channel_table(given),
+        doubts=_of_the_file(aircraft, cannot_be, weighing.units),
     )
+
+
+def _of_the_file(
+    aircraft: Aircraft | None, cannot_be: tuple[Doubt, ...], units: Sequence[FileUnit]
+) -> tuple[Doubt, ...]:
+    """The most probable unit, and what cannot be in that unit either."""
+    if aircraft is None or not units:
+        return cannot_be
+    best, *rivals = units
+    sentence = words.of_file_unit(best.parameter, best.unit, [f"{one.parameter} in {one.unit}" for one in rivals])
+    given = getattr(aircraft, best.parameter, math.nan)
+    given = given if isinstance(given, float) else math.nan
+    found = Doubt(parameter=best.parameter, given=given, unit=SI_OF[best.parameter], sentence=sentence)
+    return (found, *doubts(best.corrected(aircraft)))
+
+
+def _no_input(records: Sequence[Record]) -> list[Finding]:
+    """No surface moves in any record: then nothing can be identified, whatever moves the aircraft."""
+    surfaces = [name for name in SURFACES if any(name in record for record in records)]
+    if any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
+        return []
+    sentence = words.of_no_input(surfaces, [record.name for record in records])
+    target, names = "+".join(surfaces), tuple(record.name for record in records)
+    return [Finding(kind="data_stuck", target=target, records=names, handled="reported", sentence=sentence)]
 
 
 def _noted(record: Record, findings: Sequence[Finding]) -> Record:

@@ -42,6 +42,12 @@ class DataCriteria:
     angle: float = number(0.02, "1-sigma of the mean of a flow angle, by bias and upwash", unit="rad")
     derivative: float = number(0.35, "1-sigma of a file's derivative, as a part of it")
     usual_speed: float = number(0.8, "1-sigma of the logarithm of V over 100 m/s; 20 to 500 m/s are two")
+    usual_density: float = number(
+        0.7, "1-sigma of the logarithm of rho over 0.7 kg/m3", "derived: sea level and 16 km are 0.8 and 2.1 sigmas"
+    )
+    usual_rho: float = number(0.7, "density that `usual_density` is about", unit="kg/m3")
+    usual_thrust: float = number(1.5, "1-sigma of the logarithm of thrust over weight, over a tenth")
+    usual_thrust_ratio: float = number(0.1, "thrust over weight that `usual_thrust` is about")
     slope: float = number(0.3, "part of a force's variation against which its slope over a flow angle is told at least")
     bias_rate: float = number(
         0.01, "1-sigma of what biases leave of a mean rate", "measured: 0.019 in a raw Twin Otter", unit="rad/s"

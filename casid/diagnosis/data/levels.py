@@ -13,6 +13,7 @@ from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
 from casid.diagnosis.numerics import IMPOSSIBLE, LEAST_ERRORS_STEPS, LEAST_ERRORS_WITHIN
 from casid.model.aircraft import Aircraft
+from casid.model.plausible import doubts
 
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
 
@@ -110,6 +111,18 @@ def _usual_speed(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
     return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual_speed)
 
 
+def _usual_density(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    return _ratio(_mean(c, "rho"), criteria.usual_rho, criteria.usual_density)
+
+
+def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """Thrust over weight, as far as there is any."""
+    thrust = _mean(c, "thrust")
+    if aircraft is None or thrust <= 0.0:
+        return 0.0
+    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust_ratio, criteria.usual_thrust)
+
+
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """Density of the standard troposphere at the recorded altitude."""
     height = min(max(_mean(c, "altitude"), -1000.0), 19000.0)
@@ -152,6 +165,8 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
     (("V",), ("V",), _usual_speed),
     (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim_density)),
     (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.trim_thrust)),
+    (("rho",), ("rho",), _usual_density),
+    (("thrust",), ("thrust",), _usual_thrust),
     (("ay", "beta"), ("ay", "beta", "p", "r", "delta_r"), _slope_of("ay", "beta", ("p", "r", "delta_r"))),
     (("az", "alpha"), ("az", "alpha", "q", "delta_e"), _slope_of("az", "alpha", ("q", "delta_e"))),
     (("rho", "altitude"), ("rho", "altitude"), _atmosphere),
@@ -166,8 +181,10 @@ def level_terms(
     def term(needs: tuple[str, ...], level: Callable[..., float]) -> Callable[[Read], float]:
         return lambda c: level(c, aircraft, gravity, criteria) if c.has(*needs) else 0.0
 
+    weighed = aircraft is not None and not doubts(aircraft)
     for needs, uses, level in _LEVELS:
-        yield frozenset(uses), term(needs, level)
+        if weighed or level is not _usual_thrust:
+            yield frozenset(uses), term(needs, level)
     for relation in RELATIONS:
         if relation.name in _MEANS:
             yield frozenset((*relation.uses, "t")), _of_means(relation, gravity, criteria)

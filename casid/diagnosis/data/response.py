@@ -89,6 +89,12 @@ class Response:
             found.append((alternative, self._in_records(plain, other, floor)))
         return [*found, *self._file_signs(plain, noise)]
 
+    def likelihood(self, records: Sequence[Read]) -> float:
+        """Log marginal likelihood of the file, as far as the records tell of it, with the noise that is left."""
+        there = {n for c in records for n in ("alpha", "beta", "p", "q", "r", *SURFACES) if c.has(n)}
+        plain = [self._parts(record, Reading(), there) for record in records]
+        return self._evidence(plain, self._noise(plain))
+
     def _in_records(self, plain: Sequence[Parts], other: Sequence[Parts], noise: Mapping[str, float]) -> list[float]:
         """Gain of other parts in the set of records that gains most, shared among them: all, or grown one by one."""
         base = self._evidence(plain, noise)

@@ -11,13 +11,15 @@ import numpy as np
 
 from casid.diagnosis.data.alternatives import Alternative, alternatives
 from casid.diagnosis.data.criteria import DataCriteria
+from casid.diagnosis.data.file_units import FILE_UNITS, FileUnit
 from casid.diagnosis.data.levels import level_terms
 from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
 from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
 from casid.diagnosis.data.smooth import Smooth, smooth
-from casid.diagnosis.numerics import ALIKE
+from casid.diagnosis.numerics import ALIKE, IMPOSSIBLE
 from casid.model.aircraft import Aircraft
+from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
 from casid.signals import SURFACES
 
@@ -58,6 +60,7 @@ class Weighing:
         self.names = [record.name for record in records]
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
+        self.units: list[FileUnit] = []  # in which a number of the file is, when flight says so
         self._terms = self._all_terms()
         self._present: dict[tuple[int, int], tuple[float, float]] = {}
         self._response = Response(aircraft, criteria) if aircraft is not None else None
@@ -90,20 +93,50 @@ class Weighing:
                 break
             found.append(best)
             self._take(best)
-        if self._response is None:
-            return found
+        if self._response is not None:
+            self._find_surfaces(found)
+        return found
+
+    def _find_surfaces(self, found: list[Weighed]) -> None:
+        """What the response says of surfaces, or else of the units of the file."""
         settled: set[str] = set()
         for _ in SURFACES:
             best = self._best([(a, g) for a, g in self._response_gains() if not _surfaces_of(a) & settled])
-            if best is None:
-                break
+            odds, self.units = self._file_units()
+            if best is None or (self.units and odds > best.log_odds):
+                return
+            self.units = []
             settled |= _surfaces_of(best.alternative)
             if best.alternative.kind in _OF_THE_FILE:
                 best = self._or_else_the_record(best)
             if best is not None:
                 found.append(best)
                 self._take(best)
-        return found
+
+    def _file_units(self) -> tuple[float, list[FileUnit]]:
+        """Numbers of the file with which flight would agree in another unit, the most probable one first, with those
+        that it cannot be told from, and its log odds; none when the file stands."""
+        if self._aircraft is None or self._response is None:
+            return 0.0, []
+        reads = [self._read(j, False, reading) for j, reading in enumerate(self.readings)]
+        base = self._response.likelihood(reads) + self._lift(self._aircraft)
+        odds: list[tuple[float, FileUnit]] = []
+        for unit in FILE_UNITS:
+            meant = unit.corrected(self._aircraft)
+            gain = Response(meant, self._criteria).likelihood(reads) + self._lift(meant) - base
+            odds.append((gain + self._criteria.fault, unit))
+        best = max(one for one, _ in odds)
+        if best < self._criteria.sure:
+            return best, []
+        ranked = sorted(odds, key=lambda row: -row[0])
+        return best, [one for log_odds, one in ranked if log_odds > best - self._criteria.alone]
+
+    def _lift(self, aircraft: Aircraft) -> float:
+        """Log likelihood of the lift in the trim of a file, which is the weight."""
+        ratio = lift_in_trim(aircraft)
+        if ratio is None:
+            return 0.0
+        return -0.5 * (math.log(ratio) / self._criteria.lift) ** 2 if ratio > 0.0 else IMPOSSIBLE
 
     def _or_else_the_record(self, best: Weighed) -> Weighed | None:
         """What contradicts the file may be a fault of the records, when these explain it as well."""

@@ -64,3 +64,18 @@ def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bo
     if kind == "data_swap":
         return "; they were changed back."
     return f"; it was multiplied by {value:.4g}."
+
+
+def of_file_unit(parameter: str, unit: str, rivals: Sequence[str]) -> str:
+    """A number of the aircraft file in another unit."""
+    are = "are" if parameter.endswith(("derivatives", "lengths", "in pitch")) else "is"
+    others = f" (or else {' or '.join(rivals[:2])})" if rivals else ""
+    return (
+        f"{parameter} {are} in {unit}, most likely{others}: flight agrees with the derivatives of the file then, and "
+        "not as it stands."
+    )
+
+
+def of_no_input(surfaces: Sequence[str], records: Sequence[str]) -> str:
+    """Records without any input."""
+    return f"No surface moves ({', '.join(surfaces)}) in {', '.join(records)}: nothing can be identified from these."

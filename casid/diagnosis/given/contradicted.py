@@ -19,6 +19,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.numbers import with_deviation
+from casid.model.plausible import Doubt
 from casid.model.terms import derivative_term
 from casid.model.vocabulary import effect_title
 
@@ -66,6 +67,20 @@ class Contradiction:
             "impossible": self.impossible,
             "sentence": self.sentence,
         }
+
+
+def impossible(doubt: Doubt) -> Contradiction:
+    """A number of the file that no aircraft has, whatever flight says."""
+    return Contradiction(
+        parameter=doubt.parameter,
+        unit=doubt.unit,
+        given=doubt.given,
+        flight=math.nan,
+        std=math.nan,
+        reversed=False,
+        impossible=True,
+        sentence=doubt.sentence,
+    )
 
 
 def contradicted(

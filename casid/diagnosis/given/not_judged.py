@@ -10,6 +10,7 @@ from typing import Any
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.kinematics.kinematics import NEEDED
+from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 
 # what a person looks for: angular accelerations and altitude are extras
@@ -56,6 +57,15 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
     untold = [name for name in flight.aircraft.derivatives if name in values and not values[name].told]
     if untold:
         yield NotJudged(what=", ".join(untold), because="the records say less of them than the file")
+
+
+def of_other_records(aircraft: Aircraft, records: Sequence[str]) -> Iterator[NotJudged]:
+    """Effects of a file that belong to records of other names than these."""
+    for effect in aircraft.effects:
+        named = effect.records or tuple(effect.onset_s or ())
+        if named and not set(named) & set(records):
+            title = f"{effect.kind}({effect.target}) of the file" if effect.target else f"{effect.kind} of the file"
+            yield NotJudged(what=title, because=f"it is of {_all_of(named)}, and no record is named so")
 
 
 def _all_of(names: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.given.axes import axes_that_tell
 from casid.diagnosis.given.contradicted import Contradiction, contradicted
 from casid.diagnosis.given.flight_values import FlightValue
-from casid.diagnosis.given.not_judged import NotJudged, left_open
+from casid.diagnosis.given.not_judged import NotJudged, left_open, of_other_records
 from casid.diagnosis.given.thrust import drag_level, with_thrust
 from casid.model.aircraft import Aircraft
 from casid.model.linearised import given_slopes
@@ -38,7 +38,8 @@ class Reach:
 
     def not_judged(self, values: Mapping[str, FlightValue]) -> tuple[NotJudged, ...]:
         """All that stays open, with `values` as flight has them."""
-        return (*self.lost, *left_open(self.flight, self.given, values))
+        names = [record.name for record in (*self.given, *self.held)]
+        return (*self.lost, *left_open(self.flight, self.given, values), *of_other_records(self.flight.aircraft, names))
 
     def contradicted(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
         """What of an aircraft file stands against flight, as far as these records can tell."""

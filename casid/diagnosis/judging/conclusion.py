@@ -3,23 +3,28 @@ records say against it, and what was not judged."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.given.budget import Budget
-from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.given.reach import Reach
 from casid.diagnosis.numerics import TOLD_ONE_BY_ONE
 from casid.diagnosis.result import Diagnosis
+from casid.errors import CasidError
+from casid.model.plausible import Doubt
 
 _NOTHING_MORE = "in these records."  # ends what an adequate model is told by, by rules and by score
 
 
-def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagnosis:
+def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: Sequence[Doubt]) -> Diagnosis:
     """The diagnosis with the worst verdict that holds, from one that causes and unknown inputs give alone.
+
+    Where the `data` are at fault, or the file has numbers in `doubts`, no cause is named.
 
     data at fault > unexplained > partly explained > explained > values wrong > adequate
     """
@@ -28,9 +33,14 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagno
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
     verdict, headline = found.verdict, found.headline
+    cannot_be = tuple(map(impossible, doubts))
     if at_fault:
-        found, against = _in_doubt(found), ()
+        found, against = _in_doubt(found, "the data are at fault"), cannot_be
         verdict, headline = "data at fault", f"{_several(at_fault)} Until that is mended nothing else is certain."
+    elif cannot_be:
+        found, against = _in_doubt(found, "the aircraft file cannot be right"), (*cannot_be, *against)
+        told = [replace(one, sentence=f"Aircraft file: {one.sentence}") for one in cannot_be]
+        verdict, headline = "values wrong", f"{_several(told)} Until that is mended nothing else is certain."
     elif verdict == "adequate" and against:
         verdict, headline = "values wrong", f"{_values_wrong(against)}{headline.partition(_NOTHING_MORE)[2]}"
     elif against:
@@ -49,13 +59,24 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding]) -> Diagno
     )
 
 
-def _in_doubt(found: Diagnosis) -> Diagnosis:
-    """Causes are none while the data are at fault; what was found stands under minor."""
-    doubted = [replace(c, sentence=f"{c.sentence} In doubt, for the data are at fault.") for c in found.causes]
+@contextmanager
+def named_beside(doubts: Sequence[Doubt]) -> Iterator[None]:
+    """A block whose errors name the numbers of the file that cannot be, which most likely are why."""
+    try:
+        yield
+    except CasidError as error:
+        if not doubts:
+            raise
+        raise type(error)(f"{error}; of the aircraft file: {_several(doubts)}") from None
+
+
+def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
+    """Causes are none while data or file are at fault; what was found stands under minor."""
+    doubted = [replace(c, sentence=f"{c.sentence} In doubt, for {because}.") for c in found.causes]
     return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=())
 
 
-def _several(all_of_them: Sequence[Finding | Contradiction]) -> str:
+def _several(all_of_them: Sequence[Finding | Contradiction | Doubt]) -> str:
     """Their sentences, and how many more there are."""
     told = " ".join(one.sentence for one in all_of_them[:TOLD_ONE_BY_ONE])
     more = len(all_of_them) - TOLD_ONE_BY_ONE

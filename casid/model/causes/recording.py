@@ -104,7 +104,7 @@ def position_error(channel: str, term: str) -> Effect:
     "thrust_scale",
     unit="1",
     quantity="relative error of the recorded thrust; true over recorded, less one",
-    sentence="The thrust is {percent} more than its record says.",
+    sentence="The thrust is {percent} [more|less] than its record says.",
 )
 def thrust_scale(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:

@@ -4,6 +4,7 @@ have none."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ import casid as cs
 from casid.diagnosis.data.finding import Finding
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.model.airframe import INERTIAS, Inertia
 from casid.records.record import Record
+from casid.signals import SURFACES
 from problems.blind.sets import fly_set
 from problems.faults.fault import DataFault, with_fault
 from problems.faults.flights import REAL, real_flight
@@ -125,3 +128,67 @@ def kinds(findings: Sequence[Finding]) -> list[tuple[str, str]]:
 def test_nothing_to_check_is_an_input_error() -> None:
     with pytest.raises(InputError, match="no record was given"):
         cs.check([])
+
+
+# -- the aircraft file -------------------------------------------------------------------------------------------------
+
+POUND, FOOT = 0.45359237, 0.3048
+ANGLES = ("alpha", "beta", "delta_e", "delta_a", "delta_r")
+
+
+def scaled_inertia(aircraft: Aircraft, factor: float) -> Inertia:
+    return Inertia(**{name: factor * getattr(aircraft.inertia, name) for name in INERTIAS})
+
+
+def per_degree(aircraft: Aircraft) -> Aircraft:
+    by_angle = {n: v for n, v in aircraft.derivatives.items() if n.split("_", 1)[1] in ANGLES}
+    return aircraft.with_derivatives({name: DEG * value for name, value in by_angle.items()})
+
+
+FILES = {
+    "mass": lambda a: replace(a, mass=a.mass / POUND),
+    "area": lambda a: replace(a, area=a.area / FOOT**2),
+    "inertia": lambda a: replace(a, inertia=scaled_inertia(a, 1.0 / (POUND * FOOT**2))),
+    "lateral lengths": lambda a: replace(
+        a,
+        moment_length_lateral=a.moment_length_lateral / FOOT,
+        rate_length_lateral=a.rate_length_lateral / FOOT,
+    ),
+    "derivatives": per_degree,
+}
+
+
+@pytest.mark.parametrize("parameter", FILES)
+def test_a_number_of_the_file_in_another_unit_is_told(
+    parameter: str, flown: tuple[Aircraft, tuple[Record, ...]]
+) -> None:
+    """By flight: the data are well, and so is the file as it was."""
+    aircraft, records = flown
+    checked = cs.check(records, FILES[parameter](aircraft))
+    assert not checked.findings and not checked.clean
+    assert checked.doubts[0].parameter == parameter, str(checked)
+    assert "Aircraft file: " in str(checked) and checked.to_dict()["file"][0]["parameter"] == parameter
+
+
+def test_a_unit_of_the_file_and_a_reversed_surface_are_not_confused(
+    flown: tuple[Aircraft, tuple[Record, ...]],
+) -> None:
+    aircraft, records = flown
+    checked = cs.check(with_fault(DataFault(kind="data_sign", target="delta_e", records=BOTH), records, 3), aircraft)
+    assert kinds(checked.findings) == [("data_sign", "delta_e")] and not checked.doubts
+
+
+def test_surfaces_that_never_move_leave_nothing_to_identify(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    aircraft, records = flown
+    still = [r.with_channels(**{name: np.full(len(r), r[name][0]) for name in SURFACES}) for r in records]
+    (finding,) = cs.check(still, aircraft).findings
+    assert (finding.kind, finding.handled) == ("data_stuck", "reported") and "No surface moves" in finding.sentence
+
+
+def test_density_and_thrust_are_known_without_a_trim(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """Air is between sea level and the stratosphere, thrust a part of the weight."""
+    aircraft, records = flown
+    bare = replace(aircraft, trim={})
+    turned = [r.with_channels(rho=r["rho"] / 515.3788184, thrust=r["thrust"] / 1000.0) for r in records]
+    found = cs.check(turned, bare)
+    assert sorted(kinds(found.findings)) == [("data_unit", "rho"), ("data_unit", "thrust")]

@@ -1,0 +1,179 @@
+"""Numbers of an aircraft file that no aircraft has: another unit than SI, most often.
+
+Every bound leaves room for what flies: model aircraft, gliders, transports, fighters, deltas.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from casid.model.aircraft import Aircraft
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A number of the file that cannot be, or hardly.
+
+    parameter  "mass", "area", "gravity", "trim rho", ..., "derivatives" of many together
+    given      its value in `unit`; NaN of many together
+    sentence   what is wrong with it, and what it may be
+    """
+
+    parameter: str
+    given: float
+    unit: str
+    sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `file` among the findings of a check."""
+        return {
+            "parameter": self.parameter,
+            "given": None if math.isnan(self.given) else self.given,
+            "unit": self.unit,
+            "sentence": self.sentence,
+        }
+
+
+# Bounds: lowest, highest. Gravity of the Earth up to 30 km.
+_GRAVITY = (9.7, 9.9)
+# Wing loading [N/m2]: foamy models 10 to 40, gliders 300, transports 7000, X-15 8000.
+_WING_LOADING = (8.0, 12000.0)
+# Wing area over the product of the lengths of moments: 0.75 to 1 of span and mean chord, twice or four times that where
+# half of them are taken.
+_AREA_RATIO = (0.25, 6.0)
+# Radius of gyration in roll over the length of lateral moments: 0.12 to 0.19 of the span, 0.24 to 0.37 of half of it
+# (Raymer, Aircraft Design, table of nondimensional radii of gyration), and half or twice that.
+_ROLL_RADIUS = (0.06, 0.75)
+# Radius of gyration in pitch over that in roll: 0.5 to 4, by the same table with bodies of 0.3 to 2.5 spans.
+_PITCH_RADIUS = (0.2, 8.0)
+# Lift slope per rad: pi/2 times the aspect ratio of slender wings, from 0.5 on; 2 pi of thin aerofoils, and more with
+# the compressibility before Mach 1.
+_LIFT_SLOPE = (0.3, 12.0)
+# Side force by sideslip per rad: a fuselage and a fin have 0.2 to 1.5.
+_SIDE_SLOPE = (0.03, 6.0)
+# Density [kg/m3]: the standard atmosphere at 32 km, and air of -60 deg C at sea level.
+_DENSITY = (0.012, 1.7)
+# Thrust over weight in trim: gliders have none; what is below a thousandth drags no aircraft along.
+_THRUST_RATIO = (0.002, 3.0)
+# Lift of the file in its trim over weight: three 1-sigmas of a file that is 30 % off.
+_LIFT_RATIO = (0.33, 3.0)
+_STANDARD_GRAVITY = 9.80665
+
+
+def doubts(aircraft: Aircraft) -> tuple[Doubt, ...]:
+    """What of a file cannot be, by itself: nothing of these when all is well."""
+    return (*_constants(aircraft), *_geometry(aircraft), *_slopes(aircraft), *_trim(aircraft))
+
+
+def _outside(value: float, bounds: tuple[float, float]) -> bool:
+    return not bounds[0] <= value <= bounds[1]
+
+
+def _constants(a: Aircraft) -> Iterator[Doubt]:
+    if _outside(a.gravity, _GRAVITY):
+        yield Doubt(
+            parameter="gravity",
+            given=a.gravity,
+            unit="m/s2",
+            sentence=f"gravity is {a.gravity:.4g} m/s2, which is nowhere on Earth; expected about 9.81.",
+        )
+    loading = a.mass * _STANDARD_GRAVITY / a.area
+    if _outside(loading, _WING_LOADING):
+        yield Doubt(
+            parameter="mass",
+            given=a.mass,
+            unit="kg",
+            sentence=f"mass {a.mass:.4g} kg on an area of {a.area:.4g} m2 is a wing loading of {loading:.3g} N/m2, "
+            f"which no aircraft has ({_WING_LOADING[0]:.0f} to {_WING_LOADING[1]:.0f}): is the mass in kg, the "
+            "area in m2?",
+        )
+
+
+def _geometry(a: Aircraft) -> Iterator[Doubt]:
+    ratio = a.area / (a.moment_length_lateral * a.moment_length_pitch)
+    if _outside(ratio, _AREA_RATIO):
+        yield Doubt(
+            parameter="area",
+            given=a.area,
+            unit="m2",
+            sentence=f"area {a.area:.4g} m2 is {ratio:.2g} times the product of the lengths of moments, "
+            f"{a.moment_length_lateral:.3g} and {a.moment_length_pitch:.3g} m; wings have 0.75 to 4: is "
+            "the area in m2, are the lengths in m?",
+        )
+    roll, pitch = math.sqrt(a.inertia.Ixx / a.mass), math.sqrt(a.inertia.Iyy / a.mass)
+    if _outside(roll / a.moment_length_lateral, _ROLL_RADIUS) or _outside(pitch / roll, _PITCH_RADIUS):
+        yield Doubt(
+            parameter="inertia",
+            given=a.inertia.Ixx,
+            unit="kg m2",
+            sentence=f"inertia: radii of gyration of {roll:.3g} m in roll and {pitch:.3g} m in pitch do not fit a "
+            f"lateral length of {a.moment_length_lateral:.3g} m: is the inertia in kg m2, the mass in kg?",
+        )
+
+
+def _slopes(a: Aircraft) -> Iterator[Doubt]:
+    """Derivatives per degree are 57 times smaller than per rad. Of files with tables, they are increments."""
+    if a.tables or a.aerodynamics is not None:
+        return
+    for name, bounds in (("CL_alpha", _LIFT_SLOPE), ("CZ_alpha", _LIFT_SLOPE), ("CY_beta", _SIDE_SLOPE)):
+        value = a.derivatives.get(name, 0.0)
+        if value != 0.0 and _outside(abs(value), bounds):
+            yield Doubt(
+                parameter=name,
+                given=value,
+                unit="1/rad",
+                sentence=f"{name} is {value:.3g} per rad; aircraft have {bounds[0]:.2g} to {bounds[1]:.2g} in size: "
+                "is it per degree?",
+            )
+
+
+def _trim(a: Aircraft) -> Iterator[Doubt]:
+    rho, thrust = a.trim.get("rho"), a.trim.get("thrust", 0.0)
+    thin = rho is not None and _outside(rho, _DENSITY)
+    if thin:
+        yield Doubt(
+            parameter="trim rho",
+            given=rho,
+            unit="kg/m3",
+            sentence=f"rho of [trim] is {rho:.3g} kg/m3; air has {_DENSITY[0]:.2g} to {_DENSITY[1]:.2g}: is it in "
+            "slug/ft3?",
+        )
+    weight = a.mass * _STANDARD_GRAVITY
+    if thrust != 0.0 and _outside(abs(thrust) / weight, _THRUST_RATIO):
+        yield Doubt(
+            parameter="trim thrust",
+            given=thrust,
+            unit="N",
+            sentence=f"thrust of [trim] is {thrust:.3g} N, {thrust / weight:.1g} of the weight: is it in kN?",
+        )
+    lift = None if thin else lift_in_trim(a)
+    if lift is not None and _outside(lift, _LIFT_RATIO):
+        yield Doubt(
+            parameter="trim lift",
+            given=lift,
+            unit="1",
+            sentence=f"the lift of the file in its [trim] is {lift:.2g} times the weight: look at mass, area, V, rho, "
+            "alpha and the lift derivatives.",
+        )
+
+
+def lift_in_trim(a: Aircraft) -> float | None:
+    """Lift over weight in the trim of the file, None where it does not say."""
+    zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if a.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
+    linear = not (a.tables or a.aerodynamics or a.terms.get(zero[:2])) and {zero, slope} <= a.derivatives.keys()
+    if not linear or not {"V", "rho", "alpha"} <= a.trim.keys():
+        return None
+    by_tail = a.derivatives.get(f"{zero[:2]}_delta_e", 0.0) * a.trim.get("delta_e", 0.0)
+    lift = sign * (a.derivatives[zero] + a.derivatives[slope] * a.trim["alpha"] + by_tail)
+    return lift * 0.5 * a.trim["rho"] * a.trim["V"] ** 2 * a.area / (a.mass * _STANDARD_GRAVITY)
+
+
+def believable(aircraft: Aircraft, found: tuple[Doubt, ...]) -> Aircraft:
+    """The aircraft without what is in doubt and can be left out: entries of [trim], gravity."""
+    names = {one.parameter for one in found}
+    trim = {key: value for key, value in aircraft.trim.items() if f"trim {key}" not in names}
+    gravity = _STANDARD_GRAVITY if "gravity" in names else aircraft.gravity
+    return replace(aircraft, trim=trim, gravity=gravity)
