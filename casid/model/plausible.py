@@ -132,8 +132,9 @@ def _slopes(a: Aircraft) -> Iterator[Doubt]:
 
 def _trim(a: Aircraft) -> Iterator[Doubt]:
     rho, thrust = a.trim.get("rho"), a.trim.get("thrust", 0.0)
-    thin = rho is not None and _outside(rho, _DENSITY)
-    if thin:
+    thin = False
+    if rho is not None and _outside(rho, _DENSITY):
+        thin = True
         yield Doubt(
             parameter="trim rho",
             given=rho,
