@@ -73,15 +73,19 @@ def hidden(kind: str, seed: int, each: int, flight: HealthyFlight) -> Iterator[D
             yield fault
 
 
-def outcome(fault: DataFault | None, flight: HealthyFlight, seed: int, whole: bool) -> tuple[str, str]:
-    """One of OUTCOMES, and what was said."""
+def outcome(
+    fault: DataFault | None, flight: HealthyFlight, seed: int, whole: bool, besides: set[tuple[str, str]]
+) -> tuple[str, str]:
+    """One of OUTCOMES, and what was said; `besides` gathers what a diagnosis names in the flight without a fault."""
     try:
         healthy = [thinned(record, DIAGNOSED_HZ) for record in flight.records] if whole else flight.records
         records = with_fault(fault, healthy, seed)
         if whole:
             found = diagnose(flight.aircraft, records)
             said = [*(one.sentence for one in found.data), *(one.sentence for one in found.causes)]
-            return score_causes(fault, found.data, found.causes, found.verdict), " ".join(said)
+            if fault is None:
+                besides |= {(one.kind, one.target) for one in found.causes}
+            return score_causes(fault, found.data, found.causes, found.verdict, besides), " ".join(said)
         checked = check(records, flight.aircraft)
     except InputError as error:
         return "refused", str(error)
@@ -124,10 +128,11 @@ def main() -> None:
         writer.writeheader()
         for seed in seeds(given.seeds):
             for flight in flights(seed):
+                besides: set[tuple[str, str]] = set()
                 for kind in given.kinds:
                     stage(f"seed {seed}, {flight.name}, {kind}")
                     for fault in hidden(kind, seed, given.each, flight):
-                        rows.append(row(seed, flight, fault, outcome(fault, flight, seed, given.diagnose)))
+                        rows.append(row(seed, flight, fault, outcome(fault, flight, seed, given.diagnose, besides)))
                         writer.writerow(rows[-1])
                         file.flush()
     text = table(rows)

@@ -118,6 +118,9 @@ TOLD_ONE_BY_ONE = 3
 # Log likelihood below which a level of a channel, and the sign of a derivative, are impossible anyhow.
 IMPOSSIBLE, IMPOSSIBLE_SIGN = -60.0, -40.0
 
+# m in a foot, kg in a pound and in a slug.
+FOOT, POUND, SLUG = 0.3048, 0.45359237, 14.593902937206364
+
 # Logarithms of factors of units that are one factor.
 ALIKE = 0.1
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.data.finding import Finding
@@ -56,10 +56,20 @@ def _set_of(finding: Finding) -> Iterable[tuple[str, str]]:
         yield str(other["kind"]), str(other["target"])
 
 
-def score_causes(fault: DataFault | None, findings: Sequence[Finding], causes: Sequence[Cause], verdict: str) -> str:
-    """One of OUTCOMES of a whole diagnosis: a fault may be told as a finding of the data or as a cause."""
+def score_causes(
+    fault: DataFault | None,
+    findings: Sequence[Finding],
+    causes: Sequence[Cause],
+    verdict: str,
+    besides: Collection[tuple[str, str]] = (),
+) -> str:
+    """One of OUTCOMES of a whole diagnosis: a fault may be told as a finding of the data or as a cause.
+
+    `besides` are kind and target of causes that the same flight has without the fault: a real one has its own.
+    """
     if fault is None:
         return "false alarm" if findings or causes else "quiet"
+    causes = [one for one in causes if (one.kind, one.target) not in besides]
     told = {(one.kind, one.target) for one in causes}
     sets = told | {(str(o["kind"]), str(o["target"])) for one in causes for o in one.indistinguishable_from}
     of_data = score(fault, findings)

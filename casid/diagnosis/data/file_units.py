@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from casid.diagnosis.numerics import FOOT, POUND, SLUG
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.model.terms import parse_term
 
-_FOOT, _POUND, _SLUG = 0.3048, 0.45359237, 14.593903
 _ANGLES = frozenset(("alpha", "beta", "delta_e", "delta_a", "delta_r"))
 
 
@@ -53,23 +53,23 @@ class FileUnit:
 
 
 FILE_UNITS: tuple[FileUnit, ...] = (
-    FileUnit(parameter="mass", unit="lb", mass=_POUND),
+    FileUnit(parameter="mass", unit="lb", mass=POUND),
     FileUnit(parameter="mass", unit="t", mass=1000.0),
-    FileUnit(parameter="mass", unit="slug", mass=_SLUG),
-    FileUnit(parameter="inertia", unit="slug ft2", inertia=_SLUG * _FOOT**2),
-    FileUnit(parameter="inertia", unit="lb ft2", inertia=_POUND * _FOOT**2),
-    FileUnit(parameter="area", unit="ft2", area=_FOOT**2),
-    FileUnit(parameter="lateral lengths", unit="ft", lateral=_FOOT),
-    FileUnit(parameter="lengths in pitch", unit="ft", pitch=_FOOT),
+    FileUnit(parameter="mass", unit="slug", mass=SLUG),
+    FileUnit(parameter="inertia", unit="slug ft2", inertia=SLUG * FOOT**2),
+    FileUnit(parameter="inertia", unit="lb ft2", inertia=POUND * FOOT**2),
+    FileUnit(parameter="area", unit="ft2", area=FOOT**2),
+    FileUnit(parameter="lateral lengths", unit="ft", lateral=FOOT),
+    FileUnit(parameter="lengths in pitch", unit="ft", pitch=FOOT),
     FileUnit(parameter="derivatives", unit="1/deg", per_angle=math.degrees(1.0)),
     FileUnit(
         parameter="mass, inertia, area and lengths",
         unit="slug and ft",
-        mass=_SLUG,
-        inertia=_SLUG * _FOOT**2,
-        area=_FOOT**2,
-        lateral=_FOOT,
-        pitch=_FOOT,
+        mass=SLUG,
+        inertia=SLUG * FOOT**2,
+        area=FOOT**2,
+        lateral=FOOT,
+        pitch=FOOT,
     ),
 )
 
