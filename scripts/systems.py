@@ -32,28 +32,31 @@ def main() -> None:
     for name in arguments.systems:
         if name not in SYSTEMS:
             raise unknown("system", name, SYSTEMS)
-    all_of_them = [0, 0, 0, 0]
+    all_of_them = [0, 0, 0, 0, 0]
     for name in arguments.systems:
-        counts = [0, 0, 0, 0]
+        counts = [0, 0, 0, 0, 0]
         for seed in seeds:
             begin = time.perf_counter()
             one = outcome(SYSTEMS[name], seed, arguments.clean)
-            counts = [a + b for a, b in zip(counts, (1, one.found, one.sized, one.extras), strict=True)]
+            counts = [a + b for a, b in zip(counts, (1, one.found, one.sized, one.extras, one.minor), strict=True)]
             hidden = f"{one.fault.name} {one.fault.size:.4g}" if one.fault else "nothing"
             said = ", ".join(
                 f"{c.kind}({c.target}{':' + c.term if c.term else ''}) {c.value:.4g}" for c in one.result.causes
             )
             minor = "".join(f", minor {c.kind}({c.target}) {c.value:.4g}" for c in one.result.minor)
             left = ", ".join(f"unexplained {u.port.name}" for u in one.result.unexplained)
-            mark = "found" if one.found else "MISSED"
+            mark = "found" if one.found else "minor" if one.minor else "MISSED"
             seconds = time.perf_counter() - begin
             print(
                 f"{name} {seed}: {mark:6} {hidden} -> {said or left or one.result.verdict}{minor} ({seconds:.1f} s)",
                 flush=True,
             )
-        print(f"{name}: found {counts[1]} of {counts[0]}, sized {counts[2]}, further names {counts[3]}", flush=True)
+        print(
+            f"{name}: found {counts[1]} of {counts[0]}, sized {counts[2]}, further names {counts[3]}, told as minor {counts[4]}",
+            flush=True,
+        )
         all_of_them = [a + b for a, b in zip(all_of_them, counts, strict=True)]
-    print("all: found {1} of {0}, sized {2}, further names {3}".format(*all_of_them))
+    print("all: found {1} of {0}, sized {2}, further names {3}, told as minor {4}".format(*all_of_them))
 
 
 if __name__ == "__main__":

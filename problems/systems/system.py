@@ -11,6 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from casid.diagnosis.systems.library import Library
+from casid.errors import InputError
 from casid.model.port import Port, ports_of
 from casid.model.system import Model
 from casid.records.record import Record
@@ -70,9 +71,9 @@ class System:
         found = ports_of(self.model(), self.exact)
         return [replace(p, matters=self.matters.get(p.name)) if p.kind == "output" else p for p in found]
 
-    def draw(self, seed: int) -> Fault:
+    def draw(self, seed: int, attempt: int = 0) -> Fault:
         """A fault by chance."""
-        rng = np.random.default_rng([seed, 1])
+        rng = np.random.default_rng([seed, 1, attempt] if attempt else [seed, 1])
         kind, target, term, low, high = self.faults[int(rng.integers(len(self.faults)))]
         size = float(rng.uniform(low, high))
         some = ("m2",) if kind in ("parameter_change", "sensor_stuck") else ()
@@ -80,7 +81,7 @@ class System:
         return Fault(kind=kind, target=target, term=term, size=size, records=some, onset=onset)
 
     def fly(self, seed: int, fault: Fault | None) -> list[Record]:
-        """Noisy records m1, m2, ... of the system with a fault in it."""
+        """Noisy records m1, m2, ... of the system with a fault in it. Raises InputError when it runs off with that."""
         rng = np.random.default_rng([seed, 2])
         nominal = self.model().nominal
         truth = {name: value * (1.0 + _SCATTER * rng.standard_normal()) for name, value in nominal.items()}
@@ -115,6 +116,8 @@ class System:
             max_step=self.step,
             method="LSODA",
         )
+        if not solved.success or not np.isfinite(solved.y).all():
+            raise InputError(f"{self.name}: the system runs off with {fault.name if fault else 'nothing'}")
         readings = self.reads(dict(zip(x0, solved.y, strict=True)), p)
         channels = dict(commanded)
         for n, values in readings.items():

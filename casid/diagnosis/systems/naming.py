@@ -174,7 +174,8 @@ class Searching:
         return Naming(wholes=tuple(wholes.values()), criteria=criteria)
 
     def whole(self, extended: Extended, start: Mapping[str, float], most: float = np.inf) -> Whole | None:
-        """An extended model fitted and scored; None when it cannot be fitted to a cost of `most`."""
+        """An extended model fitted and scored; None when it cannot be fitted to a cost of `most`, or its motion
+        ran off so far that it has no slopes."""
         known = {name: value for name, value in start.items() if name in extended.model.parameters}
         found = fitted(extended, self.asked, known)
         if found is None or found.fit.cost > most:
@@ -182,7 +183,10 @@ class Searching:
         taken = {one.name for one in extended.attached}
         driven = {one.cause.target for one in extended.attached if one.cause.operator}
         causes = [c for c in self.causes if c.name not in taken and not (c.operator and c.target in driven)]
-        asked = columns_of(found, self.asked, self.ports, causes, self.library)
+        try:
+            asked = columns_of(found, self.asked, self.ports, causes, self.library)
+        except np.linalg.LinAlgError:
+            return None
         sums = sums_of(asked.innovations)
         total = sum(one.log_prior for one in found.extended.attached) + _alone(sums, asked)
         return Whole(found=found, asked=asked, sums=sums, total=total, criteria=self.asked.criteria.systems)
