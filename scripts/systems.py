@@ -13,6 +13,8 @@ import time
 from casid.errors import InputError, run_script, unknown
 from problems.systems.count import SYSTEMS, outcome
 
+SUMMARY = "found {1} of {0}, sized {2}, further names {3}, told as minor {4}"
+
 
 def seeds_of(text: str) -> range:
     """ "1..10" as numbers."""
@@ -51,12 +53,9 @@ def main() -> None:
                 f"{name} {seed}: {mark:6} {hidden} -> {said or left or one.result.verdict}{minor} ({seconds:.1f} s)",
                 flush=True,
             )
-        print(
-            f"{name}: found {counts[1]} of {counts[0]}, sized {counts[2]}, further names {counts[3]}, told as minor {counts[4]}",
-            flush=True,
-        )
+        print(f"{name}: {SUMMARY.format(*counts)}", flush=True)
         all_of_them = [a + b for a, b in zip(all_of_them, counts, strict=True)]
-    print("all: found {1} of {0}, sized {2}, further names {3}, told as minor {4}".format(*all_of_them))
+    print(f"all: {SUMMARY.format(*all_of_them)}")
 
 
 if __name__ == "__main__":
