@@ -110,12 +110,18 @@ class _Sums:
         match = self.slope[k:] - by_slots @ self.slope[:k]
         return most_likely_scales(square, match, self.alike, self.owners, self.scales)
 
+    def information(self, scales: Mapping[str, float]) -> np.ndarray:
+        """Of slots and small terms, priors included."""
+        k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
+        found = self.gram.copy()
+        found[k:, k:] += self.alike / scale[:, None] / scale
+        return found
+
     def posterior(self, scales: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
         """(covariance, newton, and by what the marginalised small terms change the deviance)."""
         k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
         prior = self.alike / scale[:, None] / scale
-        information = self.gram.copy()
-        information[k:, k:] += prior
+        information = self.information(scales)
         covariance = scaled_inverse(information)
         newton = covariance @ self.slope
         deviance = -float(self.slope @ newton)
@@ -220,6 +226,22 @@ def scatter(evidence: Evidence, index: int) -> float:
     share = np.concatenate(shares)
     own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
+
+
+def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
+    """1-sigma of a fitted slot from how far leaving out whole records would move it, to first order; none from fewer
+    than three. What differs between flights and stays the same within each, stretches of record do not show.
+    """
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    if len(records) < 3:
+        return 0.0
+    information, without = evidence._sums.information(evidence.scales), []
+    for r in records:
+        flat = evidence.by_record[r]
+        others = evidence._sums.slope - flat.T @ evidence.fit.white[:, r].reshape(-1)
+        without.append(float((scaled_inverse(information - gram_of(flat)) @ others)[index]))
+    n = len(records)
+    return float(np.sqrt((n - 1) / n * np.sum((np.array(without) - np.mean(without)) ** 2)))
 
 
 def gram_of(columns: np.ndarray) -> np.ndarray:

@@ -52,8 +52,8 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     criteria = begun.calm.criteria
     explained, turbulence, in_air = _explained(begun, criteria.priors, stages.begin)
     stages.begin("explanations, held-out records")
-    lead = explained.lead
-    explained = explained.beside(predicted(lead.fit, lead.own.keys(), held, explained.worths))
+    lead, rivals = explained.lead, [one.fit for one in explained.rivals]
+    explained = explained.beside(*predicted(lead.fit, lead.own.keys(), rivals, held, explained.worths))
     reading = Reading(explained=explained, structure=tuple(begun.structure))
     stages.begin("held-out records")
     final, first = reading.fit, explained.first

@@ -75,14 +75,21 @@ class Posterior:
         return tuple(found)
 
 
-def posterior(found: Found, *others: Found, predicted: Mapping[str, float] = _NOTHING) -> Posterior:
+def posterior(
+    found: Found, *others: Found, predicted: Mapping[str, float] = _NOTHING, wholes: Sequence[float] = ()
+) -> Posterior:
     """What the explanations of a search say together.
 
     others     searches about other fits, of rivals that were fitted as wholes: what such a one says of the names that
                it was fitted with, those of its best explanation, counts in place of what the first predicts of them
     predicted  name of a cause of the first search -> log likelihood ratio of its predictions of records not fitted
+    wholes     of each of the others the same ratio of the whole of it, to the first
     """
-    pairs = [(of, _with_predictions(found, one, of, predicted)) for of, one in _together(found, others, predicted)]
+    ratios = {id(of): ratio for of, ratio in zip(others, wholes, strict=False)}
+    pairs = []
+    for of, one in _together(found, others, predicted):
+        ratio = _refused(found, one, predicted) if of is found else ratios.get(id(of), 0.0)
+        pairs.append((of, replace(one, log=one.log + ratio) if ratio else one))
     logs = np.array([one.log for _, one in pairs])
     weights = np.exp(logs - _log_sum(logs))
     by_names: dict[frozenset[str], float] = defaultdict(float)
@@ -119,15 +126,12 @@ def _together(found: Found, others: Sequence[Found], predicted: Collection[str])
     return pairs + [(of, one) for names, of in refitted.items() for one in of.explanations if one.names == names]
 
 
-def _with_predictions(found: Found, one: Explanation, of: Found, predicted: Mapping[str, float]) -> Explanation:
-    """An explanation with what records that were not fitted say of its causes: of one in the place of a cause that they
-    were asked about, so much of it as their responses have in common."""
-    names = {of.asked.causes[e.column].name for e in one.elements}
-    more = sum(
-        ratio * max((found.cosine(cause, name) ** 2 for name in names), default=0.0)
-        for cause, ratio in predicted.items()
-    )
-    return replace(one, log=one.log + more) if more else one
+def _refused(found: Found, one: Explanation, predicted: Mapping[str, float]) -> float:
+    """What records that were not fitted say of an explanation that lacks some of the causes that they were asked about:
+    of a cause in the place of one of these, so much as the response to it does not have in common."""
+    names = {found.asked.causes[e.column].name for e in one.elements}
+    shared = {c: max((found.cosine(c, name) ** 2 for name in names), default=0.0) for c in predicted}
+    return -float(sum((1.0 - shared[cause]) * ratio for cause, ratio in predicted.items()))
 
 
 def _log_sum(logs: Sequence[float] | np.ndarray) -> float:
@@ -215,8 +219,8 @@ def _belief(about: _About, name: str) -> Belief:
     having = {p.number for p in mine}
     against = _log_sum([log for number, log in enumerate(about.logs) if number not in having])
     if name in about.found.without:
-        without = _with_predictions(about.found, about.found.without[name], about.found, about.predicted)
-        against = max(against, without.log)
+        without = about.found.without[name]
+        against = max(against, without.log + _refused(about.found, without, about.predicted))
     alike, together = _set(about, name)
     return Belief(
         name=name,

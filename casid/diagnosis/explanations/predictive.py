@@ -20,14 +20,15 @@ from casid.records.record import Record
 
 
 def predicted(
-    lead: Fit, causes: Collection[str], held: Sequence[Record], worths: Mapping[str, float]
-) -> dict[str, float]:
-    """Name of a cause -> log of the likelihood ratio of its predictions, its readings counted for what they are worth.
+    lead: Fit, causes: Collection[str], rivals: Sequence[Fit], held: Sequence[Record], worths: Mapping[str, float]
+) -> tuple[dict[str, float], list[float]]:
+    """Logarithms of likelihood ratios of predictions, readings counted for what they are `worths`: name of a cause of
+    the lead -> of the lead to it without that cause; and of each rival to the lead.
 
     None of what held-out records need not have: an event, a cause of some records.
     """
     if not held:
-        return {}
+        return {}, []
     whole, found = _deviance(judge_on(held, lead), worths), {}
     for one in lead.attached:
         if one.name not in causes or not _repeats(one):
@@ -38,7 +39,7 @@ def predicted(
             found[one.name] = 0.5 * (_deviance(judge_on(held, without), worths) - whole)
         except (InputError, ArithmeticError):
             continue  # an aircraft that cannot fly without it says nothing
-    return found
+    return found, [0.5 * (whole - _deviance(judge_on(held, rival), worths)) for rival in rivals]
 
 
 def _repeats(one: Attached) -> bool:

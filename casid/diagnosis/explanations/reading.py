@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, weigh
+from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, jackknife, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation
 from casid.diagnosis.explanations.asking import TURBULENCE
 from casid.diagnosis.explanations.posterior import Belief
@@ -99,7 +99,7 @@ class Reading:
     def _cause(self, belief: Belief) -> Cause:
         one = next(a for a in self.fit.attached if a.name == belief.name)
         slots = {slot.name for slot in self.fit.slots}
-        std = deviation(self.evidence, one.name) if one.name in slots else belief.std
+        std = self._std(one) if one.name in slots else belief.std
         intervals = self.explained.lead.intervals.get(one.name, {})
         told = _told(one, self.fit, belief, max(std, belief.std if one.effect.linear else 0.0))
         onsets = {r: intervals.get(r, (t - 1.0, t + 1.0)) for r, t in one.onsets.items()}
@@ -108,6 +108,11 @@ class Reading:
             onset_s=onset_intervals(self.evidence, one, onsets) if one.effect.timed else None,
             indistinguishable_from=tuple(self._alike(name, p) for name, p in belief.alike),
         )
+
+    def _std(self, one: Attached) -> float:
+        """1-sigma of a size: of the fit and its stretches of record, or by leaving out whole records, if that is more."""
+        there = [r for r, name in enumerate(self.fit.batch.names) if one.concerns(name)]
+        return max(deviation(self.evidence, one.name), jackknife(self.evidence, one.name, there))
 
     def _alike(self, name: str, probability: float) -> Mapping[str, object]:
         belief = next(b for b in self.explained.posterior.causes if b.name == name)

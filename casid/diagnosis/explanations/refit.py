@@ -80,9 +80,10 @@ class Explained:
     worths: Mapping[str, float]
     predicted: Mapping[str, float] = field(default_factory=dict)
 
-    def beside(self, predicted: Mapping[str, float]) -> Explained:
-        """With what records that were not fitted say of the causes of the lead."""
-        believed = posterior(self.lead.found, *(one.found for one in self.rivals), predicted=predicted)
+    def beside(self, predicted: Mapping[str, float], wholes: Sequence[float]) -> Explained:
+        """With what records that were not fitted say of the causes of the lead, and of each rival as a whole."""
+        rivals = [one.found for one in self.rivals]
+        believed = posterior(self.lead.found, *rivals, predicted=predicted, wholes=wholes)
         return replace(self, posterior=believed, predicted=predicted)
 
     def stands_for(self, column: CauseColumn) -> Attached:

@@ -81,6 +81,8 @@ def _record_sums(asked: Innovations, record: RecordColumns) -> RecordSums:
         rows = slice(first, first + ROWS_AT_A_TIME)
         h = np.concatenate([one[rows] for one in record.histories], axis=1).astype(float) * unit
         alive = np.flatnonzero(np.abs(h).max(axis=0, initial=0.0) > gone)
+        if not len(alive):
+            continue
         some = h[:, alive]
         hh[np.ix_(alive, alive)] += _gram(some)
         hx[alive] += some.T @ stepped[rows]
