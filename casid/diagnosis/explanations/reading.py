@@ -110,7 +110,7 @@ class Reading:
         )
 
     def _std(self, one: Attached) -> float:
-        """1-sigma of a size: of the fit and its stretches of record, or by leaving out whole records, if that is more."""
+        """1-sigma of a size: of the fit and its stretches of record, or by leaving out records, if that is more."""
         there = [r for r, name in enumerate(self.fit.batch.names) if one.concerns(name)]
         return max(deviation(self.evidence, one.name), jackknife(self.evidence, one.name, there))
 
@@ -123,7 +123,7 @@ class Reading:
             "term": effect.term,
             "value": belief.size,
             "unit": effect.unit,
-            "probability": probability,
+            "probability": self.priors.tempered(probability),
         }
 
     def _predicted(self, belief: Belief) -> Cause:
@@ -150,7 +150,7 @@ class Reading:
         )
         told = _told(one, self.fit, there, std)
         if there.matters >= self.priors.named:
-            return replace(told, probability=there.matters)
+            return replace(told, probability=self.priors.tempered(there.matters))
         return replace(told, meaningful=False, sentence=f"Expected of any aircraft, and added: {told.sentence}")
 
     @cached_property
@@ -166,20 +166,21 @@ class Reading:
             odds = 0.5 * one.gain - records * float(np.log(samples)) + self.priors.unknown(len(found) + 1)
             if missing_share(self.fit, one) > self.fit.criteria.size.share and odds > 0.0:
                 found.append((one, float(expit(odds))))
-        return tuple(sorted(found, key=lambda pair: -pair[0].gain))
+        return tuple(sorted(((one, self.priors.tempered(p)) for one, p in found), key=lambda pair: -pair[0].gain))
 
     @property
     def explanations(self) -> tuple[tuple[tuple[str, ...], float], ...]:
         """What the most probable explanations name, and their probabilities."""
         of = self.explained.posterior.explanations
-        return tuple((tuple(sorted(names)), p) for names, p in list(of.items())[: self.priors.numerics.told])
+        told = list(of.items())[: self.priors.numerics.told]
+        return tuple((tuple(sorted(names)), self.priors.tempered(p)) for names, p in told)
 
     @property
     def believed(self) -> dict[str, float]:
         """Probability of every cause that may be there at a size that matters."""
         put_in = {one.name: self._notable(one) for one in self._standing}
         found = {one.name: one.matters for one in self.explained.posterior.causes} | put_in
-        return {name: min(p, 1.0) for name, p in found.items() if p > 1e-4}
+        return {name: self.priors.tempered(min(p, 1.0)) for name, p in found.items() if p > 1e-4}
 
     def verdict(self, causes: Sequence[Cause]) -> tuple[str, str]:
         """(verdict, the sentence that opens the report)."""
@@ -237,6 +238,6 @@ def _told(one: Attached, base: Fit, belief: Belief, std: float) -> Cause:
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=True,
         share=meaningful_share(base, one),
-        probability=belief.probability,
+        probability=base.criteria.priors.tempered(belief.probability),
         log_odds=belief.log_odds,
     )
