@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from casid.cli.options import AsJson, Files, Folder, Whole
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
+from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
+from casid.design.separation import separating_manoeuvre
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
-from casid.model.dynamics import aircraft_model
-from casid.model.trim import trim
+from casid.model.effects import effect_value
 from casid.records.readers import write_record
-from casid.report.design_figures import designed_histories
+from casid.report.design_figures import designed_histories, separated
 from casid.report.estimate_figures import write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
+from casid.report.words import manoeuvre_in_words, odds_in_words
 
 SHAPES = {"pulses4": Steps(pulses=4), "pulses8": Steps(pulses=8), "multisine": Multisine(lines=8)}
-SURFACES = {"longitudinal": ("delta_e",), "lateral": ("delta_a", "delta_r")}
-OUTPUTS = {"longitudinal": ("V", "alpha", "q", "theta", "ax", "az"), "lateral": ("beta", "p", "r", "phi", "ay")}
-COEFFICIENTS = {"longitudinal": ("CL", "CD", "CX", "CZ", "Cm"), "lateral": ("CY", "Cl", "Cn")}
-REGRESSORS = {"longitudinal": ("alpha", "q", "delta_e"), "lateral": ("beta", "p", "r", "delta_a", "delta_r")}
-# 1-sigma of ordinary flight-test instruments, where the aircraft file names none
-TYPICAL_NOISE = dict.fromkeys(("alpha", "beta"), 0.003) | dict.fromkeys(("p", "q", "r"), 0.002)
-TYPICAL_NOISE |= dict.fromkeys(("phi", "theta"), 0.005) | dict.fromkeys(("ax", "ay", "az"), 0.1) | {"V": 0.5}
 
 
 def design(
@@ -42,14 +36,15 @@ def design(
     load_g: float = 0.5,
     duration: float = 10.0,
     free: Files | None = None,
+    separate: Files | None = None,
     seed: Whole = 0,
     out: Folder = Path("out/design"),
     as_json: AsJson = False,
 ) -> None:
-    """Design the input that tells most about the derivatives, and compare it with the standard 3-2-1-1.
+    """Design the input that tells most about the derivatives, or the one that tells two causes apart.
 
     The aircraft flies level at the trim of its file. Writes the designed manoeuvre and the standard one as records,
-    DIR/design.json with the Cramer-Rao bounds of both, and DIR/figures.
+    DIR/design.json with the Cramer-Rao bounds of both, and DIR/figures; with --separate DIR/next_flight.csv.
 
     Parameters
     ----------
@@ -71,6 +66,9 @@ def design(
         Length of the manoeuvre [s].
     free
         Globs of the derivatives to be estimated; default: all of these axes.
+    separate
+        Two causes with their sizes in SI, like 'actuator_lag(delta_e)=0.1' 'input_delay(delta_e)=0.1': the manoeuvre
+        that tells them apart best, by what no derivative can imitate.
     seed
         Of the random starts.
     out
@@ -82,66 +80,70 @@ def design(
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{name} {value:g}: expected a positive number")
     file = Aircraft.read(aircraft)
-    angle, load = ("alpha", "az") if axes == "longitudinal" else ("beta", "ay")
-    limits = {angle: math.radians(angle_deg), load: load_g * file.gravity}
-    experiment = experiment_of(file, axes, math.radians(deflection_deg), limits, duration, free)
+    limits = Limits(
+        surfaces=dict.fromkeys(SURFACES["full"], math.radians(deflection_deg)),
+        channels={name: math.radians(angle_deg) for name in ("alpha", "beta")}
+        | {name: load_g * file.gravity for name in ("az", "ay")},
+        duration=duration,
+    )
     made_with = provenance(seed)
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
-            stage("standard 3-2-1-1")
-            designs = {"3-2-1-1": standard_3211(experiment, criterion=criterion)}
-            stage(f"design: {shape}")
-            designs[shape] = design_input(experiment, SHAPES[shape], criterion=criterion, seed=seed)
+            if separate:
+                text, said = _separating(file, separate, limits, folder, stage)
+            else:
+                experiment = experiment_of(file, axes, limits, free or ())
+                text, said = _telling(experiment, (shape, criterion, seed), folder, stage)
         except EstimationError as error:
             raise InputError(str(error)) from None
-        text = json.dumps(document(experiment, designs), indent=1)
         (folder / "design.json").write_text(text + "\n", encoding="utf-8")
-        for name, one in designs.items():
-            write_record(one.record, folder / f"{name}.csv")
-        shown = [*experiment.surfaces, *limits]
-        histories = designed_histories(axes, {name: one.record for name, one in designs.items()}, shown)
-        write_pictures([histories], folder / "figures")
         write_provenance(made_with, folder / "run.json")
-    print(text if as_json else table(designs, shape))
+    print(text if as_json else said)
 
 
-def experiment_of(
-    aircraft: Aircraft,
-    axes: Literal["longitudinal", "lateral"],
-    deflection: float,
-    limits: dict[str, float],
-    duration: float,
-    free: list[str] | None,
-) -> Experiment:
-    """Level flight at the trim of the file, surfaces within `deflection` [rad], outputs within `limits`.
-
-    Raises InputError when the file has no trim point.
-    """
-    known = {name: aircraft.trim[name] for name in ("V", "altitude", "rho") if name in aircraft.trim}
-    if "V" not in known or len(known) < 2:
-        raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, for a design; add them to the file")
-    known.pop("altitude" if "rho" in known else "rho", None)
-    at = trim(aircraft, V=known["V"], altitude=known.get("altitude"), rho=known.get("rho"))
-    whole = aircraft_model(aircraft, effects=())
-    level = dict(zip(whole.states, at.state.tolist(), strict=True)) | at.inputs
-    outputs = OUTPUTS[axes]
-    model = aircraft_model(aircraft, axes=axes, outputs=outputs, effects=())
-    return Experiment(
-        model=model,
-        surfaces=dict.fromkeys(SURFACES[axes], deflection),
-        rest={name: level[name] for name in model.inputs},
-        start=np.array([level[name] for name in model.states]),
-        noise={name: aircraft.noise.get(name, TYPICAL_NOISE[name]) for name in outputs},
-        duration=duration,
-        dt=0.04,
-        parameters=free or [name for name in model.parameters if _is_of(axes, name)],
-        limits=limits,
-    )
+def _telling(
+    experiment: Experiment, how: tuple[str, str, int], folder: Path, stage: Callable[[str], None]
+) -> tuple[str, str]:
+    """design.json and the table of the manoeuvre that tells most of derivatives; `how`: shape, criterion, seed."""
+    shape, criterion, seed = how
+    stage("standard 3-2-1-1")
+    designs = {"3-2-1-1": standard_3211(experiment, criterion=criterion)}
+    stage(f"design: {shape}")
+    designs[shape] = design_input(experiment, SHAPES[shape], criterion=criterion, seed=seed)
+    for name, one in designs.items():
+        write_record(one.record, folder / f"{name}.csv")
+    shown = [*experiment.surfaces, *experiment.limits]
+    histories = designed_histories("design", {name: one.record for name, one in designs.items()}, shown)
+    write_pictures([histories], folder / "figures")
+    return json.dumps(document(experiment, designs), indent=1), table(designs, shape)
 
 
-def _is_of(axes: str, name: str) -> bool:
-    coefficient, _, regressor = name.partition("_")
-    return coefficient in COEFFICIENTS[axes] and regressor in REGRESSORS[axes]
+def _separating(
+    file: Aircraft, separate: Sequence[str], limits: Limits, folder: Path, stage: Callable[[str], None]
+) -> tuple[str, str]:
+    """design.json and the words of the manoeuvre that separates two causes."""
+    if len(separate) != 2:
+        raise InputError(f"--separate {' '.join(separate)}: expected two causes, like 'actuator_lag(delta_e)=0.1'")
+    first, second = (effect_value(text) for text in separate)
+    rivals, experiment = level_rivals(file, first, second, limits)
+    stage("the manoeuvre that separates them")
+    found = separating_manoeuvre(rivals, experiment)
+    write_record(found.flown, folder / "next_flight.csv")
+    write_pictures([separated(found, rivals)], folder / "figures")
+    told = {
+        "schema": "casid.design/1",
+        "separate": list(separate),
+        "manoeuvre": {
+            "surface": found.manoeuvre.surface,
+            "shape": found.manoeuvre.words,
+            "amplitude_rad": found.amplitude,
+        },
+        "limits": dict(experiment.limits),
+        "noise": dict(rivals.noise),
+        "log_odds": found.separation.log_odds,
+        "told_by": dict(found.separation.told),
+    }
+    return json.dumps(told, indent=1), f"{manoeuvre_in_words(found)} {odds_in_words(found.separation.log_odds)}"
 
 
 def document(experiment: Experiment, designs: dict[str, InputDesign]) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Protocol
 
+from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
-from casid.model.vocabulary import KINDS
+from casid.model.effect_value import EffectValue
+from casid.model.vocabulary import KINDS, check_effect
 
 
 def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
@@ -39,3 +42,47 @@ def effect_of(value: Named) -> Effect:
     kind = KINDS[value.kind]
     make = next((make for name, make in kind.variants.items() if name in value.parameters), kind.make)
     return make(value.target or "", value.term) if value.term else make(value.target or "")
+
+
+_NAME = re.compile(r"(?P<kind>\w+)(?:\((?P<target>[^:,()]*)(?::(?P<term>[^,()]*))?(?:, (?P<variant>[^()]*))?\))?")
+
+
+def effect_named(name: str) -> Effect:
+    """The Effect of a name in tables, "actuator_lag(delta_e)", "aero_term(Cm:alpha^2)".
+
+    Raises
+    ------
+    InputError
+        When there is no such effect.
+    """
+    parts = _NAME.fullmatch(name.strip())
+    if parts is None:
+        raise InputError(f"effect '{name}': expected kind(target) or kind(target:term), like actuator_lag(delta_e)")
+    kind, target, term = parts["kind"], parts["target"] or "", parts["term"]
+    check_effect(kind, target, term)
+    makers = (KINDS[kind].make, *KINDS[kind].variants.values())
+    made = [make(target, term) if term else make(target) for make in makers]
+    wanted = parts["variant"] or ""
+    for effect in made:
+        if effect.variant == wanted:
+            return effect
+    raise unknown("variant", wanted, [effect.variant for effect in made], f"effect '{name}'")
+
+
+def effect_value(text: str) -> EffectValue:
+    """An effect and its size in SI from a text like "actuator_lag(delta_e)=0.1"; further parameters are typical ones.
+
+    Raises
+    ------
+    InputError
+        For a text that is none.
+    """
+    name, _, size = text.rpartition("=")
+    try:
+        value = float(size)
+    except ValueError:
+        raise InputError(f"'{text}': expected a cause and its size in SI, like actuator_lag(delta_e)=0.1") from None
+    effect = effect_named(name)
+    typical = effect.grid[0] if effect.grid else {}
+    further = {key: number for key, number in typical.items() if key != "value"}
+    return EffectValue(kind=effect.kind, target=effect.target, term=effect.term, value=value, parameters=further)

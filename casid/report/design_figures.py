@@ -6,8 +6,24 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from casid.design.separation import NextFlight, Rivals
+from casid.model.effects import effect_of
 from casid.records.record import Record
-from casid.report.style import RECORD_COLOURS, Picture, blank, channel_axis, channel_scale, settings
+from casid.report.style import (
+    BASELINE,
+    EXPLAINED,
+    EXTENDED,
+    MEASURED,
+    NOISE,
+    RECORD_COLOURS,
+    Picture,
+    blank,
+    channel_axis,
+    channel_scale,
+    settings,
+)
+from casid.report.words import effect_name
+from casid.signals import label_of
 
 
 def designed_histories(name: str, records: Mapping[str, Record], channels: Sequence[str]) -> Picture:
@@ -51,4 +67,46 @@ def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequ
         title=f"What it gains, {name}",
         caption="Bars: measured in simulated flights. Marks: predicted by the bound.",
         alt="Bars of the scatter of each parameter relative to the standard 3-2-1-1.",
+    )
+
+
+def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
+    """The manoeuvre that separates two rivals: what is moved, and the channel that tells, with the first effect and
+    with the second where it imitates the first as well as it can."""
+    told = found.separation.told
+    channel = max(told, key=lambda o: told[o])
+    i, surface = list(told).index(channel), found.manoeuvre.surface
+    (first,), (second,) = found.separation.first.values(), found.separation.second.values()
+    names = [effect_name(effect_of(value)) for value in (rivals.first, rivals.second)]
+    t, factor = found.record.t, channel_scale(channel)[0]
+    with settings():
+        drawn = blank(4.6)
+        above, middle, below = drawn.subplots(3, 1, sharex=True)
+        above.plot(t, channel_scale(surface)[0] * found.record[surface], color=EXPLAINED, label="command")
+        above.set_ylabel(channel_axis(surface))
+        middle.plot(t, factor * first[:, i], color=EXTENDED, label=names[0])
+        middle.plot(t, factor * second[:, i], "--", color=BASELINE, label=f"{names[1]}, as like as it can be")
+        middle.set_ylabel(channel_axis(channel))
+        below.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
+        below.plot(t, (first[:, i] - second[:, i]) / rivals.noise[channel], color=MEASURED, label="difference")
+        below.set_ylabel("difference / σ")
+        below.set_xlabel("time t [s]")
+        drawn.align_ylabels([above, middle, below])
+        lines = {
+            word: line
+            for ax in (above, middle, below)
+            for line, word in zip(*ax.get_legend_handles_labels(), strict=True)
+        }
+        drawn.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=2)
+    return Picture(
+        name="next_flight" if number == 1 else f"next_flight-{number}",
+        figure=drawn,
+        title=f"Next flight: {names[0]}, or {names[1]}?",
+        caption=(
+            f"What is moved, and what {label_of(channel)} would read with either cause, the derivatives and the start "
+            f"of the second fitted to the first. {channel} carries "
+            f"{100.0 * told[channel] / sum(told.values()):.0f} % of what tells them apart."
+        ),
+        alt=f"Time histories of {surface} and {channel} with {names[0]} and with {names[1]}, and their difference over "
+        "the noise.",
     )

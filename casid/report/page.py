@@ -9,12 +9,14 @@ from types import MappingProxyType
 from typing import Any
 
 from casid.diagnosis.result import Diagnosis
+from casid.records.readers import write_record
 from casid.report import tables
 from casid.report.claims import Claim, claims
 from casid.report.envelope import envelope_table
 from casid.report.folder import provenance
 from casid.report.gained import gained
 from casid.report.lead import pictures
+from casid.report.next_flight import limited, proposals
 from casid.report.shares import shares
 from casid.report.style import Picture
 from casid.report.table import Table
@@ -49,6 +51,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "data": ("Data", "data.html", ("check",)),
         "values": ("Values of the file", "values.html", ("derivatives",)),
         "envelope": ("What was flown", "envelope.html", ("envelope",)),
+        "next": ("Next flight", "next_flight.html", ("next_flight",)),
         "numbers": ("Numbers", "numbers.html", ()),
         "unseen": ("What could not be seen with these records", "unseen.html", ()),
         "made": ("How this was made", "made.html", ()),
@@ -76,13 +79,17 @@ class Section:
 
 
 def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> None:
-    """Write `report.html` and `report_figures/*.svg` into `folder`, which is made.
+    """Write `report.html`, `report_figures/*.svg` and `next_flight*.csv` into `folder`, which is made.
 
     `made_with` is what `run.json` has; default: this process and the versions it runs.
     """
     made_with = provenance(0) if made_with is None else made_with
-    drawn = drawn_into(Path(folder) / FIGURES, _in_order(pictures(diagnosis)))
-    page = render("report.html", _context(diagnosis, drawn, made_with))
+    next_flight = proposals(diagnosis)
+    shown = pictures(diagnosis) | {one.picture.name: one.picture for one in next_flight}
+    drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown))
+    for one in next_flight:
+        write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
+    page = render("report.html", _context(diagnosis, drawn, made_with) | {"next_flight": next_flight})
     (Path(folder) / "report.html").write_text(page, encoding="utf-8")
 
 
@@ -167,6 +174,7 @@ def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, Tab
         "derivatives": tables.derivatives(diagnosis),
         "envelope": envelope_table(diagnosis),
         "not_judged": tables.not_judged(diagnosis),
+        "limited": limited(diagnosis),
         "unseen": tables.unseen(diagnosis),
         "seconds": tables.seconds(diagnosis),
         "made_with": tables.made_with(made_with),

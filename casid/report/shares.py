@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from casid.diagnosis.result import Diagnosis
-from casid.report.words import cause_name
+from casid.model.effects import effect_named
+from casid.report.words import effect_name
 
 _TOLD = 4  # explanations told one by one
-_NAME = re.compile(r"(?P<kind>\w+)(?:\((?P<target>[^:,)]*)(?::(?P<term>[^,)]*))?(?:, (?P<variant>[^)]*))?\))?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +41,5 @@ def _said(names: Sequence[str]) -> str:
 
 def title_of(name: str) -> str:
     """Short name of a cause from its name in tables: "actuator_lag(delta_e)" -> "elevator: actuator lag"."""
-    parts = _NAME.fullmatch(name)
-    if parts is None:
-        return name
-    title = cause_name(parts["kind"], parts["target"] or "", parts["term"])
-    return f"{title} ({parts['variant']})" if parts["variant"] else title
+    effect = effect_named(name)
+    return f"{effect_name(effect)} ({effect.variant})" if effect.variant else effect_name(effect)

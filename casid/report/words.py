@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 
+from casid.design.separation import NextFlight
 from casid.model import numbers
 from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
+from casid.signals import label_of
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
@@ -90,3 +93,20 @@ def percent(value: float, of: float, std: float) -> str:
         return "–"
     told = numbers.to_deviation(100.0 * (value / of - 1.0), abs(100.0 * std / of))
     return f"{told if told.startswith('-') else f'+{told}'} %".replace("-", "−")
+
+
+def odds_in_words(log_odds: float) -> str:
+    """What a flight tells of two causes, by the expected logarithm of their likelihood ratio."""
+    if log_odds < math.log(3.0):
+        return "does not tell the two apart"
+    if log_odds < math.log(20.0):
+        return f"hints at one of the two, by odds of {math.exp(log_odds):.0f} to 1"
+    if log_odds < math.log(1e6):
+        return f"tells the two apart, by odds of {float(f'{math.exp(log_odds):.1g}'):,.0f} to 1".replace(",", " ")
+    return "tells the two apart beyond any doubt, by odds of more than a million to 1"
+
+
+def manoeuvre_in_words(found: NextFlight) -> str:
+    """What is to be flown: "elevator: 3-2-1-1 with a shortest pulse of 0.40 s, ±1.6 deg from trim"."""
+    size = quantity(found.amplitude, "rad")
+    return f"{label_of(found.manoeuvre.surface)}: {found.manoeuvre.words}, ±{size} from trim"

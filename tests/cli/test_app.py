@@ -130,6 +130,17 @@ def test_a_design_beats_the_standard_within_its_limits(tmp_path: Path) -> None:
     assert np.abs(flown["alpha"] - flown["alpha"][0]).max() <= np.deg2rad(3.0) * 1.002
 
 
+def test_a_manoeuvre_that_separates_two_causes(tmp_path: Path) -> None:
+    """The record is read back, moves the elevator within its limit, and what is promised stands in design.json."""
+    options = ["--aircraft", str(DEMO / "aircraft.toml"), "--deflection-deg", "2", "--out", str(tmp_path)]
+    call(script(design), [*options, "--separate", "actuator_lag(delta_e)=0.12", "input_delay(delta_e)=0.1"])
+    told = json.loads((tmp_path / "design.json").read_text())
+    assert told["log_odds"] > 10.0 and told["manoeuvre"]["surface"] == "delta_e"
+    assert sum(told["told_by"].values()) == pytest.approx(told["log_odds"])
+    record = read_record(tmp_path / "next_flight.csv")
+    assert np.abs(record["delta_e"] - record["delta_e"][0]).max() <= np.radians(2.0) * 1.001
+
+
 def test_a_design_needs_a_trim_point(tmp_path: Path) -> None:
     text = (DEMO / "aircraft.toml").read_text().replace("V = 95.038\n", "")
     (tmp_path / "a.toml").write_text(text)

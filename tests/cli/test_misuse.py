@@ -89,6 +89,9 @@ MISUSES: list[tuple[str, str]] = [
     ("design --aircraft {p} --deflection-deg -1", "positive"),
     ("design --aircraft {p} --duration 0.1 --out {d}/o", "samples"),
     ("design --aircraft {p} --free Cx_*", "Cx_"),
+    ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1", "two causes"),
+    ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1 input_delay(delta_e)", "size in SI"),
+    ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1 gust(z)=2", "no manoeuvre"),
     ("new-aircraft {d}/n.toml --mass -1 --span 1 --chord 1 --area 1 --speed 1", "--mass"),
 ]
 

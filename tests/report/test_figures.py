@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.report.gained import gained
 from casid.report.lead import pictures
+from casid.report.next_flight import proposals
 from casid.report.onset import onset_profiles
 from casid.report.page import FIGURES
 from casid.report.shares import shares
@@ -201,3 +203,24 @@ def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, tmp_path: Pat
     assert {name: picture.svg() for name, picture in pictures(found).items()} == {
         name: picture.svg() for name, picture in pictures(diagnosis).items()
     }
+
+
+def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnosis) -> None:
+    """A delay of the rudder that might be a lag: the manoeuvre promises more than the records hold, within the
+    deflections that they flew."""
+    alike = {"kind": "actuator_lag", "target": "delta_r", "term": None, "value": 0.05, "unit": "s", "probability": 0.4}
+    cause = replace(
+        diagnosis.causes[0],
+        kind="input_delay",
+        target="delta_r",
+        term=None,
+        value=0.05,
+        indistinguishable_from=(alike,),
+    )
+    first, *_ = proposals(replace(diagnosis, causes=(cause,), contradicted=()))
+    assert "rudder: input delay" in first.open and "rudder: actuator lag" in first.open
+    now, before = (float(x) for x in re.findall(r"(?:ratio: |together have )([\d.]+)", first.tells))
+    assert now > before > 0.0
+    flown = max(np.abs(r["delta_r"] - np.median(r["delta_r"])).max() for r in diagnosis.refitted.fit.flight.records)
+    assert np.abs(first.record["delta_r"] - first.record["delta_r"][0]).max() <= flown * 1.001
+    assert "--separate 'input_delay(delta_r)=0.05' 'actuator_lag(delta_r)=0.05'" in first.command

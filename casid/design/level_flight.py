@@ -1,0 +1,133 @@
+"""Experiments from level flight at the trim of an aircraft file: the limits that a flight-test engineer states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from casid.design.experiment import Experiment
+from casid.design.separation import Rivals
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import aircraft_model
+from casid.model.effect_value import EffectValue
+from casid.model.effects import effect_of
+from casid.model.trim import trim
+from casid.model.vocabulary import KINDS
+
+Plane = Literal["longitudinal", "lateral", "full"]
+_ALONE: tuple[Plane, ...] = ("longitudinal", "lateral")
+
+
+def _of_both(longitudinal: tuple[str, ...], lateral: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
+    """By plane of motion; "full" has both."""
+    return MappingProxyType({"longitudinal": longitudinal, "lateral": lateral, "full": (*longitudinal, *lateral)})
+
+
+SURFACES = _of_both(("delta_e",), ("delta_a", "delta_r"))
+OUTPUTS = _of_both(("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay"))
+_COEFFICIENTS = _of_both(("CL", "CD", "CX", "CZ", "Cm"), ("CY", "Cl", "Cn"))
+_REGRESSORS = _of_both(("alpha", "q", "delta_e"), ("beta", "p", "r", "delta_a", "delta_r"))
+# 1-sigma of ordinary flight-test instruments, where the aircraft file names none
+_TYPICAL_NOISE: Mapping[str, float] = MappingProxyType(
+    {"alpha": 0.003, "beta": 0.003, "p": 0.002, "q": 0.002, "r": 0.002, "phi": 0.005, "theta": 0.005}
+    | {"ax": 0.1, "ay": 0.1, "az": 0.1, "V": 0.5}
+)
+_DT = 0.04  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a manoeuvre may not exceed, as changes from trim: `surfaces` [rad], `channels` (SI); and its `duration`
+    [s]."""
+
+    surfaces: Mapping[str, float]
+    channels: Mapping[str, float]
+    duration: float
+
+
+def experiment_of(
+    aircraft: Aircraft,
+    plane: Plane,
+    limits: Limits,
+    free: Sequence[str] = (),
+    noise: Mapping[str, float] = MappingProxyType({}),
+) -> Experiment:
+    """Level flight at the trim of the file, within limits.
+
+    Parameters
+    ----------
+    free
+        Globs of the derivatives to be estimated; default: all of the plane.
+    noise
+        1-sigma of measured channels; those of the file, or typical ones, for the others.
+
+    Raises
+    ------
+    InputError
+        When the file has no trim point.
+    """
+    known = {name: aircraft.trim[name] for name in ("V", "altitude", "rho") if name in aircraft.trim}
+    if "V" not in known or len(known) < 2:
+        raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, for a design; add them to the file")
+    known.pop("altitude" if "rho" in known else "rho", None)
+    at = trim(aircraft, V=known["V"], altitude=known.get("altitude"), rho=known.get("rho"))
+    whole = aircraft_model(aircraft, effects=())
+    level = dict(zip(whole.states, at.state.tolist(), strict=True)) | at.inputs
+    model = aircraft_model(aircraft, axes=plane, outputs=OUTPUTS[plane], effects=())
+    return Experiment(
+        model=model,
+        surfaces={name: limits.surfaces[name] for name in SURFACES[plane] if name in limits.surfaces},
+        rest={name: level[name] for name in model.inputs},
+        start=np.array([level[name] for name in model.states]),
+        noise={o: noise.get(o) or aircraft.noise.get(o) or _TYPICAL_NOISE[o] for o in OUTPUTS[plane]},
+        duration=limits.duration,
+        dt=_DT,
+        parameters=free or [name for name in model.parameters if _is_of(plane, name)],
+        limits={name: limit for name, limit in limits.channels.items() if name in OUTPUTS[plane]},
+    )
+
+
+def _is_of(plane: Plane, name: str) -> bool:
+    coefficient, _, regressor = name.partition("_")
+    return coefficient in _COEFFICIENTS[plane] and regressor in _REGRESSORS[plane]
+
+
+def plane_of(*names: str) -> Plane:
+    """The plane of motion that surfaces, channels or coefficients are of; "full" where they are of both, or of none."""
+    for plane in _ALONE:
+        if names and all(_lies_in(plane, name) for name in names):
+            return plane
+    return "full"
+
+
+def _lies_in(plane: Plane, name: str) -> bool:
+    return name in (*SURFACES[plane], *OUTPUTS[plane], *_COEFFICIENTS[plane], *_REGRESSORS[plane])
+
+
+def level_rivals(
+    aircraft: Aircraft,
+    first: EffectValue,
+    second: EffectValue,
+    limits: Limits,
+    noise: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[Rivals, Experiment]:
+    """Two effects that compete in level flight, in the plane of motion that both are of.
+
+    Effects of the same names that the file has are taken out of it.
+
+    Raises
+    ------
+    InputError
+        When the file has no trim point, and for effects that no manoeuvre can bring about.
+    """
+    rivals = {effect_of(value).name for value in (first, second)}
+    bare = replace(aircraft, effects=tuple(e for e in aircraft.effects if effect_of(e).name not in rivals))
+    plane = plane_of(*(part for value in (first, second) for part in KINDS[value.kind].parts(value.target)))
+    experiment = experiment_of(bare, plane, limits, noise=noise)
+    own = Rivals(aircraft=bare, first=first, second=second, axes=plane, noise=experiment.noise)
+    return own, experiment

@@ -1,0 +1,321 @@
+"""How well a flight separates two explanations, and the manoeuvre that separates them best.
+
+Were the first effect the true one, the second would imitate it as well as its size, the derivatives and the initial
+states can. What it cannot imitate, over the noise, is left: half the sum of its squares is the expected logarithm of
+the likelihood ratio (the T-criterion of Atkinson and Fedorov, Biometrika 62, 1975). Nothing is taken as known of the
+derivatives, so that the promise is kept whatever they are; that one explanation has more numbers is not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from casid.design.experiment import Experiment
+from casid.design.manoeuvres import Manoeuvre, flyable
+from casid.errors import EstimationError, InputError
+from casid.estimation.transcriptions.steps import cached, output_function, sample_derivatives, step_function
+from casid.model.aircraft import Aircraft
+from casid.model.applied import Applied, apply_effects, default_free
+from casid.model.effect_value import EffectValue
+from casid.model.effects import effect_of
+from casid.native.threads import single_threaded
+from casid.records.record import Record
+
+_STEPS = 4  # of Gauss-Newton for the imitation
+_DIFFERENCE = 0.02  # of its size, for the derivative by an effect
+_SLACK = 0.01  # of a limit: what a manoeuvre may exceed it by
+_RELATIVE = 1e-9  # of the largest singular value: what an imitation may not use
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rivals:
+    """Two effects, one of which an aircraft has beside those of its file.
+
+    Attributes
+    ----------
+    first, second
+        The effects with their sizes; the second is refitted, the first is not.
+    axes
+        Of the model: "full", "longitudinal" or "lateral".
+    noise
+        Measured channel -> 1-sigma.
+
+    Raises
+    ------
+    InputError
+        For an effect that no manoeuvre can bring back, an event or turbulence.
+    """
+
+    aircraft: Aircraft
+    first: EffectValue
+    second: EffectValue
+    axes: str
+    noise: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for value in (self.first, self.second):
+            effect = effect_of(value)
+            if effect.timed or effect.stochastic:
+                raise InputError(f"{effect.name}: an event or turbulence; no manoeuvre can bring it about")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Flights:
+    """Records that rivals fly; the models of both are made once for all of them."""
+
+    rivals: Rivals
+    records: Sequence[Record]
+    _made: dict[tuple[str, float], Applied] = field(default_factory=dict)
+
+    def of(self, value: EffectValue) -> Applied:
+        """The aircraft with one of the effects, and the records made ready for it."""
+        key = effect_of(value).name, value.value
+        if key not in self._made:
+            aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
+            channels = tuple(self.rivals.noise)
+            self._made[key] = apply_effects(aircraft, self.records, self.rivals.axes, channels)
+        return self._made[key]
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(channels,) 1-sigma of the noise."""
+        return np.array(list(self.rivals.noise.values()))
+
+    @property
+    def truth(self) -> list[np.ndarray]:
+        """Of each record (N, channels) what the instruments read with the first effect."""
+        applied = self.of(self.rivals.first)
+        return [_flown(applied, r) for r in range(len(self.records))]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Separation:
+    """What a flight would tell of two rivals.
+
+    Attributes
+    ----------
+    log_odds
+        Expected logarithm of the likelihood ratio in favour of the true one.
+    told
+        Channel -> its part of that.
+    first, second
+        Record -> (N, channels) what the instruments would read with the first; and with the second where it imitates
+        the first as well as it can.
+    """
+
+    log_odds: float
+    told: Mapping[str, float]
+    first: Mapping[str, np.ndarray]
+    second: Mapping[str, np.ndarray]
+
+
+@single_threaded()
+def separation(rivals: Rivals, records: Sequence[Record]) -> Separation:
+    """What flights with the inputs of these records tell of the rivals; each begins in its first measured state."""
+    flights = _Flights(rivals=rivals, records=tuple(records))
+    return _imitated(flights, flights.truth, range(len(records)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NextFlight:
+    """The manoeuvre that separates two rivals best, of `amplitude` [rad], its record, and what that would tell."""
+
+    manoeuvre: Manoeuvre
+    amplitude: float
+    record: Record
+    separation: Separation
+
+    @property
+    def flown(self) -> Record:
+        """The record as the instruments would read it with the first effect, without noise."""
+        (read,) = self.separation.first.values()
+        return self.record.with_channels(**dict(zip(self.separation.told, read.T, strict=True)))
+
+
+@single_threaded()
+def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight:
+    """The flyable manoeuvre, as large as the limits of the experiment allow, that separates the rivals best.
+
+    Raises
+    ------
+    EstimationError
+        When none stays within the limits.
+    """
+    choice = list(flyable(experiment))
+    sizes, flights = _within_limits(rivals, experiment, choice)
+    truth, other = flights.truth, flights.of(rivals.second)
+    plain = [_flown(other, r) for r in range(len(choice))]
+    # an imitation only takes away: no manoeuvre separates better than without one
+    most = [_half_square(a - b, flights.sigma) for a, b in zip(truth, plain, strict=True)]
+    best, found = -1, -1.0
+    for k in sorted((k for k in range(len(choice)) if np.isfinite(most[k])), key=lambda k: -most[k]):
+        if most[k] <= found:
+            break
+        told = _imitated(flights, truth, [k], steps=1).log_odds
+        if told > found:
+            best, found = k, told
+    if best < 0:
+        raise EstimationError("no manoeuvre within these limits can be flown; widen them")
+    record = flights.records[best]
+    told = separation(rivals, [record])
+    return NextFlight(manoeuvre=choice[best], amplitude=sizes[best], record=record, separation=told)
+
+
+def _half_square(left: np.ndarray, sigma: np.ndarray) -> float:
+    return 0.5 * float(np.sum((left / sigma) ** 2))
+
+
+def _within_limits(rivals: Rivals, experiment: Experiment, choice: Sequence[Manoeuvre]) -> tuple[list[float], _Flights]:
+    """Amplitude and flight of every manoeuvre: as large as surface and limits allow, by the aircraft with the first."""
+    sizes, outputs = [experiment.surfaces[one.surface] for one in choice], list(rivals.noise)
+    while True:
+        records = tuple(_commanded(experiment, one, size) for one, size in zip(choice, sizes, strict=True))
+        flights = _Flights(rivals=rivals, records=records)
+        used = [_used(experiment, outputs, flown) for flown in flights.truth]
+        if all(part < 1.0 + _SLACK for part in used):
+            return sizes, flights
+        shrunk = [max(part, 1.0) if np.isfinite(part) else 2.0 for part in used]
+        sizes = [size / part for size, part in zip(sizes, shrunk, strict=True)]
+
+
+def _used(experiment: Experiment, outputs: Sequence[str], flown: np.ndarray) -> float:
+    """The part of its limits that a flight uses; NaN where it diverges."""
+    parts = [
+        np.abs(flown[:, outputs.index(name)] - flown[0, outputs.index(name)]).max() / limit
+        for name, limit in experiment.limits.items()
+        if name in outputs
+    ]
+    return float(np.max(parts, initial=0.0))
+
+
+def _commanded(experiment: Experiment, one: Manoeuvre, amplitude: float) -> Record:
+    """The inputs of a manoeuvre, and what instruments read at rest."""
+    record = experiment.record({}, f"{one.surface}, {one.words}")
+    return record.with_channels(**{one.surface: record[one.surface] + amplitude * one.moves})
+
+
+def _start(applied: Applied, r: int) -> np.ndarray:
+    return np.asarray(applied.model.guess(applied.records[r])[0], dtype=float)
+
+
+def _flown(
+    applied: Applied, r: int, values: Mapping[str, float] | None = None, start: np.ndarray | None = None
+) -> np.ndarray:
+    """(N, channels) what the instruments read; not finite where the flight diverges."""
+    states, outputs = _trajectory(applied, r, applied.model.nominal_vector(values), start)
+    return applied.readings(applied.records[r], outputs)
+
+
+def _trajectory(
+    applied: Applied, r: int, p: np.ndarray, start: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N, states) and (N, outputs) of a flight with the inputs of a record."""
+    model, record = applied.model, applied.records[r]
+    U, count = record.matrix(model.inputs), len(record)
+    x0 = _start(applied, r) if start is None else start
+    run = cached(model, ("run", count), lambda: step_function(model).mapaccum("run", count - 1))
+    after = U[:-1] if record.hold == "held" else U[1:]
+    states = np.vstack([x0[None], run(x0, U[:-1].T, after.T, np.diff(record.t)[None], p).full().T])
+    read = cached(model, ("read", count), lambda: output_function(model).map(count))
+    return states, read(states.T, U.T, np.repeat(p[:, None], count, 1)).full().T
+
+
+def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(N, outputs, states + free) derivatives of the outputs by initial state and free parameters."""
+    model, record = applied.model, applied.records[r]
+    states, _ = _trajectory(applied, r, p, start)
+    U, count, n = record.matrix(model.inputs), len(record), len(model.states)
+    after = np.vstack([U[1:], U[-1:]])
+    derivatives = cached(model, ("columns", tuple(free), count), lambda: sample_derivatives(model, free, ()).map(count))
+    steps = np.r_[np.diff(record.t), 0.0][None]
+    found = derivatives(states.T, U.T, after.T, steps, np.repeat(p[:, None], count, 1))
+    A, B, _, C, D = (np.asarray(part.full()) for part in found)
+    split = [_by_sample(part, count) for part in (A, B, C, D)]
+    S, columns = np.hstack([np.eye(n), np.zeros((n, len(free)))]), []
+    for a, b, c, d in zip(*split, strict=True):
+        columns.append(c @ S + np.hstack([np.zeros((len(c), n)), d]))
+        S = a @ S + np.hstack([np.zeros((n, n)), b])
+    return np.array(columns)
+
+
+def _by_sample(transposed: np.ndarray, count: int) -> list[np.ndarray]:
+    """Matrices of all samples, which a map puts side by side and the kernel transposes."""
+    return [part.T for part in np.split(transposed, count, axis=1)]
+
+
+def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[int], steps: int = _STEPS) -> Separation:
+    """What is left when the second imitates the `truth` in `which` of the records, by Gauss-Newton from its own size
+    and its own starts; the best of all steps counts."""
+    second, values, best = flights.rivals.second, {}, None
+    starts = {r: _start(flights.of(second), r) for r in which}
+    for step in range(steps + 1):
+        applied = flights.of(second)
+        flown = {r: _flown(applied, r, values, starts[r]) for r in which}
+        left = {r: (truth[r] - flown[r]) / flights.sigma for r in which}
+        if not all(np.isfinite(one).all() for one in left.values()):
+            break
+        now = _told(flights, left, truth, flown)
+        best = now if best is None or now.log_odds < best.log_odds else best
+        if step == steps:
+            break
+        free = default_free(applied)
+        moved, remaining = _step(flights, second, _At(values, starts, left, flown, free))
+        if steps == 1:
+            return replace(best, log_odds=min(best.log_odds, 0.5 * remaining))
+        second = replace(second, value=second.value + moved[0])
+        p = dict(zip(applied.model.parameters, applied.model.nominal_vector(values), strict=True))
+        values = {name: p[name] + d for name, d in zip(free, moved[1 : 1 + len(free)], strict=True)}
+        changes = moved[1 + len(free) :].reshape(len(which), -1)
+        starts = {r: x0 + d for (r, x0), d in zip(starts.items(), changes, strict=True)}
+    if best is None:
+        raise EstimationError(f"{effect_of(second).name}: its flight diverges; give it another size")
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _At:
+    """Where an imitation stands: derivatives, initial states, what is left over the noise, and its flights."""
+
+    values: Mapping[str, float]
+    starts: Mapping[int, np.ndarray]
+    left: Mapping[int, np.ndarray]
+    flown: Mapping[int, np.ndarray]
+    free: Sequence[str]
+
+
+def _step(flights: _Flights, second: EffectValue, at: _At) -> tuple[np.ndarray, float]:
+    """Changes of (size of the second, derivatives, initial states of each record) that imitate best in the linear, and
+    the sum of squares that they leave."""
+    further = _DIFFERENCE * (second.value or 1.0)
+    applied, more = flights.of(second), flights.of(replace(second, value=second.value + further))
+    model, n = applied.model, len(applied.model.states)
+    index = np.array([model.parameters.index(name) for name in at.free], dtype=int)
+    p, blocks = model.nominal_vector(at.values), []
+    for place, r in enumerate(at.starts):
+        by_size = (_flown(more, r, at.values, at.starts[r]) - at.flown[r]) / further / flights.sigma
+        by_rest = _columns(applied, r, p, at.starts[r], index) / flights.sigma[:, None]
+        block = np.zeros((by_size.size, 1 + len(index) + n * len(at.starts)))
+        block[:, 0] = by_size.reshape(-1)
+        block[:, 1 : 1 + len(index)] = by_rest[..., n:].reshape(by_size.size, -1)
+        first = 1 + len(index) + n * place
+        block[:, first : first + n] = by_rest[..., :n].reshape(by_size.size, -1)
+        blocks.append(block)
+    J, left = np.vstack(blocks), np.concatenate([one.reshape(-1) for one in at.left.values()])
+    size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    scaled, *_ = np.linalg.lstsq(J / size, left, rcond=_RELATIVE)
+    return scaled / size, float(np.sum((left - (J / size) @ scaled) ** 2))
+
+
+def _told(
+    flights: _Flights, left: Mapping[int, np.ndarray], truth: Sequence[np.ndarray], flown: Mapping[int, np.ndarray]
+) -> Separation:
+    parts = 0.5 * np.sum([np.sum(one**2, axis=0) for one in left.values()], axis=0)
+    return Separation(
+        log_odds=float(parts.sum()),
+        told=dict(zip(flights.rivals.noise, parts.tolist(), strict=True)),
+        first={flights.records[r].name: truth[r] for r in flown},
+        second={flights.records[r].name: series for r, series in flown.items()},
+    )
