@@ -56,7 +56,7 @@ def envelope_table(diagnosis: Diagnosis) -> Table:
             continue
         outside = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
         cells = (
-            f"{label_of(name)} {name} [{channel_scale(name)[1]}]",
+            f"{' '.join(dict.fromkeys((label_of(name), name)))} [{channel_scale(name)[1]}]",
             _range(seen),
             _range(unseen) if len(unseen) else "–",
             f"{100.0 * outside:.0f} % of its samples" if outside > _OUTSIDE else "–",

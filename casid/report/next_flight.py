@@ -157,9 +157,10 @@ def _separating(number: int, said: str, of: tuple[Rivals, NextFlight], before: f
         fly=manoeuvre_in_words(best),
         within=_in_words(limits, [best.manoeuvre.surface, *(n for n in limits.channels if n in rivals.noise)]),
         tells=(
-            f"It {odds_in_words(best.separation.log_odds)} (ln of the expected likelihood ratio: "
-            f"{digits(best.separation.log_odds, 2)}). By the same measure the fitted records together have "
-            f"{digits(before, 2)}: what they hold {odds_in_words(before)}. Nothing is taken as known of derivatives."
+            f"It {odds_in_words(best.separation.log_odds)}: the ln of the likelihood ratio to be expected is "
+            f"{digits(best.separation.log_odds, 2)}, and of all fitted records together, by the same measure, "
+            f"{digits(before, 2)}. That counts noise alone and takes nothing as known of the derivatives; small "
+            "further terms of the structure, for which a verdict allows, take their part of both."
         ),
         command=f"casid design --aircraft extended.toml --separate {asked}",
         picture=separated(best, rivals, number),

@@ -92,7 +92,8 @@ def percent(value: float, of: float, std: float) -> str:
     if not of:
         return "–"
     told = numbers.to_deviation(100.0 * (value / of - 1.0), abs(100.0 * std / of))
-    return f"{told if told.startswith('-') else f'+{told}'} %".replace("-", "−")
+    sign = "" if not told.strip("-0.") else "−" if told.startswith("-") else "+"
+    return f"{sign}{told.removeprefix('-')} %"
 
 
 def odds_in_words(log_odds: float) -> str:
