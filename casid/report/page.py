@@ -20,7 +20,7 @@ from casid.report.next_flight import limited, proposals
 from casid.report.shares import shares
 from casid.report.style import Picture
 from casid.report.table import Table
-from casid.report.templating import Figure, figures_of, render
+from casid.report.templating import Figure, drawn_into, figures_of, render
 
 FIGURES = "report_figures"
 _COLOURS: Mapping[str, str] = MappingProxyType(
@@ -44,10 +44,10 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "evidence": (
             "Evidence",
             "figures.html",
-            ("wind", "shape", "onset", "missing_history", "unexplained", "residuals", "heatmap"),
+            ("wind", "shape", "onset", "missing_history", "unexplained", "residuals"),
         ),
         "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
-        "where": ("Where it enters", "figures.html", ("missing", "kinematic")),
+        "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),
         "data": ("Data", "data.html", ("check",)),
         "values": ("Values of the file", "values.html", ("derivatives",)),
         "envelope": ("What was flown", "envelope.html", ("envelope",)),
@@ -91,17 +91,6 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
     page = render("report.html", _context(diagnosis, drawn, made_with) | {"next_flight": next_flight})
     (Path(folder) / "report.html").write_text(page, encoding="utf-8")
-
-
-def drawn_into(place: Path, shown: Mapping[str, Picture]) -> dict[str, tuple[Picture, bytes]]:
-    """Name -> picture and its SVG; `place`, which is made, has these and no other SVG afterwards."""
-    place.mkdir(parents=True, exist_ok=True)
-    for old in place.glob("*.svg"):
-        old.unlink()
-    drawn = {name: (picture, picture.svg()) for name, picture in shown.items()}
-    for name, (_, svg) in drawn.items():
-        (place / f"{name}.svg").write_bytes(svg)
-    return drawn
 
 
 def _in_order(shown: Mapping[str, Picture]) -> dict[str, Picture]:
@@ -152,8 +141,9 @@ def _by_figure(claimed: Mapping[str, Sequence[Claim]]) -> dict[str, list[tuple[s
 
 
 def _sections(figures: Mapping[str, Figure]) -> list[Section]:
+    """A section that is of figures alone is left out where it has none."""
     rest = list(figures.items())[1:]
-    return [
+    every = [
         Section(
             anchor=anchor,
             title=title,
@@ -162,6 +152,7 @@ def _sections(figures: Mapping[str, Figure]) -> list[Section]:
         )
         for anchor, (title, template, names) in _SECTIONS.items()
     ]
+    return [one for one in every if one.figures or one.template != "figures.html"]
 
 
 def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, Table]:
@@ -170,7 +161,7 @@ def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, Tab
         "fitted": tables.channels(diagnosis.as_given, diagnosis.extended, diagnosis.best),
         "causes": tables.causes(diagnosis),
         "alternatives": tables.alternatives(diagnosis),
-        "findings": tables.findings(diagnosis),
+        "findings": tables.findings(diagnosis.data),
         "derivatives": tables.derivatives(diagnosis),
         "envelope": envelope_table(diagnosis),
         "not_judged": tables.not_judged(diagnosis),

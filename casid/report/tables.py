@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from casid.diagnosis.cause import Cause
@@ -96,7 +96,7 @@ def _p(value: float) -> str:
     return "< 0.001" if value < 1e-3 else f"{value:.2g}"
 
 
-def findings(diagnosis: Diagnosis) -> Table:
+def findings(found: Sequence[Finding]) -> Table:
     """Faults of the data, with what was done about them."""
     rows = tuple(
         Row(
@@ -109,7 +109,7 @@ def findings(diagnosis: Diagnosis) -> Table:
             ),
             claim=about_data(number),
         )
-        for number, one in enumerate(diagnosis.data, 1)
+        for number, one in enumerate(found, 1)
     )
     return Table(head=("fault", "records", "when", "handled", "what"), rows=rows, caption="Faults of the data")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -26,6 +27,17 @@ class Figure:
     def anchor(self) -> str:
         """What a link to it names."""
         return f"figure-{self.picture.name}"
+
+
+def drawn_into(place: Path, shown: Mapping[str, Picture]) -> dict[str, tuple[Picture, bytes]]:
+    """Name -> picture and its SVG; `place`, which is made, has these and no other SVG afterwards."""
+    place.mkdir(parents=True, exist_ok=True)
+    for old in place.glob("*.svg"):
+        old.unlink()
+    drawn = {name: (picture, picture.svg()) for name, picture in shown.items()}
+    for name, (_, svg) in drawn.items():
+        (place / f"{name}.svg").write_bytes(svg)
+    return drawn
 
 
 def figures_of(

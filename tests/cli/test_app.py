@@ -130,6 +130,21 @@ def test_a_design_beats_the_standard_within_its_limits(tmp_path: Path) -> None:
     assert np.abs(flown["alpha"] - flown["alpha"][0]).max() <= np.deg2rad(3.0) * 1.002
 
 
+def test_a_check_writes_its_page(tmp_path: Path) -> None:
+    """Sideslip frozen from the 200th to the 500th of 1301 samples: shown, its row marked; no net is needed."""
+    rows = [line.split(",") for line in (DEMO / "m1.csv").read_text().splitlines()]
+    column = rows[0].index("beta")
+    for row in rows[200:500]:
+        row[column] = rows[200][column]
+    (tmp_path / "<i>.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    out = tmp_path / "out"
+    assert call(script(check), [str(tmp_path / "<i>.csv"), "--out", str(out)]) == 1
+    page = (out / "check.html").read_text()
+    assert json.loads((out / "check.json").read_text())["data"][0]["kind"] == "data_stuck"
+    assert page.count("<img ") == 1 and '<tr class="marked">' in page and "&lt;i&gt;" in page and "<i>" not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+
+
 def test_a_manoeuvre_that_separates_two_causes(tmp_path: Path) -> None:
     """The record is read back, moves the elevator within its limit, and what is promised stands in design.json."""
     options = ["--aircraft", str(DEMO / "aircraft.toml"), "--deflection-deg", "2", "--out", str(tmp_path)]

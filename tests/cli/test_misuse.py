@@ -86,6 +86,7 @@ MISUSES: list[tuple[str, str]] = [
     ("diagnose {r} --aircraft {p} --hold-out {r}", "no record"),
     ("diagnose {r} {r} --aircraft {p}", "twice"),
     ("diagnose {r} --aircraft {p} --out {r}", "--out"),
+    ("check {r} --out {r}", "--out"),
     ("design --aircraft {p} --deflection-deg -1", "positive"),
     ("design --aircraft {p} --duration 0.1 --out {d}/o", "samples"),
     ("design --aircraft {p} --free Cx_*", "Cx_"),
