@@ -10,7 +10,7 @@ from casid.report.check_figures import check_figure
 from casid.report.claims import about_data
 from casid.report.table import Row, Table
 from casid.report.templating import drawn_into, figures_of, render
-from casid.report.words import digits
+from casid.report.words import digits, pretty, to_noise
 
 FIGURES = "check_figures"
 _COLOURS = {True: "#00694E", False: "#A3122A"}
@@ -37,8 +37,8 @@ def _channels(found: DataFindings) -> Table:
     rows = tuple(
         Row(
             cells=(
-                f"{row.name} [{row.unit}]",
-                *(digits(value) for value in (row.least, row.median, row.most)),
+                f"{row.name} [{pretty(row.unit)}]",
+                *(to_noise(value, row.noise) for value in (row.least, row.median, row.most)),
                 digits(row.noise, 2),
                 digits(row.rate_hz),
                 f"{100.0 * row.missing:.2g} %",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
-from casid.report.words import cause_name, digits, place, pretty, with_std
+from casid.report.words import cause_name, digits, place, pretty, probability_in_words, with_std
 
 # a figure of a cause or of what is unexplained is named with the number of that behind it, from the second on
 _OF_A_CAUSE = ("shape", "wind", "onset", "missing_history")
@@ -26,6 +26,11 @@ class Claim:
     text: str
     figures: tuple[str, ...]
     probability: float | None = None
+
+    @property
+    def sure(self) -> str:
+        """How probable it is, in words; "" where there is no probability."""
+        return "" if self.probability is None else f", {probability_in_words(self.probability)} probable"
 
 
 def about_cause(number: int) -> str:

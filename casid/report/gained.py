@@ -28,7 +28,7 @@ def gained(diagnosis: Diagnosis) -> Gained:
     gusts = " Gusts are new in every record, so that its error need not shrink." if diagnosis.turbulence.named else ""
 
     def told(channels: Sequence[str]) -> str:
-        return ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f} %".replace("-", "−") for o in channels)
+        return ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f}\u00a0%".replace("-", "−") for o in channels)
 
     return Gained(
         together=(

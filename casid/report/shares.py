@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_named
-from casid.report.words import effect_name
+from casid.report.words import effect_name, probability_in_words
 
 _TOLD = 4  # explanations told one by one
 
@@ -21,10 +21,8 @@ class Share:
 
     @property
     def percent(self) -> str:
-        """As it is told: never 0 or 100 of what is neither."""
-        if self.probability > 0.995:
-            return "> 99 %"
-        return "< 1 %" if self.probability < 0.005 else f"{100.0 * self.probability:.0f} %"
+        """As it is told."""
+        return probability_in_words(self.probability)
 
 
 def shares(diagnosis: Diagnosis) -> list[Share]:

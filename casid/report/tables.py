@@ -18,7 +18,7 @@ from casid.report.claims import about_cause, about_data, about_value
 from casid.report.derivatives import compared
 from casid.report.style import channel_scale
 from casid.report.table import Row, Table
-from casid.report.words import cause_name, digits, effect_name, pretty, quantity, with_std
+from casid.report.words import cause_name, digits, effect_name, pretty, probability_in_words, quantity, with_std
 
 
 def causes(diagnosis: Diagnosis) -> Table:
@@ -29,7 +29,7 @@ def causes(diagnosis: Diagnosis) -> Table:
                 cause_name(c.kind, c.target, c.term),
                 "\n".join([with_std(c.value, c.std, c.unit), *(f"{k}: {digits(v)}" for k, v in c.parameters.items())]),
                 _where(c),
-                digits(c.statistic) if c.probability is None else f"{100.0 * c.probability:.3g} %",
+                digits(c.statistic) if c.probability is None else probability_in_words(c.probability),
                 _held(c),
                 ", ".join(cause_name(o["kind"], o["target"], o["term"]) for o in c.indistinguishable_from) or "–",
             ),

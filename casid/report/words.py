@@ -87,6 +87,11 @@ def with_std(value: float, std: float, unit: str) -> str:
     return told if shown in ("", "1") else f"{told} {shown}"
 
 
+def to_noise(value: float, std: float) -> str:
+    """A number to the second digit of its 1-sigma."""
+    return numbers.to_deviation(value, std).replace("-", "−")
+
+
 def percent(value: float, of: float, std: float) -> str:
     """By how much of a number another one, whose 1-sigma is given, stands off it: "−54.7 %"; a dash of nothing."""
     if not of:
@@ -94,6 +99,13 @@ def percent(value: float, of: float, std: float) -> str:
     told = numbers.to_deviation(100.0 * (value / of - 1.0), abs(100.0 * std / of))
     sign = "" if not told.strip("-0.") else "−" if told.startswith("-") else "+"
     return f"{sign}{told.removeprefix('-')} %"
+
+
+def probability_in_words(probability: float) -> str:
+    """In per cent: never 0 or 100 of what is neither."""
+    if probability > 0.995:
+        return "> 99 %"
+    return "< 1 %" if probability < 0.005 else f"{100.0 * probability:.0f} %"
 
 
 def odds_in_words(log_odds: float) -> str:

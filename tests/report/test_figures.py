@@ -41,11 +41,11 @@ def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(diagnosis
     before, after = diagnosis.held_out_as_given.channels, diagnosis.held_out_extended.channels
     assert ratios == {o: pytest.approx(after[o].rms / before[o].rms) for o in before}
     told = gained(diagnosis)
-    assert f"{100.0 * (min(ratios.values()) - 1.0):+.0f} %".replace("-", "−") in told.better
+    assert f"{100.0 * (min(ratios.values()) - 1.0):+.0f}\u00a0%".replace("-", "−") in told.better
     lost = {o: replace(after[o], rms=k * before[o].rms) for k, o in ((3.0, "p"), (5.0, "V"))}
     view = replace(diagnosis.held_out_extended, channels={**after, **lost})
     worse = gained(replace(diagnosis, held_out_extended=view)).worse
-    assert worse.startswith("true airspeed +400 %, roll rate +200 %")
+    assert worse.replace("\u00a0", " ").startswith("true airspeed +400 %, roll rate +200 %")
 
 
 def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first(
