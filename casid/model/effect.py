@@ -26,6 +26,7 @@ from casid.errors import InputError
 from casid.model.airframe import Airframe
 from casid.model.operators import folded
 from casid.model.path import SignalPath
+from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import unit_of
 
@@ -82,6 +83,8 @@ class Effect:
     instrument   (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
     undo         inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds
                  does not depend on the reading it is added to, and is subtracted
+    into_tables  (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it:
+                 an extended file then has it there, and not as an effect
     """
 
     kind: str
@@ -123,6 +126,7 @@ class Effect:
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     instrument: Callable[[Any, Any, Symbols], Any] | None = None
+    into_tables: Callable[[tuple[Table, ...], float], tuple[Table, ...] | None] | None = None
 
     @property
     def name(self) -> str:

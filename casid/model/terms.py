@@ -9,10 +9,14 @@ Variables and their meaning inside a term (all dimensionless or in rad):
     V                            the relative speed change (V - V_trim) / V_trim
     Tc                           the thrust coefficient, thrust over dynamic pressure and reference area
 The constant term is written `0`, as in `CL_0`.
+
+A stretch of a variable, `alpha[0.1,0.14,0.24,0.28]`, is a factor too: 1 between the inner two numbers, 0 beyond the
+outer ones, straight in between; `-inf` or `inf` twice where it has no end. It is what breakpoints of a table change.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -25,18 +29,59 @@ COEFFICIENTS = ("CL", "CD", "CY", "CX", "CZ", "Cl", "Cm", "Cn")
 _PURE_NUMBERS = ("mach", "V", "Tc")
 _MAX_POWER = 9
 _FACTOR = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\^\s*([1-9]))?\s*", re.ASCII)
+_STRETCH = re.compile(r"\s*([A-Za-z_]\w*)\s*\[([^\[\]]*)\]\s*", re.ASCII)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """A part of the range of a variable: 1 between the inner two of its corners, 0 beyond the outer ones."""
+
+    variable: str
+    corners: tuple[float, float, float, float]
+
+    @property
+    def name(self) -> str:
+        """Canonical spelling, corners to six digits."""
+        return f"{self.variable}[{','.join(f'{corner:.6g}' for corner in self.corners)}]"
+
+    @property
+    def words(self) -> str:
+        """For a person, angles in degrees: "alpha 8 to 14 deg", "mach near 0.7", "alpha above 14 deg"."""
+        pure = self.variable in _PURE_NUMBERS or self.variable in ("p", "q", "r", "alphadot", "betadot")
+        low, high = (f"{x if pure else math.degrees(x):.3g}" for x in self.corners[1:3])
+        unit = "" if pure else " deg"
+        if not math.isfinite(self.corners[1]):
+            return f"{self.variable} below {high}{unit}"
+        if not math.isfinite(self.corners[2]):
+            return f"{self.variable} above {low}{unit}"
+        return f"{self.variable} near {low}{unit}" if low == high else f"{self.variable} {low} to {high}{unit}"
+
+    def evaluate(self, x: Any) -> Any:
+        """Its share at x: a float, an array or a CasADi expression."""
+        first, begin, end, last = self.corners
+        entered = _passed((x - first) * (1.0 / (begin - first))) if math.isfinite(begin) else 1.0
+        left = _passed((x - end) * (1.0 / (last - end))) if math.isfinite(end) else 0.0
+        return entered - left
+
+
+def _passed(part: Any) -> Any:
+    """Between 0 and 1, of any algebra."""
+    return 0.5 * (abs(part) - abs(part - 1.0) + 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Term:
-    """A monomial: `factors` are (variable, power) in the order of VARIABLES, powers from 1; empty is the constant."""
+    """A monomial: `factors` are (variable, power) in the order of VARIABLES, powers from 1; empty is the constant.
+    `stretches` multiply it, in the same order."""
 
     factors: tuple[tuple[str, int], ...]
+    stretches: tuple[Stretch, ...] = ()
 
     @property
     def name(self) -> str:
         """Canonical spelling, one per monomial: `beta*alpha` is `alpha*beta`, `alpha*alpha` is `alpha^2`."""
-        return "*".join(v if power == 1 else f"{v}^{power}" for v, power in self.factors) or "0"
+        monomial = [v if power == 1 else f"{v}^{power}" for v, power in self.factors]
+        return "*".join([*monomial, *(one.name for one in self.stretches)]) or "0"
 
     def __str__(self) -> str:
         return self.name
@@ -63,6 +108,10 @@ class Term:
                 raise InputError(f"term '{self.name}': no value for '{variable}'; given are {sorted(values)}")
             factor = values[variable] if power == 1 else values[variable] ** power
             product = factor if index == 0 else product * factor
+        for one in self.stretches:
+            if one.variable not in values:
+                raise InputError(f"term '{self.name}': no value for '{one.variable}'; given are {sorted(values)}")
+            product = product * one.evaluate(values[one.variable])
         return product
 
 
@@ -75,7 +124,14 @@ def parse_term(text: str, where: str = "") -> Term:
     if text.strip() == "0":
         return Term(factors=())
     powers: dict[str, int] = {}
+    stretches: dict[str, Stretch] = {}
     for factor in text.split("*"):
+        if "[" in factor:
+            one = _stretch(factor, f"{prefix}term '{text}'")
+            if one.variable in stretches:
+                raise InputError(f"{prefix}term '{text}': two stretches of '{one.variable}'; expected one")
+            stretches[one.variable] = one
+            continue
         match = _FACTOR.fullmatch(factor)
         if not match:
             raise InputError(
@@ -88,7 +144,40 @@ def parse_term(text: str, where: str = "") -> Term:
         powers[variable] = powers.get(variable, 0) + power
         if powers[variable] > _MAX_POWER:
             raise InputError(f"{prefix}term '{text}': '{variable}' has a power above {_MAX_POWER}")
-    return Term(factors=tuple((v, powers[v]) for v in VARIABLES if v in powers))
+    return Term(
+        factors=tuple((v, powers[v]) for v in VARIABLES if v in powers),
+        stretches=tuple(stretches[v] for v in VARIABLES if v in stretches),
+    )
+
+
+def _stretch(text: str, where: str) -> Stretch:
+    """A stretch as it is spelled; corners are what six digits say of them."""
+    match = _STRETCH.fullmatch(text)
+    if not match:
+        raise InputError(f"{where}: '{text.strip()}' is no stretch of a variable; expected alpha[0.1,0.14,0.24,0.28]")
+    if match[1] not in VARIABLES:
+        raise unknown("variable", match[1], VARIABLES, where)
+    try:
+        corners = tuple(float(f"{float(number):.6g}") for number in match[2].split(","))
+    except ValueError:
+        corners = ()
+    if len(corners) != 4 or any(map(math.isnan, corners)):
+        raise InputError(f"{where}: '{text.strip()}' needs four numbers: where it sets in, is whole, until there, ends")
+    first, begin, end, last = corners
+    rises = first < begin if math.isfinite(begin) else first == begin == -math.inf
+    falls = end < last if math.isfinite(end) else end == last == math.inf
+    if not (rises and falls and begin <= end) or not math.isfinite(first if math.isfinite(begin) else 0.0):
+        raise InputError(f"{where}: '{text.strip()}' must ascend; write -inf or inf twice where it has no end")
+    if not math.isfinite(last if math.isfinite(end) else 0.0) or not (math.isfinite(begin) or math.isfinite(end)):
+        raise InputError(f"{where}: '{text.strip()}' has no end at either side, or one that is not straight")
+    return Stretch(variable=match[1], corners=(first, begin, end, last))
+
+
+def in_words(text: str) -> str:
+    """The spelling of a term with its stretches as a person reads them: "alpha 8 to 14 deg"."""
+    if "[" not in text:
+        return text
+    return ", ".join(_stretch(part, text).words if "[" in part else part for part in text.split("*"))
 
 
 def derivative_term(name: str, where: str = "", coefficients: Iterable[str] = COEFFICIENTS) -> tuple[str, Term]:
@@ -100,7 +189,7 @@ def derivative_term(name: str, where: str = "", coefficients: Iterable[str] = CO
     allowed = tuple(coefficients)
     coefficient, _, regressor = name.partition("_")
     plain = ("0", *VARIABLES)
-    if coefficient not in allowed or (regressor not in plain and not set(regressor) & set("*^")):
+    if coefficient not in allowed or (regressor not in plain and not set(regressor) & set("*^[")):
         likely = [c for c in allowed if name.startswith(c)] or allowed
         raise unknown("derivative", name, [f"{c}_{v}" for c in likely for v in plain], where)
     return coefficient, parse_term(regressor, f"{where}: '{name}'" if where else f"'{name}'")

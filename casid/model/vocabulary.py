@@ -12,7 +12,7 @@ import re
 from casid.errors import InputError, unknown
 from casid.model.causes import KINDS
 from casid.model.effect import Kind
-from casid.model.terms import parse_term
+from casid.model.terms import in_words, parse_term
 from casid.signals import label_of
 
 __all__ = ["KINDS", "Kind", "check_effect", "effect_sentence", "effect_title", "effect_unit"]
@@ -82,7 +82,8 @@ def effect_sentence(kind: str, target: str | None, term: str | None, value: floa
     value = value if sentence == entry.sentence else abs(value)
     percent = f"{_digits(100.0 * value)} %"
     first = (target or "").split("+")[0]
-    return sentence.format(label=label, term=term, size=_size(value, unit), percent=percent, target=first)
+    told = term and in_words(term)
+    return sentence.format(label=label, term=told, size=_size(value, unit), percent=percent, target=first)
 
 
 def effect_title(kind: str, target: str | None, term: str | None) -> str:
@@ -92,7 +93,7 @@ def effect_title(kind: str, target: str | None, term: str | None) -> str:
         return words
     parts = KINDS[kind].parts(target)
     label = " and ".join(_label(part) for part in parts)
-    return KINDS[kind].title.format(words=words, label=label, target=", ".join(parts), term=term)
+    return KINDS[kind].title.format(words=words, label=label, target=", ".join(parts), term=term and in_words(term))
 
 
 def _label(part: str) -> str:

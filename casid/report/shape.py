@@ -189,8 +189,9 @@ def _series(fit: Fit, term: str) -> np.ndarray:
 def _abscissa(fit: Fit, regressor: str) -> tuple[np.ndarray, str, float]:
     """(series, axis label, factor to what is shown): the one variable of the term, or the term itself."""
     term = parse_term(regressor)
-    if len(term.factors) == 1:
-        variable = term.factors[0][0]
+    variables = [name for name, _ in term.factors] or [one.variable for one in term.stretches[:1]]
+    if len(variables) == 1:
+        variable = variables[0]
         if variable.endswith("dot"):
             return _series(fit, variable), f"dimensionless rate of {variable[:-3]} [1]", 1.0
         unit = unit_of(variable) if variable not in ("p", "q", "r") else "1"
@@ -200,8 +201,11 @@ def _abscissa(fit: Fit, regressor: str) -> tuple[np.ndarray, str, float]:
 
 
 def _power(regressor: str, x: np.ndarray) -> np.ndarray:
-    factors = parse_term(regressor).factors
-    return x ** factors[0][1] if len(factors) == 1 else x
+    """What the term makes of its variable; of a term of several, which is the abscissa itself, that."""
+    term = parse_term(regressor)
+    if term.stretches:
+        return term.stretches[0].evaluate(x)
+    return x ** term.factors[0][1] if len(term.factors) == 1 else x
 
 
 def _at(fit: Fit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from casid.design.separation import NextFlight
 from casid.model import numbers
 from casid.model.effect import Effect
 from casid.model.station import Station
+from casid.model.terms import in_words
 from casid.model.vocabulary import effect_title
 from casid.report.style import shown_unit
 from casid.signals import label_of
@@ -54,7 +55,9 @@ def pretty(sentence: str) -> str:
 
 
 def pretty_term(term: str) -> str:
-    """ "alpha^2*beta" -> "alpha²·beta"."""
+    """ "alpha^2*beta" -> "alpha²·beta"; a stretch in words."""
+    if "[" in term:
+        return in_words(term)
     parts = [factor.partition("^") for factor in term.split("*")]
     return "·".join(name + power.translate(_POWERS) for name, _, power in parts)
 

@@ -23,7 +23,7 @@ def test_parameter_name_is_read_back(coefficient, term):
     assert derivative_term(derivative_name(coefficient, term)) == (coefficient, term)
 
 
-@given(st.text("alphbetq_dr0^*123456789 ()+.", max_size=12))
+@given(st.text("alphbetq_dr0^*123456789 ()+.[],", max_size=12))
 def test_any_text_is_a_term_or_an_input_error(text):
     try:
         term = parse_term(text)

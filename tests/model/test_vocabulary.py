@@ -35,6 +35,7 @@ PUBLIC = {
     "gust",
     "turbulence",
     "structural_mode",
+    "table_increment",
     "sensor_misalignment",
     "position_error",
     "clock_drift",

@@ -10,27 +10,34 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect
+from casid.model.effects import effect_of
 
 
 def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
-    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects, and
-    what is `minor` but stands in the fit beside them, terms of the aerodynamics as such."""
+    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects or
+    in its tables, and what is `minor` but stands in the fit beside them, terms of the aerodynamics as such."""
     known = {(e.kind, e.target, e.term) for e in aircraft.effects}
     missing = {one.effect.key for one in fit.attached}
     if fit.noise.coloured:
         missing.add(turbulence_effect("").key)
     missing -= known
     terms: dict[str, dict[str, float]] = {}
-    effects = []
+    effects, tables = [], None
     for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
         key = cause.kind, cause.target, cause.term
         if key not in missing:
             continue
         missing.remove(key)
-        if not named and cause.term:
+        take_up = effect_of(cause).into_tables
+        held = take_up(tables or aircraft.tables, cause.value) if take_up else None
+        if held is not None:
+            tables = held
+        elif not named and cause.term:
             terms.setdefault(cause.target, {})[cause.term] = cause.value
         else:
             effects.append(_as_effect(cause, fit.batch.names))
+    if tables is not None:
+        aircraft = replace(aircraft, tables=tables)
     std = {slot.name: fit.std(slot.name) for slot in fit.slots}
     estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
     return (

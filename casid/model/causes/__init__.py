@@ -23,6 +23,7 @@ from casid.model.causes.instruments import (
 )
 from casid.model.causes.loading import cg_offset, inertia, mass, thrust_asymmetry, thrust_line
 from casid.model.causes.recording import clock_drift, position_error, sensor_misalignment, thrust_scale
+from casid.model.causes.tables import table_increment
 from casid.model.effect import KINDS
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "sensor_misalignment",
     "sensor_scale",
     "structural_mode",
+    "table_increment",
     "thrust_asymmetry",
     "thrust_line",
     "thrust_scale",

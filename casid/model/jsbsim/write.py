@@ -6,6 +6,7 @@ writes it, mass and inertia numbers of the mass balance. What a JSBSim file cann
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ from casid.model.effect_value import EffectValue
 from casid.model.jsbsim.aerodynamics import reference_point
 from casid.model.jsbsim.mass import mass_properties
 from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, amount, body_arm, number_of, part
-from casid.model.terms import parse_term
+from casid.model.terms import Stretch, parse_term
 
 _PROPERTIES: Mapping[str, tuple[str, ...]] = {
     "alpha": ("aero/alpha-rad",),
@@ -58,7 +59,7 @@ def extended_text(
     for effect in effects:
         if effect.records or effect.onset_s:
             left.append(_said(effect, "is not in all records, or not always"))
-        elif effect.kind == "aero_term" and effect.term:
+        elif effect.kind in ("aero_term", "table_increment") and effect.term:
             _add(total, effect.target, effect.term, effect.value)
         elif effect.kind == "unsteady_aero" and not effect.parameters:
             _add(total, effect.target, "betadot" if effect.target in ("CY", "Cl", "Cn") else "alphadot", effect.value)
@@ -97,13 +98,25 @@ def _add(total: dict[str, dict[str, float]], coefficient: str, term: str, value:
 
 
 def _factors(term: str) -> list[str] | None:
-    """Properties whose product is the term; None when there is none for a variable."""
+    """Properties and tables whose product is the term; None when there is none for a variable."""
     names: list[str] = []
     for variable, power in parse_term(term).factors:
         if variable not in _PROPERTIES:
             return None
-        names += [*_PROPERTIES[variable]] * power
+        names += [_property(name) for name in _PROPERTIES[variable]] * power
+    for one in parse_term(term).stretches:
+        if len(_PROPERTIES.get(one.variable, ())) != 1:
+            return None
+        names.append(_stretch(one, *_PROPERTIES[one.variable]))
     return names
+
+
+def _stretch(one: Stretch, name: str) -> str:
+    """A stretch as a table, which JSBSim holds at its ends."""
+    shares = zip(one.corners, (0.0, 1.0, 1.0, 0.0), strict=True)
+    rows = dict(pair for pair in shares if math.isfinite(pair[0]))
+    data = " ".join(f"{x!r} {share!r}\n" for x, share in rows.items())
+    return f'<table><independentVar lookup="row">{name}</independentVar><tableData>\n{data}</tableData></table>'
 
 
 # text: positions are found with comments blanked, so that what stands in them is left alone
@@ -138,9 +151,7 @@ def _increment(row: Mapping[str, float]) -> str:
     products = []
     for term, value in row.items():
         factors = _factors(term) or []
-        products.append(
-            _product(f"<value>{value!r}</value>", *map(_property, factors)) if factors else f"<value>{value!r}</value>"
-        )
+        products.append(_product(f"<value>{value!r}</value>", *factors) if factors else f"<value>{value!r}</value>")
     return products[0] if len(products) == 1 else f"<sum>{''.join(products)}</sum>"
 
 

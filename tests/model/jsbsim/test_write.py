@@ -132,7 +132,9 @@ def test_what_was_written_is_read_again(tmp_path: Path, model: str) -> None:
                 "Cm_q": -3.0,
                 "Cn_delta_r": 0.02,
             }
-        ).with_terms({"Cm": {"alpha^2": 3.0}, "CD": {"beta^2": 0.5}, "Cl": {"alpha*beta": 0.4}}),
+        ).with_terms(
+            {"Cm": {"alpha^2": 3.0, "alpha[0.05,0.09,0.2,0.3]": 0.1}, "CD": {"beta^2": 0.5}, "Cl": {"alpha*beta": 0.4}}
+        ),
         effects=(EffectValue(kind="unsteady_aero", target="Cm", value=-4.0),),
     )
     extended.write(tmp_path / "extended.xml")
