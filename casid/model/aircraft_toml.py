@@ -9,7 +9,7 @@ from typing import Any
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
 from casid.model.aircraft_file import check_keys, number, number_table, numbers, quoted, shown, subtable, text
-from casid.model.airframe import INERTIAS, Inertia
+from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
 from casid.model.daveml import DaveAerodynamics, dave_aerodynamics
 from casid.model.effect_value import EffectValue
 from casid.model.jsbsim import JsbsimAerodynamics, aerodynamics_of
@@ -56,7 +56,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     if not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
         raise InputError("[aerodynamics]: 'derivatives' is missing; add it")
     inertia = subtable(general, "inertia", "[aircraft]")
-    check_keys(inertia, INERTIAS, "[aircraft] inertia", INERTIAS)
+    check_keys(inertia, (*INERTIAS, *PRODUCTS), "[aircraft] inertia", INERTIAS)
     given = {name: general[name] for name in ("gravity",) if name in general}
     given |= propulsion
     given |= {name: sensors[name] for name in POSITIONS if name in sensors}
@@ -133,7 +133,8 @@ def _effects(tables: Any) -> tuple[EffectValue, ...]:
 def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
     """(header, table) of the sections of its file, in their order."""
     a = aircraft
-    inertia = {name: getattr(a.inertia, name) for name in INERTIAS}
+    products = () if a.inertia.symmetric else PRODUCTS
+    inertia = {name: getattr(a.inertia, name) for name in (*INERTIAS, *products)}
     yield "[aircraft]", {"name": a.name, "mass": a.mass, "inertia": inertia, "gravity": a.gravity}
     moment = {"lateral": a.moment_length_lateral, "pitch": a.moment_length_pitch}
     rate = {"lateral": a.rate_length_lateral, "pitch": a.rate_length_pitch}

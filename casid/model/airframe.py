@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
@@ -13,20 +15,25 @@ from casid.model.aircraft_file import number
 from casid.model.tables import Table
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
+PRODUCTS = ("Ixy", "Iyz")  # of an aircraft that is not symmetric
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inertia:
-    """Inertia tensor [kg m2]: [[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]. InputError unless positive definite."""
+    """Inertia tensor [kg m2]: [[Ixx, -Ixy, -Ixz], [-Ixy, Iyy, -Iyz], [-Ixz, -Iyz, Izz]]. Ixy and Iyz are zero for an
+    aircraft that is symmetric. Raises InputError unless it is positive definite."""
 
     Ixx: float
     Iyy: float
     Izz: float
     Ixz: float
+    Ixy: float = 0.0
+    Iyz: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in INERTIAS:
-            value = number(getattr(self, name), f"inertia: '{name}'", positive=name != "Ixz")
+        for name in (*INERTIAS, *PRODUCTS):
+            diagonal = name not in ("Ixz", *PRODUCTS)
+            value = number(getattr(self, name), f"inertia: '{name}'", positive=diagonal)
             object.__setattr__(self, name, value)
         limit = math.sqrt(self.Ixx) * math.sqrt(self.Izz)
         if abs(self.Ixz) >= limit:
@@ -34,16 +41,47 @@ class Inertia:
                 f"inertia: the tensor is not positive definite, 'Ixz' must stay within +-sqrt(Ixx Izz) = {limit:.5g}, "
                 f"got {self.Ixz:.5g}"
             )
+        if not self.symmetric and np.linalg.eigvalsh(self.tensor)[0] <= 0.0:
+            raise InputError("inertia: the tensor is not positive definite; make 'Ixy' and 'Iyz' smaller")
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the plane x-z is one of symmetry."""
+        return self.Ixy == 0.0 and self.Iyz == 0.0
+
+    @property
+    def tensor(self) -> np.ndarray:
+        """(3, 3) [kg m2] in body axes."""
+        return np.array(
+            [
+                [self.Ixx, -self.Ixy, -self.Ixz],
+                [-self.Ixy, self.Iyy, -self.Iyz],
+                [-self.Ixz, -self.Iyz, self.Izz],
+            ]
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What no rigid body can have: a principal moment above the sum of the other two. Empty when all is well."""
         mean, spread = (self.Ixx + self.Izz) / 2, math.hypot((self.Ixx - self.Izz) / 2, self.Ixz)
         principal = sorted((mean - spread, mean + spread, self.Iyy))
+        if not self.symmetric:
+            principal = [float(one) for one in np.linalg.eigvalsh(self.tensor)]
         if principal[2] <= (principal[0] + principal[1]) * (1.0 + 1e-12):
             return ()
         a, b, c = principal
         return (f"inertia: no rigid body has principal moments {a:.4g}, {b:.4g}, {c:.4g}: one exceeds the other two",)
+
+
+def unsymmetric_moment(inertia: Mapping[str, Any], rates: Sequence[Any], accelerations: Sequence[Any]) -> list[Any]:
+    """What Ixy and Iyz add to the moments L, M, N that turn an aircraft with `rates` p, q, r and their derivatives."""
+    (p, q, r), (pdot, qdot, rdot) = rates, accelerations
+    xy, yz = inertia["Ixy"], inertia["Iyz"]
+    return [
+        xy * (p * r - qdot) + yz * (r**2 - q**2),
+        -xy * (pdot + q * r) + yz * (p * q - rdot),
+        xy * (q**2 - p**2) - yz * (qdot + p * r),
+    ]
 
 
 class Airframe(Protocol):

@@ -8,6 +8,7 @@ from functools import partial
 import casadi as ca
 
 from casid.model.aircraft import Aircraft
+from casid.model.airframe import unsymmetric_moment
 from casid.model.effect import Effect
 from casid.model.path import SignalPath, disturbance_names, fly
 from casid.model.station import MOVING_AIR
@@ -117,6 +118,9 @@ def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: di
     L = Ixx * c["pdot"] - Ixz * c["rdot"] + (Izz - Iyy) * q * r - Ixz * p * q
     M = Iyy * c["qdot"] + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2) - aircraft.thrust_line_z * c["thrust"]
     N = Izz * c["rdot"] - Ixz * c["pdot"] + (Iyy - Ixx) * p * q + Ixz * q * r
+    if not aircraft.inertia.symmetric:
+        more = unsymmetric_moment(path.inertia, (p, q, r), (c["pdot"], c["qdot"], c["rdot"]))
+        L, M, N = L + more[0], M + more[1], N + more[2]
     sa, cos_a = ca.sin(c["alpha"]), ca.cos(c["alpha"])
     return {
         "CL": (fx * sa - fz * cos_a) / qS,

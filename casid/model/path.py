@@ -19,7 +19,7 @@ import numpy as np
 
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
-from casid.model.airframe import Airframe
+from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
 from casid.model.terms import derivative_term, parse_term
 from casid.signals import SURFACES
 
@@ -80,7 +80,7 @@ def mass_station(path: SignalPath) -> None:
     """Mass, inertia tensor, position of the true c.g. relative to the one in the aircraft file."""
     inertia = path.aircraft.inertia
     path.mass = path.aircraft.mass
-    path.inertia = {name: getattr(inertia, name) for name in ("Ixx", "Iyy", "Izz", "Ixz")}
+    path.inertia = {name: getattr(inertia, name) for name in (*INERTIAS, *PRODUCTS)}
 
 
 def wind_station(path: SignalPath) -> None:
@@ -253,22 +253,39 @@ def rigid_body_station(path: SignalPath) -> None:
     ax, ay, az = fx / path.mass, fy / path.mass, fz / path.mass
     sph, cph, sth, cth = ca.sin(s["phi"]), ca.cos(s["phi"]), ca.sin(s["theta"]), ca.cos(s["theta"])
     p, q, r = s["p"], s["q"], s["r"]
-    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
-    L = L - (Izz - Iyy) * q * r + Ixz * p * q
-    N = N - (Iyy - Ixx) * p * q - Ixz * q * r
-    determinant = Ixx * Izz - Ixz**2
+    pdot, qdot, rdot = _angular_acceleration(path, (p, q, r), (L, M, N))
     path.derivative |= {
         "u": ax - g * sth + r * s["v"] - q * s["w"],
         "v": ay + g * cth * sph - r * s["u"] + p * s["w"],
         "w": az + g * cth * cph + q * s["u"] - p * s["v"],
-        "p": (Izz * L + Ixz * N) / determinant,
-        "q": (M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2)) / Iyy,
-        "r": (Ixz * L + Ixx * N) / determinant,
+        "p": pdot,
+        "q": qdot,
+        "r": rdot,
         "phi": p + ca.tan(s["theta"]) * (q * sph + r * cph),
         "theta": q * cph - r * sph,
         "psi": (q * sph + r * cph) / cth,
         "altitude": s["u"] * sth - s["v"] * sph * cth - s["w"] * cph * cth,
     }
+
+
+def _angular_acceleration(path: SignalPath, rates: tuple, moments: tuple) -> tuple[Any, Any, Any]:
+    """pdot, qdot, rdot by Euler's equations."""
+    (p, q, r), (L, M, N) = rates, moments
+    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in INERTIAS)
+    L = L - (Izz - Iyy) * q * r + Ixz * p * q
+    N = N - (Iyy - Ixx) * p * q - Ixz * q * r
+    determinant = Ixx * Izz - Ixz**2
+    if path.aircraft.inertia.symmetric:
+        pitch = (M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2)) / Iyy
+        return (Izz * L + Ixz * N) / determinant, pitch, (Ixz * L + Ixx * N) / determinant
+    xy, yz = path.inertia["Ixy"], path.inertia["Iyz"]
+    turning = unsymmetric_moment(path.inertia, rates, (0.0, 0.0, 0.0))
+    M = M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2) - turning[1]
+    L, N = L - turning[0], N - turning[2]
+    a, b = xy * Izz + Ixz * yz, yz * Ixx + Ixz * xy  # pitch by what roll and yaw leave, these by what pitch makes
+    qdot = (M + (a * L + b * N) / determinant) / (Iyy - (a * xy + b * yz) / determinant)
+    L, N = L + xy * qdot, N + yz * qdot
+    return (Izz * L + Ixz * N) / determinant, qdot, (Ixz * L + Ixx * N) / determinant
 
 
 def sensor_station(path: SignalPath) -> None:

@@ -19,6 +19,7 @@ from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read, Reading
 from casid.diagnosis.numerics import IMPOSSIBLE_SIGN
 from casid.model.aircraft import Aircraft
+from casid.model.airframe import unsymmetric_moment
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
@@ -230,6 +231,9 @@ def _measured(c: Read, aircraft: Aircraft) -> dict[str, np.ndarray]:
     roll = Ixx * pdot - Ixz * rdot + (Izz - Iyy) * q * r - Ixz * p * q
     pitch = Iyy * qdot + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2)
     yaw = Izz * rdot - Ixz * pdot + (Iyy - Ixx) * p * q + Ixz * q * r
+    if not inertia.symmetric:
+        more = unsymmetric_moment({"Ixy": inertia.Ixy, "Iyz": inertia.Iyz}, (p, q, r), (pdot, qdot, rdot))
+        roll, pitch, yaw = roll + more[0], pitch + more[1], yaw + more[2]
     alpha, m = c.value("alpha"), aircraft.mass
     return {
         "Cl": roll / (qS * aircraft.moment_length_lateral),

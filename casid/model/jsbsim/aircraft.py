@@ -43,7 +43,7 @@ def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, A
         return {
             "name": root.get("name", Path(path).stem),
             "mass": mass.weight / LBS_PER_SLUG * SLUG,
-            "inertia": Inertia(Ixx=J[0, 0], Iyy=J[1, 1], Izz=J[2, 2], Ixz=-J[0, 2]),
+            "inertia": _inertia(J),
             "area": metrics["Sw-sqft"] * FT**2,
             "moment_length_lateral": metrics["bw-ft"] * FT,
             "moment_length_pitch": metrics["cbarw-ft"] * FT,
@@ -55,6 +55,15 @@ def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, A
         }
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+_ROUNDING = 1e-9  # of Iyy: a product of inertia that is less is one of mirrored masses
+
+
+def _inertia(J: np.ndarray) -> Inertia:
+    """Of a (3, 3) tensor [kg m2]."""
+    xy, yz = (-float(J[i, j]) if abs(J[i, j]) > _ROUNDING * J[1, 1] else 0.0 for i, j in ((0, 1), (1, 2)))
+    return Inertia(Ixx=J[0, 0], Iyy=J[1, 1], Izz=J[2, 2], Ixz=-J[0, 2], Ixy=xy, Iyz=yz)
 
 
 def aerodynamics_of(path: str | Path, held: Mapping[str, float], axes: str = "wind") -> JsbsimAerodynamics:
