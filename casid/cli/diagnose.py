@@ -11,6 +11,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from casid.cli.model_file import diagnose_model, model_of
 from casid.cli.options import DEMO, AsJson, Axes, Files, Flag, Folder, Maps, Whole, records_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
@@ -45,6 +46,7 @@ _COURSE = (
 def diagnose(
     *records: Annotated[str, Parameter(name="RECORD")],
     aircraft: Path | None = None,
+    model: str | None = None,
     hold_out: Files | None = None,
     maps: Maps | None = None,
     axes: Axes | None = None,
@@ -66,6 +68,9 @@ def diagnose(
         Files, or patterns like 'flight/m*.csv', that are fitted. Without any, the embedded example is diagnosed.
     aircraft
         The aircraft file (TOML).
+    model
+        In place of it the model of any dynamic system, in a Python file that is run: tanks.py:model. There is no
+        report.html and no extended.toml then, but diagnosis.txt.
     hold_out
         Records that are never fitted. Without, the last record is held back, or of a single one its last third.
     maps
@@ -87,13 +92,20 @@ def diagnose(
     held = hold_out or []
     if held and not records:
         raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
-    if records and aircraft is None:
+    if model is not None and (aircraft is not None or axes is not None or not records):
+        raise InputError("--model FILE.py:NAME takes records, and neither --aircraft nor --axes")
+    if records and aircraft is None and model is None:
         raise InputError("--aircraft FILE is missing; the records alone do not say what flew")
     if aircraft is not None and not records:
         raise InputError(f"--aircraft {aircraft} needs records; expected: diagnose RECORD ... --aircraft FILE")
-    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [])
+    system = None if model is None else model_of(model)
+    own = () if system is None else (*system.inputs, *system.outputs)
+    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [], own)
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
+    if system is not None:
+        diagnose_model(system, fitted, held_out, by, out, seed, as_json)
+        return
     file = aircraft or DEMO / "aircraft.toml"
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, criteria=by, axes=axes)
     _write(diagnosed, file, by, out, seed, as_json)
@@ -114,12 +126,14 @@ def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson
     diagnose(out=out, quick=quick, as_json=as_json)
 
 
-def _flight(patterns: Sequence[str], held: Sequence[str], maps: Sequence[str]) -> tuple[list[Record], list[Record]]:
+def _flight(
+    patterns: Sequence[str], held: Sequence[str], maps: Sequence[str], own: Sequence[str]
+) -> tuple[list[Record], list[Record]]:
     """Records to fit and records held out. What is held out is not fitted, also when it is given twice."""
-    held_files = [r.source for r in records_of(held, maps)] if held else []
+    held_files = [r.source for r in records_of(held, maps, own)] if held else []
     apart = {Path(file).resolve() for file in held_files}
-    fit_files = [r.source for r in records_of(patterns, maps) if Path(r.source).resolve() not in apart]
-    both = records_of([*fit_files, *held_files], maps)  # together: names that two folders share are told apart
+    fit_files = [r.source for r in records_of(patterns, maps, own) if Path(r.source).resolve() not in apart]
+    both = records_of([*fit_files, *held_files], maps, own)  # together: names that two folders share are told apart
     return both[: len(fit_files)], both[len(fit_files) :]
 
 

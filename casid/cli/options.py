@@ -32,6 +32,6 @@ AsJson = Annotated[bool, Parameter(name="--json", negative="")]
 Axes = Literal["full", "longitudinal", "lateral"]
 
 
-def records_of(patterns: Sequence[str], maps: Sequence[str]) -> list[Record]:
-    """The records of files or glob patterns, their columns named by ``--map``."""
-    return read_records(list(patterns), ColumnMap.from_options(list(maps)))
+def records_of(patterns: Sequence[str], maps: Sequence[str], own: Sequence[str] = ()) -> list[Record]:
+    """The records of files or glob patterns, their columns named by ``--map``; `own`: channels of no aircraft."""
+    return read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own)

@@ -45,7 +45,15 @@ def expressions(
     with warnings.catch_warnings():
         # CasADi announces that numpy functions of its symbols may give something else one day; they are symbols still
         warnings.filterwarnings("ignore", message=r"\s*casadi", category=FutureWarning)
-        found = function(space)
+        try:
+            found = function(space)
+        except RuntimeError as error:
+            if "truth value" not in str(error):
+                raise
+            raise InputError(
+                f"{where}: {what} asks whether something about a symbol is true; write both cases, "
+                "np.where(s.x > 0, a, b), in place of if, and, or, max"
+            ) from None
     if not isinstance(found, Mapping):
         like = ", ".join(f"'{name}': ..." for name in names[:3])
         raise InputError(f"{where}: {what} returned {given(found)}; expected a table by name, {{{like}}}")

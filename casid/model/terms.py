@@ -37,7 +37,7 @@ class Stretch:
     """A part of the range of a variable: 1 between the inner two of its corners, 0 beyond the outer ones."""
 
     variable: str
-    corners: tuple[float, float, float, float]
+    corners: tuple[float, ...]
 
     @property
     def name(self) -> str:

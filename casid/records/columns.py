@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -36,8 +36,9 @@ def split_header(header: str) -> tuple[str, str]:
     return (match[1], unit) if unit else with_suffix(match[1])
 
 
-def channels_of(table: Table, column_map: ColumnMap) -> Columns:
-    """Channels of a table: what the map says, and every other named column under its own name.
+def channels_of(table: Table, column_map: ColumnMap, own: Collection[str] = ()) -> Columns:
+    """Channels of a table: what the map says, and every other named column under its own name; `own` names those of a
+    system that is no aircraft, where nothing is nearly a channel of one.
 
     Raises InputError for a name that is nearly that of an absent channel, for two columns of one name, a unit that
     is unknown or does not fit, text where a number belongs, and a column of the map that is not there.
@@ -55,7 +56,8 @@ def channels_of(table: Table, column_map: ColumnMap) -> Columns:
     for channel, terms in column_map.columns.items():
         indices = [_find(table, headers, term, channel) for term in terms]
         named = {headers[i][0] for i in indices} if headers else set()
-        _check_target(channel, named, f"{table.source}: column map")
+        if not own:
+            _check_target(channel, named, f"{table.source}: column map")
         parts = zip(terms, indices, strict=True)
         columns = [term.weight * _converted(table, headers, i, channel, term.unit) for term, i in parts]
         channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
@@ -63,12 +65,12 @@ def channels_of(table: Table, column_map: ColumnMap) -> Columns:
         used.update(indices)
     notes: list[str] = []
     rest = [i for i in range(len(headers)) if i not in used]
-    absent = set(CHANNELS) - set(channels) - {headers[i][0] for i in rest}
+    absent = set() if own else set(CHANNELS) - set(channels) - {headers[i][0] for i in rest}
     for index in rest:
         name = headers[index][0]
         if name in channels:
             notes.append(f"{table.column(index)} is left out: the column map takes '{name}' from elsewhere")
-        elif name in CHANNELS:
+        elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
         else:
             _add_extra(table, headers, index, channels, places, absent, notes, mapped=bool(column_map.columns))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import glob
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -42,13 +42,19 @@ _BINARY: Mapping[str, Callable[[Path, str | None, str], Table]] = MappingProxyTy
 _IN_MEMORY = "; data in memory are cs.Record.from_frame(df) or cs.Record.from_arrays(name, t, channels)"
 
 
-def read_record(path: str | Path, column_map: ColumnMap | Mapping[str, str] | str | Path | None = None) -> Record:
+def read_record(
+    path: str | Path,
+    column_map: ColumnMap | Mapping[str, str] | str | Path | None = None,
+    *,
+    own: Collection[str] = (),
+) -> Record:
     """The flight record of one file, in SI units and radians; its name is the file's name without ending.
 
     A header may carry a unit, `alpha [deg]`; without one it is SI. `column_map`, the TOML file of one, or a table like
     `{"alpha": "ALCG:deg"}` says which column of a foreign file is which channel. `t` and at least one surface must be
     there. An empty cell or nan in a measured output is a missing sample; columns that casid does not know are kept.
-    `record.notes` holds remarks.
+    `record.notes` holds remarks. Of a system that is no aircraft, `own` names the channels: they are taken under these
+    names, whatever they would mean of an aircraft, and no surface is asked for.
 
     Raises
     ------
@@ -61,15 +67,18 @@ def read_record(path: str | Path, column_map: ColumnMap | Mapping[str, str] | st
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
     path, column_map = Path(path), ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
-        return record_of_table(_read_table(path, column_map), _stem(path), column_map)
+        return record_of_table(_read_table(path, column_map), _stem(path), column_map, own)
 
 
 def read_records(
-    paths: str | Path | Iterable[str | Path], column_map: ColumnMap | Mapping[str, str] | str | Path | None = None
+    paths: str | Path | Iterable[str | Path],
+    column_map: ColumnMap | Mapping[str, str] | str | Path | None = None,
+    *,
+    own: Collection[str] = (),
 ) -> list[Record]:
     """Records of files and of patterns like `flight/m*.csv`, each pattern in alphabetical order.
 
-    Records of one name from different folders are told apart as `folder/name`.
+    `own` as for `read_record`. Records of one name from different folders are told apart as `folder/name`.
 
     Raises
     ------
@@ -86,7 +95,7 @@ def read_records(
         if sum(file.resolve() == other.resolve() for other in files) > 1:
             raise InputError(f"{file}: given twice; each record may take part once")
     column_map = ColumnMap.of(column_map)
-    records = [read_record(file, column_map) for file in files]
+    records = [read_record(file, column_map, own=own) for file in files]
     stems = [_stem(file) for file in files]
     return [
         record
@@ -149,9 +158,9 @@ def _read_table(path: Path, column_map: ColumnMap) -> Table:
     return _BINARY[ending](path, column_map.variable, str(time))
 
 
-def record_of_table(table: Table, record_name: str, column_map: ColumnMap) -> Record:
+def record_of_table(table: Table, record_name: str, column_map: ColumnMap, own: Collection[str] = ()) -> Record:
     """The record of a table, checked: InputError for what cannot be used, notes for what a person should know."""
-    columns = channels_of(table, column_map)
+    columns = channels_of(table, column_map, own)
     channels = dict(columns.channels)
     notes = list(columns.notes)
     if "t" not in channels:
@@ -163,14 +172,17 @@ def record_of_table(table: Table, record_name: str, column_map: ColumnMap) -> Re
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source)
     for name in list(channels):
-        if name in CHANNELS:
+        if name in CHANNELS and name not in own:
             check_channel(name, channels[name], table.place, columns.places[name])
         if np.isnan(channels[name]).all():
             notes.append(f"{name}: has no sample at all and is left out")
             del channels[name]
-    check_surfaces(channels, table.source)
+    if not own:
+        check_surfaces(channels, table.source)
     notes += time_notes(t)
     for name, values in channels.items():
+        if name in own:
+            continue
         notes += channel_notes(name, values)
     return Record(
         name=record_name, t=t, channels=channels, hold=table.hold or "linear", source=table.source, notes=tuple(notes)

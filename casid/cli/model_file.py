@@ -1,0 +1,70 @@
+"""`casid diagnose --model FILE.py:NAME`: the `Model` of any dynamic system, from a Python file of the user's."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from collections.abc import Sequence
+from pathlib import Path
+from traceback import extract_tb
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.dispatch import diagnose
+from casid.errors import CasidError, InputError, unknown
+from casid.model.system import Model
+from casid.records.record import Record
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.progress import progress
+
+
+def model_of(where: str) -> Model:
+    """The model that a Python file has under a name, or makes there without arguments: "tanks.py:model".
+
+    The file is run, as Python would. Raises InputError for what is no file, no name in it, and no model.
+    """
+    file, colon, name = where.rpartition(":")
+    if not colon or not name.isidentifier():
+        raise InputError(f"--model {where}: expected a file and a name in it, like tanks.py:model")
+    if not Path(file).is_file():
+        raise InputError(f"--model {where}: there is no file {file}")
+    try:
+        found = runpy.run_path(file, run_name="casid_model")
+    except SyntaxError as error:
+        raise InputError(f"--model {where}: line {error.lineno} is no Python: {error.msg}") from None
+    except CasidError:
+        raise
+    except Exception as error:  # whatever the user's own lines may raise
+        lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
+        at = f"line {lines[-1]}: " if lines else ""
+        said = " ".join(str(error).split())
+        raise InputError(f"--model {where}: {at}{type(error).__name__}: {said}") from None
+    if name not in found:
+        raise unknown("name", name, [n for n, value in found.items() if isinstance(value, Model)], f"--model {where}")
+    one = found[name]
+    made = one() if callable(one) and not isinstance(one, Model) else one
+    if not isinstance(made, Model):
+        raise InputError(f"--model {where}: '{name}' is {type(made).__name__}; expected a casid Model, of define_model")
+    return made
+
+
+def diagnose_model(
+    model: Model,
+    records: Sequence[Record],
+    hold_out: Sequence[Record],
+    criteria: Criteria,
+    out: Path,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Diagnose a model into a folder: diagnosis.json, diagnosis.txt and run.json."""
+    made_with = provenance(seed) | {"criteria": criteria.changes}
+    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
+        found = diagnose(model, records, hold_out, stage, criteria)
+        found.write(folder / "diagnosis.json")
+        (folder / "diagnosis.txt").write_text(f"{found}\n", encoding="utf-8")
+        write_provenance(made_with, folder / "run.json")
+    if as_json:
+        print(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=1))
+        return
+    print(found)
+    print(f"results: {out / 'diagnosis.json'}")
