@@ -1,4 +1,4 @@
-"""The faults that a flight-test engineer meets every week, each in the same short flight of the Do 328.
+"""The faults that a flight-test engineer meets every week, in data and in files, in one short flight of the Do 328.
 
 Every row says what is right of a whole diagnosis: the fault is named, in its set, or refused at the right reading, and
 nothing else is named. "adequate" is right of none.
@@ -7,14 +7,17 @@ nothing else is named. "adequate" is right of none.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from casid.diagnosis.result import Diagnosis
+from casid.errors import CasidError
 from casid.model.aircraft import Aircraft
+from casid.model.effect_value import EffectValue
 from casid.records.record import Record
+from casid.signals import SURFACES
 from problems.blind.sets import fly_set
 from problems.faults.fault import DataFault, with_fault
 from problems.faults.score import score_causes
@@ -27,12 +30,14 @@ Flown = tuple[Aircraft, tuple[Record, ...]]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Row:
-    """One fault: `fault` of the data, or a `change` of file and records, with what of the diagnosis is `right`."""
+    """One fault: `fault` of the data, or a `change` of file and records, with what of the diagnosis is `right`, or
+    what an error must say that refuses it."""
 
     name: str
     fault: DataFault | None = None
     change: Callable[[Flown], Flown] = lambda flown: flown
     right: Callable[[Diagnosis], bool] = lambda found: False
+    refusal: str = ""
 
     def fly(self) -> Flown:
         """Aircraft file and records with the fault."""
@@ -44,6 +49,10 @@ class Row:
         if self.fault is not None:
             return score_causes(self.fault, found.data, found.causes, found.verdict)
         return "found" if self.right(found) else "wrong"
+
+    def refused(self, error: CasidError) -> str:
+        """The same of an error."""
+        return "refused" if self.refusal and self.refusal in str(error) else "wrong"
 
 
 @cache
@@ -101,6 +110,62 @@ def _row(name: str, fault: DataFault) -> Row:
     return Row(name=name, fault=fault)
 
 
+def _file(name: str, parameter: str, change: Callable[[Aircraft], Aircraft], refusal: str = "") -> Row:
+    """A number of the file in another unit: it is told, first of all, and no cause is named."""
+
+    def told(found: Diagnosis) -> bool:
+        first = found.contradicted[0] if found.contradicted else None
+        return first is not None and first.impossible and first.parameter == parameter and not found.causes
+
+    return Row(name=name, change=lambda flown: (change(flown[0]), flown[1]), right=told, refusal=refusal)
+
+
+def _everywhere(name: str, factor: float) -> Callable[[Flown], Flown]:
+    """A channel and its entry in [trim] in another unit."""
+
+    def change(flown: Flown) -> Flown:
+        aircraft, records = flown
+        trim = aircraft.trim | {name: aircraft.trim[name] / factor}
+        return replace(aircraft, trim=trim), tuple(r.with_channels(**{name: r[name] / factor}) for r in records)
+
+    return change
+
+
+def _still(flown: Flown) -> Flown:
+    aircraft, records = flown
+    return aircraft, tuple(r.with_channels(**{s: np.full(len(r), r[s][0]) for s in SURFACES}) for r in records)
+
+
+def _unit_and_trim(name: str) -> Callable[[Diagnosis], bool]:
+    """The record was corrected, and the entry of [trim] told."""
+    return lambda found: (
+        [(one.kind, one.target, one.handled) for one in found.data] == [("data_unit", name, "corrected")]
+        and found.contradicted[0].parameter == f"trim {name}"
+        and not found.causes
+    )
+
+
+def _per_degree(aircraft: Aircraft) -> Aircraft:
+    per_angle = {n: v for n, v in aircraft.derivatives.items() if n.split("_", 1)[1] in ("alpha", "beta", *SURFACES)}
+    return aircraft.with_derivatives({name: _DEG * value for name, value in per_angle.items()})
+
+
+def _izz(aircraft: Aircraft) -> Aircraft:
+    """Beyond the triangle inequality."""
+    inertia = aircraft.inertia
+    return replace(aircraft, inertia=replace(inertia, Izz=1.5 * (inertia.Ixx + inertia.Iyy)))
+
+
+def _izz_told(found: Diagnosis) -> bool:
+    sets = [{(c.kind, c.target), *((o["kind"], o["target"]) for o in c.indistinguishable_from)} for c in found.causes]
+    against = [one.parameter for one in found.contradicted if one.impossible]
+    return against == ["inertia"] and len(sets) == 1 and ("inertia", "Izz") in sets[0]
+
+
+_LAG = EffectValue(kind="actuator_lag", target="delta_e", value=-1.0)
+_ELSEWHERE = EffectValue(kind="sensor_bias", target="q", value=0.01, records=("zz",))
+
+
 _FROZEN = DataFault(kind="data_stuck", target="beta", records=ONE, intervals={"m1": ((-1.0, 99.0),)})
 _HELD = DataFault(kind="data_dropout", target="V+alpha+beta", records=ALL, intervals=_stretches(*ALL))
 
@@ -132,4 +197,24 @@ ROWS: tuple[Row, ...] = (
     _row("beta frozen in a record", _FROZEN),
     _row("thrust 25 % low", _whole("thrust_scale", "thrust", -0.25)),
     _row("surfaces 0.12 s late", _whole("sensor_delay", "surfaces", 0.12)),
+    _row("-999 for want of ax", _whole("data_spikes", "ax", 0.01, "code")),
+    Row(
+        name="no surface moves",
+        change=_still,
+        right=lambda found: found.verdict == "data at fault" and "No surface moves" in found.sentence,
+    ),
+    _file("mass in lb", "mass", lambda a: replace(a, mass=a.mass / 0.45359237)),
+    _file("mass in t", "mass", lambda a: replace(a, mass=a.mass / 1000.0), refusal="mass is in t"),
+    _file("area in ft2", "area", lambda a: replace(a, area=a.area / 0.3048**2)),
+    _file("derivatives per degree", "derivatives", _per_degree),
+    _file("gravity of the Moon", "gravity", lambda a: replace(a, gravity=1.62)),
+    _file("a lag of -1 s", "actuator_lag(delta_e)", lambda a: a.with_effects([_LAG])),
+    Row(name="rho in slug/ft3, also in [trim]", change=_everywhere("rho", 515.3788184), right=_unit_and_trim("rho")),
+    Row(name="thrust in kN, also in [trim]", change=_everywhere("thrust", 1000.0), right=_unit_and_trim("thrust")),
+    Row(name="Izz of no rigid body", change=lambda flown: (_izz(flown[0]), flown[1]), right=_izz_told),
+    Row(
+        name="an effect of a record that is not there",
+        change=lambda flown: (flown[0].with_effects([_ELSEWHERE]), flown[1]),
+        right=lambda found: "sensor_bias(q) of the file" in [one.what for one in found.not_judged] and not found.causes,
+    ),
 )

@@ -94,7 +94,7 @@ class Response:
         """Log marginal likelihood of the file, as far as the records tell of it, with the noise that is left."""
         there = {n for c in records for n in ("alpha", "beta", "p", "q", "r", *SURFACES) if c.has(n)}
         plain = [self._parts(record, Reading(), there) for record in records]
-        return self._evidence(plain, self._noise(plain))
+        return self._evidence(plain, self._noise(plain), self._criteria.minor)
 
     def _in_records(self, plain: Sequence[Parts], other: Sequence[Parts], noise: Mapping[str, float]) -> list[float]:
         """Gain of other parts in the set of records that gains most, shared among them: all, or grown one by one."""
@@ -159,9 +159,10 @@ class Response:
         sums = {c: _together(parts, c) for c in known}
         return {c: float(np.sqrt(max(s.left, self._criteria.least**2 * s.yy / s.samples))) for c, s in sums.items()}
 
-    def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float]) -> float:
+    def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float], minor: float = 0.0) -> float:
         return sum(
-            _log_evidence(_together(parts, c), *self._rows[c][1:], sigma, self._criteria) for c, sigma in noise.items()
+            _log_evidence(_together(parts, c), *self._rows[c][1:], sigma, self._criteria, minor)
+            for c, sigma in noise.items()
         )
 
 
@@ -170,22 +171,28 @@ def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
 
 
 def _log_evidence(
-    squares: _Squares, terms: Sequence[str], prior: np.ndarray, noise: float, criteria: DataCriteria
+    squares: _Squares,
+    terms: Sequence[str],
+    prior: np.ndarray,
+    noise: float,
+    criteria: DataCriteria,
+    minor: float = 0.0,
 ) -> float:
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
-    Derivatives are about `prior`, within a part of it. Those of surfaces are not of the other sign, nor less than
-    `criteria.smallest` of it."""
-    spread = criteria.derivative * np.abs(prior)
+    Derivatives are about `prior`, within a part of it, or within what makes a `minor` part of what the coefficient
+    varies by. Those of surfaces are not of the other sign, nor less than `criteria.smallest` of it."""
+    varies = minor * np.sqrt(max(float(prior @ squares.XX @ prior), 0.0))
+    spread = np.hypot(criteria.derivative * prior, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))
     off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
     b = spread * (squares.Xy - squares.XX @ prior) / noise**2
     inverse = np.linalg.inv(np.eye(len(prior)) + spread[:, None] * squares.XX * spread / noise**2)
     shift = inverse @ b
     evidence = -0.5 * float(off / noise**2 - shift @ b) + 0.5 * float(np.linalg.slogdet(inverse)[1])
-    for i, term in enumerate(terms):
+    for i, (term, value, sigma) in enumerate(zip(terms, prior, spread, strict=True)):
         if term in SURFACES:
-            above = (1.0 - criteria.smallest) / criteria.derivative
-            posterior = (above + np.sign(prior[i]) * shift[i]) / np.sqrt(inverse[i, i])
+            above = (1.0 - criteria.smallest) * abs(value) / sigma
+            posterior = (above + np.sign(value) * shift[i]) / np.sqrt(inverse[i, i])
             evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), IMPOSSIBLE_SIGN)
     return evidence
 

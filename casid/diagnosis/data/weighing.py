@@ -126,7 +126,7 @@ class Weighing:
             gain = Response(meant, self._criteria).likelihood(reads) + self._lift(meant) - base
             odds.append((gain + self._criteria.fault, unit))
         best = max(one for one, _ in odds)
-        if best < self._criteria.sure:
+        if best < self._criteria.said:
             return best, []
         ranked = sorted(odds, key=lambda row: -row[0])
         return best, [one for log_odds, one in ranked if log_odds > best - self._criteria.alone]
