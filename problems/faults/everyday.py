@@ -125,7 +125,7 @@ def _everywhere(name: str, factor: float) -> Callable[[Flown], Flown]:
 
     def change(flown: Flown) -> Flown:
         aircraft, records = flown
-        trim = aircraft.trim | {name: aircraft.trim[name] / factor}
+        trim = {**aircraft.trim, name: aircraft.trim[name] / factor}
         return replace(aircraft, trim=trim), tuple(r.with_channels(**{name: r[name] / factor}) for r in records)
 
     return change

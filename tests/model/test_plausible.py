@@ -23,7 +23,7 @@ def plane() -> Aircraft:
 
 
 def trimmed(**changes: float) -> Callable[[Aircraft], Aircraft]:
-    return lambda a: replace(a, trim=a.trim | changes)
+    return lambda a: replace(a, trim={**a.trim, **changes})
 
 
 def per_degree(a: Aircraft) -> Aircraft:
