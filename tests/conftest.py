@@ -70,6 +70,15 @@ def regression_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def published_data(regression_data: Path) -> Path:
+    """Folder `references` beside `strd`: data of COPS and of PEtab. The test is skipped when there is none."""
+    folder = regression_data.parent / "references"
+    if not (folder / "cops_pinene.csv").is_file():
+        pytest.skip("no data of COPS and PEtab: folder 'references' beside 'strd', see problems/references/results.md")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def load_script() -> Callable[[str], ModuleType]:
     """`load_script("estimate")` imports scripts/estimate.py as a module."""
 

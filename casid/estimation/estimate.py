@@ -124,6 +124,8 @@ def _from_collocation(
     lost_its_way = status.startswith(("stopped", "departed")) or "descent" in status or "no motion" in status
     if not lost_its_way or objective.dynamics is None or objective.soft or problem.feedback or problem.path_constraints:
         return objective, outcome
+    if method.substeps is None and stable_steps(objective) > 1:  # it is the steps that are too long
+        return objective, outcome
     finely = Objective(problem, Collocation(substeps=1).dynamics(problem))
     found = solver.minimise(finely)
     if found.status != "converged":

@@ -52,6 +52,10 @@ def parameter_step(
     """
     scale = jacobi_scale(hessian)
     h, g = hessian * np.outer(scale, scale), gradient * scale
+    for row, value in zip(rows[lower == upper] * scale, lower[lower == upper], strict=True):
+        # what an equality holds needs no data: the square of its residual, zero at the solution, leaves that as it is
+        size = np.linalg.norm(row)
+        h, g = h + np.outer(row, row) / size**2, g - row * value / size**2
     inverse = _inverse(h)
     if inverse is None:
         raise np.linalg.LinAlgError("the parameters cannot be told apart")
