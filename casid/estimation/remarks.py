@@ -6,20 +6,35 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from casid.estimation.cost import EquationError, RangeWeights
+from casid.estimation.cost import EquationError, OutputError, RangeWeights
 
 if TYPE_CHECKING:
     from casid.estimation.fit import Fit
 
 _FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
 _SURE = 2.0  # standard errors: the sign is known
+_UNEXPLAINED = 2.0  # times the given noise: chosen; by chance a hundred samples are not beyond 1.3
 _LOW = 0.95  # of the unbiased standard error
 
 
 def remarks(fit: Fit) -> tuple[str, ...]:
     """One sentence each, none when all is well: channels that their own mean explains better, parameters three a-priori
     deviations from the file or of the opposite sign, standard errors that are low for want of samples."""
-    return (*_channels(fit), *_parameters(fit), *_few_samples(fit))
+    return (*_noise(fit), *_channels(fit), *_parameters(fit), *_few_samples(fit))
+
+
+def _noise(fit: Fit) -> Iterator[str]:
+    """Residuals that a given noise does not explain: the model is wrong, or the minimum is not the lowest."""
+    samples = sum(channel.samples for channel in fit.channels.values())
+    if fit.problem.noise is None or isinstance(fit.problem.noise, str | RangeWeights) or not fit.converged:
+        return
+    times = math.sqrt(max(2.0 * (fit.cost - fit.prior_cost), 0.0) / samples)
+    if times > _UNEXPLAINED and isinstance(fit.problem.cost, OutputError):
+        tried = "" if fit.starts is not None else ": solve(..., starts=20) tells"
+        yield (
+            f"the residuals are {times:.2g} times the given noise: the model cannot follow these data, or another "
+            f"minimum is lower{tried}"
+        )
 
 
 def _channels(fit: Fit) -> Iterator[str]:

@@ -31,6 +31,7 @@ def test_the_best_of_many_minima_is_returned_and_all_are_counted():
     )
     alone, fit = cs.solve(problem), cs.solve(problem, starts=12, seed=3)
     assert alone.converged and alone.starts is None and abs(alone["w"].value - 3.3) > 1.0
+    assert "another minimum is lower" in alone.remarks[0] and not fit.remarks
     assert fit.converged and fit["w"].value == pytest.approx(3.3, abs=0.01) and fit.starts is not None
     assert fit.starts.count == 12 and len(fit.starts.minima) > 1
     behind = [minimum.behind for minimum in fit.starts.minima]
