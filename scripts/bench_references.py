@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from statistics import median
 
@@ -139,7 +139,7 @@ def _scipy_figure(published: Published, problem: Problem) -> float:
     """What scipy reached, in the published unit."""
     end = motion_by_scipy(problem)
     if published.kind == "sum of squares":
-        sigma = next(iter(problem.noise.values()))  # pyright: ignore[reportOptionalMemberAccess,reportAttributeAccessIssue]
+        (sigma,) = {float(s) for s in problem.noise.values()} if isinstance(problem.noise, Mapping) else {1.0}
         return float(end.squares.sum() * sigma**2)
     if problem.noise is None:
         variance = end.squares / end.samples

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -12,6 +12,7 @@ from scipy.optimize import least_squares, minimize
 
 from casid.estimation import Problem
 from casid.estimation.working import initial_offsets
+from casid.records.record import Record
 from problems.references.nist import FORMULAS, Reference
 
 _TOLERANCE = 1e-8  # of the integrator; of the minimiser 1e-12
@@ -43,7 +44,7 @@ def regression_by_scipy(reference: Reference, start: int) -> np.ndarray:
         return least_squares(
             lambda v: numbers(reference.response(v, np) - reference.y),
             reference.starts[start],
-            jac=lambda v: numbers(slope(reference.x, np.tile(v[:, None], samples)).full().T.reshape(samples, count)),
+            jac=lambda v: numbers(slope(reference.x, np.tile(v[:, None], samples)).full().T.reshape(samples, count)),  # pyright: ignore[reportArgumentType]
             method="lm",
             x_scale="jac",
             xtol=1e-15,
@@ -133,6 +134,6 @@ def _simulator(problem: Problem) -> Callable[[np.ndarray, np.ndarray], list[np.n
     return simulate
 
 
-def _sigma(problem: Problem, record, output: str):
-    given = problem.noise[output]  # pyright: ignore[reportIndexIssue,reportOptionalSubscript]
+def _sigma(problem: Problem, record: Record, output: str) -> np.ndarray | float:
+    given = problem.noise[output] if isinstance(problem.noise, Mapping) else 1.0
     return record[given] if isinstance(given, str) else given
