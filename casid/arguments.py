@@ -8,7 +8,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
-from casid.errors import InputError
+from casid.errors import InputError, nearest
 
 Kind = TypeVar("Kind")
 
@@ -30,6 +30,30 @@ def given(value: Any) -> str:
 def is_path(value: Any) -> TypeGuard[str | Path]:
     """Whether a value can name a file."""
     return isinstance(value, (str, Path))
+
+
+def a_path(value: Any, what: str) -> Path:
+    """`value` as the name of a file; InputError for anything else."""
+    if is_path(value):
+        return Path(value)
+    raise InputError(f"{what}: the path is {given(value)}; expected a file name")
+
+
+def one_of(value: Any, valid: Iterable[str], what: str) -> str:
+    """`value` when it is one of these texts; InputError that names the nearest otherwise."""
+    pool = tuple(valid)
+    if isinstance(value, str) and value in pool:
+        return value
+    near = nearest(value, pool) if isinstance(value, str) else None
+    hint = f"did you mean '{near}'?" if near else f"expected {' or '.join(map(repr, pool))}"
+    raise InputError(f"{what} is {given(value)}; {hint}")
+
+
+def table_of(value: Any, what: str, like: str) -> Mapping[str, Any]:
+    """`value` when it is a table whose keys are names; InputError that shows one `like` it otherwise."""
+    if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
+        return value
+    raise InputError(f"{what} is {given(value)}; expected a table like {like}")
 
 
 def an(value: Any, kind: type[Kind] | tuple[type[Kind], ...], what: str, write: str) -> Kind:
@@ -73,11 +97,7 @@ def names(value: Any, what: str) -> tuple[str, ...]:
 
 def numbers_by_name(value: Any, what: str) -> dict[str, float]:
     """`value` as a table name -> finite number; InputError otherwise."""
-    if not isinstance(value, Mapping):
-        raise InputError(f"{what} is {given(value)}; expected a table like {{'Cm_alpha': -1.2}}")
-    for name in value:
-        if not isinstance(name, str):
-            raise InputError(f"{what} has {given(name)} for a name; expected names in quotes")
+    table_of(value, what, "{'Cm_alpha': -1.2}")
     return {name: number(one, f"{what}: '{name}'") for name, one in value.items()}
 
 

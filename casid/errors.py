@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from difflib import get_close_matches
 
 
@@ -29,22 +28,8 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
 
 def unknown(what: str, name: str, valid: Iterable[str], where: str = "") -> InputError:
     """An InputError for a name that does not exist: `what` is e.g. "channel", `where` a file."""
-    pool = sorted(valid)
+    pool, name = sorted(valid), str(name)
     near = nearest(name, pool)
     hint = f"did you mean '{near}'?" if near else f"expected one of: {', '.join(pool)}"
     prefix = f"{where}: " if where else ""
     return InputError(f"{prefix}unknown {what} '{name}'; {hint}")
-
-
-def run_script(main: Callable[[], int | None]) -> None:
-    """Run a script's `main`: an InputError becomes one line on standard error and status 2,
-    Ctrl-C status 130; every other exception stays a traceback, because it is a defect of ours."""
-    try:
-        status = main()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("interrupted; what was finished is on disk", file=sys.stderr)
-        sys.exit(130)
-    sys.exit(status or 0)

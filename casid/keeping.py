@@ -10,19 +10,38 @@ from __future__ import annotations
 import json
 import pickle
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from casid.arguments import a_path
 from casid.errors import InputError
 
 _MAGIC = "casid.result"
 _FORMAT = 1  # goes up when a file of before cannot be read any more
 
 
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """A file beside `path` to be written, which takes its place when the block ends well; what stood there stays
+    otherwise. Raises InputError when it cannot be written, as where the disk is full."""
+    target = Path(path)
+    temporary = target.with_name(f".partial-{target.name}")
+    try:
+        yield temporary
+        temporary.replace(target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
 def save(result: Any, path: str | Path) -> None:
     """Write a result whole or not at all. Raises InputError when it cannot be written or holds what cannot be pickled,
     such as a function defined inside another one."""
-    kind = type(result).__name__
+    kind, target = type(result).__name__, a_path(path, "save")
     try:
         body = pickle.dumps(result, protocol=5)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -31,14 +50,8 @@ def save(result: Any, path: str | Path) -> None:
             f"{path}: this {kind} cannot be saved: {fault}; define such functions at the top of a module"
         ) from error
     head = {"schema": f"{_MAGIC}/{_FORMAT}", "kind": kind, "casid": sys.modules["casid"].__version__}
-    target = Path(path)
-    temporary = target.with_name(target.name + ".partial")
-    try:
+    with whole_file(target) as temporary:
         temporary.write_bytes(json.dumps(head).encode() + b"\n" + body)
-        temporary.replace(target)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
 
 
 def load(path: str | Path) -> Any:

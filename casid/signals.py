@@ -60,6 +60,14 @@ RADIAN_LIMITS = MappingProxyType(
     dict.fromkeys(("alpha", "beta", "theta", *SURFACES), 1.6) | {"phi": 6.4, "psi": 12.6, "p": 15.0, "q": 6.4, "r": 6.4}
 )
 
+# Beyond these no aircraft flies: 50 g, seven times the fastest aeroplane's roll acceleration, the edge of the air. What
+# is found there is a mark of a missing sample, such as -999 or 9999, or another unit.
+FLIGHT_LIMITS = MappingProxyType(
+    dict.fromkeys(("ax", "ay", "az"), 500.0)
+    | dict.fromkeys(("pdot", "qdot", "rdot"), 500.0)
+    | {"V": 3500.0, "altitude": 1e5, "rho": 10.0, "thrust": 1e8}
+)
+
 _DEG = 0.017453292519943295
 _G = 9.80665
 # unit -> (SI unit, factor): SI = factor * value

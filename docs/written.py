@@ -11,10 +11,10 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from equations import EQUATIONS
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.criterion import listed
-from casid.errors import CasidError
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS, Kind
 from problems.blind.case import Hidden
@@ -45,6 +45,13 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "unsteady_aero": {"target": "Cm", "value": -6.0},
     "wind_shear": {"target": "x", "value": 0.6, "onset": 8.0},
     "gust": {"target": "z", "value": 4.0, "onset": 8.0, "parameters": {"length": 1.5}},
+    "configuration_change": {"target": "CL+CD", "value": 0.1, "onset": 8.0, "parameters": {"CD": 0.02}},
+    "turbulence": {"target": "", "value": 0.8},
+    "structural_mode": {"target": "q", "value": 0.3, "parameters": {"frequency_hz": 4.0, "damping": 0.03}},
+    "sensor_misalignment": {"target": "inertial", "value": 3.0 * DEG, "term": "x"},
+    "position_error": {"target": "V", "value": 40.0, "term": "alpha"},
+    "thrust_scale": {"target": "", "value": 0.15},
+    "clock_drift": {"target": "inertial", "value": 0.01},
 }
 SHOWN = {"V": ("m/s", 1.0), "alpha": ("deg", 1 / DEG), "q": ("deg/s", 1 / DEG), "az": ("m/s²", 1.0)} | {
     "beta": ("deg", 1 / DEG),
@@ -81,11 +88,12 @@ def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) ->
         f"- Value: {kind.quantity}, in {_unit(kind.unit)}.",
         f"- Targets: {targets}{', joined with +' if kind.joined else ''}.",
     ]
-    if kind.make.__doc__:
-        lines += ["", " ".join(kind.make.__doc__.split())]
+    formula, symbols = EQUATIONS[kind.kind]
+    lines += ["", "$$", formula, "$$", "", " ".join(["Here $v$ is the value.", symbols]).strip()]
     if picture:
         lines += ["", "## Its fingerprint on the Do 328", "", f"![{kind.kind}]({picture})", ""]
-        lines += ["What the instruments read with it, less what they read without it, in the same flight."]
+        lines += ["What the instruments read with it, less what they read without it, in the same flight: doublets of"]
+        lines += ["elevator (1 s), aileron (5 s), rudder (9 s) and throttle (13 s). " + _example(kind.kind)]
     lines += ["", "## In blind tests", "", *_rates(kind.kind, blind)]
     return "\n".join(lines) + "\n"
 
@@ -130,7 +138,7 @@ def _picture(kind: str, folder: Path) -> str | None:
     if not file.exists():
         example = EXAMPLES[kind]
         t = np.arange(0.0, 16.0, 0.005)
-        moves = {name: size * _doublet(t, at) for name, (size, at) in _MOVES.items()} | {"throttle": 0.0 * t}
+        moves = {name: size * _doublet(t, at) for name, (size, at) in _MOVES.items()}
         hidden = Hidden(
             kind=kind,
             target=example["target"],
@@ -140,19 +148,22 @@ def _picture(kind: str, folder: Path) -> str | None:
             onset_s={"m1": example["onset"]} if "onset" in example else {},
             parameters=example.get("parameters", {}),
         )
-        try:
-            without, with_it = fly("m1", t, moves), fly("m1", t, moves, [hidden])
-        except CasidError:
-            return None
+        without, with_it = fly("m1", t, moves), fly("m1", t, moves, [hidden])
         _draw(t, {name: with_it[name] - without[name] for name in SHOWN}, file)
     return file.name
 
 
-_MOVES = {"delta_e": (0.03, 1.0), "delta_a": (0.05, 5.0), "delta_r": (0.05, 9.0)}
+_MOVES = {"delta_e": (0.03, 1.0), "delta_a": (0.05, 5.0), "delta_r": (0.05, 9.0), "throttle": (0.25, 13.0)}
 
 
 def _doublet(t: np.ndarray, at: float) -> np.ndarray:
     return np.where((t >= at) & (t < at + 1.0), 1.0, np.where((t >= at + 1.0) & (t < at + 2.0), -1.0, 0.0))
+
+
+def _example(kind: str) -> str:
+    example = EXAMPLES[kind]
+    target = ", ".join(str(example[k]) for k in ("target", "term") if example.get(k))
+    return f"Drawn for a value of {example['value']:.3g}" + (f" of `{target}`." if target else ".")
 
 
 def _draw(t: np.ndarray, change: dict[str, np.ndarray], file: Path) -> None:

@@ -28,6 +28,7 @@ import casid  # noqa: F401  before numpy: it sets the number of threads
 # isort: split
 import numpy as np
 
+from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.evaluation import Fit as Reconstruction
 from casid.diagnosis.flight.flight import Flight, prepare
@@ -35,7 +36,6 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise_level import with_noise_level
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.result import Diagnosis
-from casid.errors import run_script
 from casid.estimation import Fit, solve
 from casid.estimation.fit import channel_fit
 from casid.filtering.initial_state import fit_initial_state
@@ -45,7 +45,7 @@ from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, estimates, histories, write_pictures
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
 from casid.report.style import Picture
@@ -141,7 +141,7 @@ def picture(name: str, fit: Fit, independent: Mapping[str, float]) -> Picture:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Lateral and longitudinal derivatives of ATTAS from real flight.")
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder with fAttasAilRud1.mat, fAttasElv1.mat ...")
-    parser.add_argument("--out", type=Path, default=Path("out/attas"), help="folder for the results")
+    parser.add_argument("--out", type=out_folder, default=Path("out/attas"), help="folder for the results")
     given = parser.parse_args()
     made_with = provenance(0)
     read = {name: attas.records_from(given.folder, f"fAttas{name}") for name in ("AilRud1", "AilRud2", "Elv1", "Elv2")}

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from statistics import median
 
-from casid.errors import InputError, run_script, unknown
+from casid.cli.start import run_script
+from casid.errors import InputError, unknown
 from problems.bench.table import parser, publish
 from problems.paper.shooting import AIRCRAFT, METHODS, run
 

@@ -17,7 +17,8 @@ import time
 
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from problems.bench.table import parser, publish
 from problems.paper.cases import parse_cases
 from problems.paper.run import run, tasks

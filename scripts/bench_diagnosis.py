@@ -24,11 +24,12 @@ import casid  # noqa: F401  before numpy: it sets the number of threads
 # isort: split
 import numpy as np
 
+from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.result import Diagnosis
-from casid.errors import InputError, run_script, unknown
+from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue
 from casid.records.record import Record

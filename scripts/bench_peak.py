@@ -11,7 +11,8 @@ Expectation  about a fifth to a third of the peak; best of many calls, since ano
 
 from __future__ import annotations
 
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from casid.estimation import MultipleShooting
 from casid.estimation.estimate import build_objective
 from casid.estimation.transcriptions.kernel import model_kernel

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from statistics import median
 
-from casid.errors import InputError, run_script, unknown
+from casid.cli.start import run_script
+from casid.errors import InputError, unknown
 from casid.estimation import Fit, solve
 from problems.bench.table import parser, processor_seconds, processor_seconds_of, publish
 from problems.peers.casadi import casadi_ipopt_gn

@@ -20,7 +20,8 @@ from statistics import median
 from typing import Any
 
 from casid.analysis import input_noise_errors
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from casid.estimation import Problem, solve
 from problems.bench.long_flight import long_problem
 from problems.bench.table import exponent, parser, publish, seconds_of

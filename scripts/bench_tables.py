@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 import casid as cs
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from casid.estimation import InitialState, OutputError, Problem, solve
 from casid.model.aircraft import Aircraft
 from problems.bench.long_flight import long_record, noise

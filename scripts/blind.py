@@ -32,10 +32,11 @@ from casid.campaign.counting import counted
 from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from casid.model.vocabulary import KINDS
 from casid.report.confusion import confusion_matrix
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import settings
 from problems.blind.calibration import log_score, reliability, stated
@@ -71,7 +72,9 @@ def arguments() -> argparse.Namespace:
     where.add_argument("--jobs", type=int, default=2, help="local processes; 0: none besides this one")
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a running Dask cluster, tcp://host:port")
     parser.add_argument("--resume", action="store_true", help="insist that DIR holds an earlier run to go on with")
-    parser.add_argument("--out", type=Path, default=Path("out/blind"), metavar="DIR", help="folder for the results")
+    parser.add_argument(
+        "--out", type=out_folder, default=Path("out/blind"), metavar="DIR", help="folder for the results"
+    )
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the Markdown table there too")
     parser.error = _one_line
     return parser.parse_args()

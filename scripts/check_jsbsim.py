@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from problems.jsbsim.agreement import Rig, compare, file_of, gliding, rig
 
 REQUIRED = 1e-6

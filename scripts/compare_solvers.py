@@ -24,7 +24,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from casid.estimation import Automatic, Fit, Ipopt, Problem, solve
 from problems.bench.table import Row, parser, publish
 from problems.every_problem import every_problem
@@ -44,11 +45,16 @@ def main() -> None:
     options.add_argument("--only", nargs="+", default=[""], metavar="TEXT", help="problems whose name contains one")
     options.add_argument("--whole", action="store_true", help="all 384 records of the Do 328")
     given = options.parse_args()
-    rows = []
+    rows, names = [], []
     for name, make in every_problem(given.data, given.whole):
+        names.append(name)
         if any(text in name for text in given.only):
             rows.append(compared(name, make()))
             print(f"{name}: {rows[-1]['apart']:.2g} {rows[-1]['found']}", flush=True)
+    if not rows:
+        raise InputError(
+            f"--only {' '.join(given.only)}: no problem is called so; there are {', '.join(names[:8])}, ..."
+        )
     publish(rows, given.json)
     wrong = [row["problem"] for row in rows if row["found"] == DISAGREE]
     if wrong:

@@ -17,8 +17,9 @@ import csv
 from pathlib import Path
 from typing import Any, NoReturn
 
-from casid.errors import InputError, run_script, unknown
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.cli.start import run_script
+from casid.errors import InputError, unknown
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from problems.paper.constraints import estimate, experiments, limit_words, truth_of, worst_error
 from problems.paper.pages.page import Section, paragraph, table, write_page
@@ -35,7 +36,7 @@ PRICES = ("experiment", "what is known", "largest error", "cost", "constraint", 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Constraints that rescue an estimate, and their price.")
     parser.add_argument("--experiment", nargs="+", default=list(experiments()), metavar="NAME")
-    parser.add_argument("--out", type=Path, default=Path("out/constraints"), metavar="DIR")
+    parser.add_argument("--out", type=out_folder, default=Path("out/constraints"), metavar="DIR")
     parser.error = _one_line
     return parser.parse_args()
 

@@ -24,10 +24,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from casid.cli.start import run_script
 from casid.diagnosis.data.check import check
 from casid.diagnosis.diagnose import diagnose
-from casid.errors import CasidError, InputError, run_script
+from casid.errors import CasidError, InputError
 from casid.records.thinning import thinned
+from casid.report.folder import out_folder
 from casid.report.progress import progress
 from problems.faults.draw import CHECKED, CLEAN, DIAGNOSED, draw
 from problems.faults.everyday import ROWS
@@ -48,7 +50,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--diagnose", action="store_true", help="diagnose, too; minutes per flight and fault")
     parser.add_argument("--everyday", action="store_true", help="diagnose the faults of every week in one flight")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/data_faults"), metavar="DIR", help="folder for the results"
+        "--out", type=out_folder, default=Path("out/data_faults"), metavar="DIR", help="folder for the results"
     )
     parser.error = _one_line
     return parser.parse_args()

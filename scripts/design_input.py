@@ -20,11 +20,12 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from casid.cli.start import run_script
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
-from casid.errors import InputError, run_script, unknown
+from casid.errors import InputError, unknown
 from casid.records.record import Record
 from casid.report.design_figures import designed_histories, scatter_bars
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from problems.paper.pages.page import Section, figure, paragraph, table, write_page
 from problems.studies.designed_inputs import EXPERIMENTS, flown, volume, volume_std
@@ -52,7 +53,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--runs", type=int, default=200, help="simulated flights of each input")
     parser.add_argument("--starts", type=int, default=2, help="random starts of each design, besides the standard")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("out/design_input"), metavar="DIR")
+    parser.add_argument("--out", type=out_folder, default=Path("out/design_input"), metavar="DIR")
     parser.error = _one_line
     return parser.parse_args()
 

@@ -12,8 +12,7 @@ Expectation  DIR/report.html (one page for a person), DIR/diagnosis.json (the sa
         [--axes full|longitudinal|lateral] [--out DIR] [--seed N] [--quick] [--criteria FILE]
 """
 
-from casid.cli.diagnose import diagnose
-from casid.cli.run import run
+from casid.cli.app import run_as_script
 
 if __name__ == "__main__":
-    run(diagnose)
+    run_as_script("diagnose")

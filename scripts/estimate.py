@@ -16,8 +16,7 @@ Expectation  DIR/estimate.json, DIR/model.toml (the aircraft file with the estim
         [--map CHANNEL=COLUMN:unit] [--out DIR]
 """
 
-from casid.cli.estimate import estimate
-from casid.cli.run import run
+from casid.cli.app import run_as_script
 
 if __name__ == "__main__":
-    run(estimate)
+    run_as_script("estimate")

@@ -29,16 +29,17 @@ import casid  # noqa: F401  before numpy: it sets the number of threads
 # isort: split
 import numpy as np
 
+from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.statistics import whiteness
 from casid.diagnosis.result import Diagnosis
-from casid.errors import InputError, run_script
+from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve
 from casid.filtering.filter_error import FilterFit, Innovations, filter_error, predict
 from casid.model.simulate import simulate
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories, write_pictures
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
 from casid.report.style import Picture
@@ -159,7 +160,7 @@ def columns(title: str, rows: dict[str, dict[str, float]]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Output error and filter error on the HFB-320 record.")
     parser.add_argument("path", type=Path, help=f"{FILE}, or the folder that holds it")
-    parser.add_argument("--out", type=Path, default=Path("out/hfb320"), help="folder for the results")
+    parser.add_argument("--out", type=out_folder, default=Path("out/hfb320"), help="folder for the results")
     given = parser.parse_args()
     path = given.path / FILE if given.path.is_dir() else given.path
     if not path.is_file():

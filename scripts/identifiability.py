@@ -10,8 +10,7 @@ Expectation  one manoeuvre leaves directions that another, named with its gain, 
         [--out DIR]
 """
 
-from casid.cli.identifiability import identifiability
-from casid.cli.run import run
+from casid.cli.app import run_as_script
 
 if __name__ == "__main__":
-    run(identifiability)
+    run_as_script("identifiability")

@@ -27,9 +27,10 @@ from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.draws import draw, draw_tasks, fit_of
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.errors import EstimationError, InputError, run_script, unknown
+from casid.cli.start import run_script
+from casid.errors import EstimationError, InputError, unknown
 from casid.estimation import Fit
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 
 DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
@@ -54,7 +55,7 @@ def arguments() -> argparse.Namespace:
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a running Dask cluster, tcp://host:port")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--resume", action="store_true", help="insist that DIR holds an earlier run to go on with")
-    parser.add_argument("--out", type=Path, default=Path("out/intervals"), metavar="DIR")
+    parser.add_argument("--out", type=out_folder, default=Path("out/intervals"), metavar="DIR")
     parser.error = _one_line
     return checked(parser.parse_args())
 

@@ -14,8 +14,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from casid.errors import run_script
+from casid.cli.start import run_script
 from casid.records.readers import write_record
+from casid.report.folder import out_folder
 from problems.jsbsim.apriori import aircraft_file
 from problems.jsbsim.corpus import RECORDS, rounded
 from problems.jsbsim.faults import Fault
@@ -36,7 +37,7 @@ def demo_flight(name: str) -> Flight:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Fly the embedded demonstration records.")
-    parser.add_argument("--out", type=Path, default=DEMO, help="folder to write to")
+    parser.add_argument("--out", type=out_folder, default=DEMO, help="folder to write to")
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
     aircraft_file(AIRCRAFT, seed=SEED).write(folder / "aircraft.toml")

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from casid.campaign.blind import solve
-from casid.errors import run_script
+from casid.cli.start import run_script
+from casid.report.folder import out_folder
 from problems.blind.score import NOTHING, score
 from problems.jsbsim.own_model import hide_in_own
 
@@ -56,7 +57,7 @@ def main() -> None:
     options.add_argument("--minutes", type=float, default=15.0, help="after which no set is begun")
     options.add_argument("--naming", choices=("rules", "score"), default="rules")
     options.add_argument("--cases", nargs="+", default=list(CASES))
-    options.add_argument("--out", type=Path, default=Path("out/own_models"))
+    options.add_argument("--out", type=out_folder, default=Path("out/own_models"))
     given = options.parse_args()
     rows: list[dict[str, Any]] = []
     begin = time.monotonic()

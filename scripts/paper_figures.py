@@ -16,8 +16,9 @@ import argparse
 from pathlib import Path
 from typing import NoReturn
 
-from casid.errors import InputError, run_script, unknown
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.cli.start import run_script
+from casid.errors import InputError, unknown
+from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import Picture
 from problems.do328 import MOMENT_DERIVATIVES
@@ -38,7 +39,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--variant", type=int, default=2, help="of the nonlinear terms, 1 to 3; 0 in A to D")
     parser.add_argument("--seed", type=int, default=1, help="of the noise, 1 to 5; 0 in A, C, E, G")
     parser.add_argument("--method", default="multiple-open", help=", ".join(METHODS))
-    parser.add_argument("--out", type=Path, default=Path("out/paper_figures"), metavar="DIR")
+    parser.add_argument("--out", type=out_folder, default=Path("out/paper_figures"), metavar="DIR")
     parser.error = _one_line
     return parser.parse_args()
 

@@ -11,8 +11,7 @@ Expectation  DIR/<record>__<aircraft>.csv, the record with its outputs simulated
         [--map CHANNEL=COLUMN:unit] [--out DIR]
 """
 
-from casid.cli.run import run
-from casid.cli.simulate import simulate
+from casid.cli.app import run_as_script
 
 if __name__ == "__main__":
-    run(simulate)
+    run_as_script("simulate")

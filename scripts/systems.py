@@ -10,7 +10,8 @@ from __future__ import annotations
 import argparse
 import time
 
-from casid.errors import InputError, run_script, unknown
+from casid.cli.start import run_script
+from casid.errors import InputError, unknown
 from problems.systems.count import SYSTEMS, outcome
 
 SUMMARY = "found {1} of {0}, sized {2}, further names {3}, told as minor {4}"

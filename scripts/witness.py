@@ -34,7 +34,7 @@ import casid as cs
 # isort: split
 import numpy as np
 
-from casid.errors import run_script
+from casid.cli.start import run_script
 from casid.report.folder import provenance
 from problems.blind.sets import fly_set
 from problems.every_problem import DEMO, demo_problem

@@ -34,7 +34,7 @@ LAYERS: dict[str, set[str]] = {
     "errors": set(),
     "arguments": {"errors"},
     "views": set(),
-    "keeping": {"errors"},
+    "keeping": {"errors", "arguments"},
     "signals": {"errors"},
     "native": {"errors"},
     "records": _CORE,

@@ -60,6 +60,11 @@ def arrays(**changes: Any) -> cs.Record:
     return cs.Record.from_arrays("m1", T, {"delta_e": U, "alpha": U} | changes.pop("channels", {}), **changes)
 
 
+def experiment(o: SimpleNamespace, **changes: Any) -> cs.Experiment:
+    whole = {"surfaces": {"delta_e": 0.1}, "rest": {"delta_e": 0.0}, "start": [0.0, 0.0], "noise": {"q": 0.01}}
+    return cs.Experiment(model=o.model, **(whole | {"duration": 8.0, "dt": 0.1, "parameters": ["M*"]} | changes))
+
+
 def frame(**columns: Any) -> pd.DataFrame:
     return pd.DataFrame({"t": T, "delta_e": U, "alpha": U} | columns)
 
@@ -175,11 +180,50 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: cs.identifiability(problem(o)), "write cs.solve(problem)"),
     (lambda o: cs.profile(problem(o), ["Mq"]), "write cs.solve(problem)"),
     (lambda o: cs.filter_error(o.fit, {}), "cs.Problem(model, records, free=[...])"),
+    (lambda o: cs.profile(o.fit, "Mq"), "write ['Mq']"),
+    (lambda o: cs.profile(o.fit, ["Mq"], level="high"), "level is the text 'high'"),
+    (lambda o: cs.bootstrap(o.fit, 2.5, 0), "runs is 2.5; expected a whole number of at least 2"),
+    (lambda o: cs.bootstrap(o.fit, 2, "a"), "seed is the text 'a'"),
+    (lambda o: cs.bootstrap(o.fit, 2, 0, input_noise=0.1), "expected a table like {'delta_e': 0.001}"),
+    (lambda o: o.fit.predict(o.record, window_s=-1.0), "window_s is -1; expected a positive number"),
+    (lambda o: o.fit[3], "unknown parameter '3'"),
+    (lambda o: o.fit.save(3), "expected a file name"),
+    (lambda o: cs.Ipopt(hessian="exakt"), "did you mean 'exact'"),
+    (lambda o: cs.GaussNewton(tolerance=-1.0), "GaussNewton: tolerance is -1; expected a positive number"),
+    (lambda o: cs.Automatic(iterations=1.5), "Automatic: iterations is 1.5; expected a whole number"),
+    (lambda o: cs.CombinedError(equation_weight="a"), "expected a finite number"),
+    (lambda o: cs.InitialState(std=0.1), "expected a table like {'alpha': 0.01}"),
+    (lambda o: cs.SampledFeedback(model=o.model, received=0.1), "an expression like model.u - 0.1 * model.x[1]"),
+    # designs
+    (lambda o: cs.design_input(o.model), "write cs.Experiment(model=..."),
+    (
+        lambda o: experiment(o, surfaces={"delta_e": "5 deg"}),
+        "input 'delta_e' is the text '5 deg'; expected a positive",
+    ),
+    (lambda o: experiment(o, surfaces={"delta_a": 0.1}), "unknown input 'delta_a'; did you mean 'delta_e'"),
+    (lambda o: experiment(o, start=[0.0]), "start has the shape (1,); expected a number each: alpha, q"),
+    (lambda o: experiment(o, rest=0.0), "Experiment: rest is 0.0; expected a table"),
+    (lambda o: experiment(o, parameters="M*"), "write ['M*']"),
+    (lambda o: experiment(o, duration="8 s"), "duration is the text '8 s'"),
+    (lambda o: cs.design_input(experiment(o), "steps"), "write cs.Steps(pulses=4)"),
+    (lambda o: cs.design_input(experiment(o), criterion="E"), "criterion is the text 'E'; expected 'D' or 'A'"),
+    (lambda o: cs.Steps(pulses="four"), "pulses is the text 'four'"),
+    # other verbs
+    (lambda o: cs.table(3, "alpha", [0.0, 1.0], [0.0, 1.0]), "table: coefficient is 3"),
+    (lambda o: cs.trim(o.plane, V=100.0, altitude=1e6), "expected -1000 to 20000 m"),
+    (lambda o: cs.check("m7.csv"), "m7.csv: no such file"),
+    (lambda o: cs.check(o.flown, 3), "expected a cs.Aircraft or the name of its file"),
+    (lambda o: cs.write_report(o.fit, o.folder), "write cs.diagnose(aircraft, records)"),
+    (lambda o: cs.Library(regressors={"x^3": 3}), "regressor 'x^3' is 3; expected a function"),
+    (lambda o: o.record.between(50.0, 60.0), "no sample from 50 to 60 s; it has 0 to"),
+    (lambda o: cs.write_record(o.record, 3), "expected a file name"),
     # diagnoses
     (lambda o: cs.diagnose("plane", o.flown), "plane"),
     (lambda o: cs.diagnose(o.folder / "plane.toml", 3), "expected a list of cs.Record or of file names"),
     (lambda o: cs.diagnose(o.plane, o.folder / "m2.csv"), "m2.csv: no such file"),
     (lambda o: cs.diagnose(o.plane, o.flown, hold_out=[1]), "expected a cs.Record or a file name"),
+    (lambda o: cs.diagnose(o.plane, o.flown, naming="rule"), "did you mean 'rules'"),
+    (lambda o: cs.diagnose(o.plane, o.flown, as_recorded="yes"), "as_recorded is the text 'yes'"),
     (lambda o: cs.diagnose(o.flown[0], o.plane), "expected a cs.Aircraft or the name of its file"),
 ]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from casid.arguments import an
+from casid.arguments import an, number, table_of, whole
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.cost import EquationError
 from casid.estimation.estimate import solve
@@ -69,7 +69,7 @@ class Bootstrap:
         EstimationError
             For a level that so few runs cannot show.
         """
-        if not 0.0 < level < 1.0:
+        if not 0.0 < number(level, "bootstrap: level") < 1.0:
             raise InputError(f"bootstrap: level is {level}; expected a probability inside (0, 1), like 0.95")
         fewest = math.ceil(2.0 / (1.0 - level) - 1.0 - 1e-9)
         if len(self.estimates) < fewest:
@@ -173,6 +173,10 @@ def bootstrap(
         For a fit that has not converged.
     """
     an(fit, Fit, "bootstrap: fit", "cs.solve(problem)")
+    whole(runs, "bootstrap: runs", least=2)
+    whole(seed, "bootstrap: seed", least=0)
+    for name, sigma in table_of(input_noise or {}, "bootstrap: input_noise", "{'delta_e': 0.001}").items():
+        number(sigma, f"bootstrap: input_noise of '{name}'", positive=True)
     if not fit.converged:
         raise EstimationError(f"bootstrap: the fit has not converged ({fit.status}); there is no model to draw from")
     return collected(fit, (replica(fit, (seed, run), input_noise, method, solver) for run in range(runs)))

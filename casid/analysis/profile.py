@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from casid.arguments import an
+from casid.arguments import an, number
+from casid.arguments import names as argument_names
 from casid.errors import EstimationError, InputError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.constraints import parameter as limits_of
@@ -93,7 +94,8 @@ def profile(
     """
     an(fit, Fit, "profile: fit", "cs.solve(problem)")
     _check(fit, level, method)
-    return {name: _Search(fit, fit[name].name, method, solver).interval(level) for name in names}
+    wanted = argument_names(names, "profile: names")
+    return {name: _Search(fit, fit[name].name, method, solver).interval(level) for name in wanted}
 
 
 def negative_log_posterior(fit: Fit) -> float:
@@ -102,7 +104,7 @@ def negative_log_posterior(fit: Fit) -> float:
 
 
 def _check(fit: Fit, level: float, method: Transcription) -> None:
-    if not 0.0 < level < 1.0:
+    if not 0.0 < number(level, "profile: level") < 1.0:
         raise InputError(f"profile: level is {level}; expected a probability inside (0, 1), like 0.95")
     if not isinstance(fit.problem.cost, OutputError) or isinstance(fit.problem.noise, RangeWeights):
         raise EstimationError("profile: the cost is no likelihood; use OutputError with noise given or estimated")

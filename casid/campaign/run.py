@@ -101,7 +101,8 @@ def _pool(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished
 
         def fill() -> None:
             while len(running) < jobs * _AHEAD and (entry := next(waiting, None)) is not None:
-                running[pool.submit(timed, work, entry[1])] = entry[0]
+                with _ctrl_c_later():
+                    running[pool.submit(timed, work, entry[1])] = entry[0]
 
         try:
             fill()
@@ -131,6 +132,19 @@ def _environment(values: Mapping[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def _ctrl_c_later() -> Iterator[None]:
+    """Ctrl-C waits while within, and processes that are started here never hear of it: from their first import on."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_worker() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,7 @@ def open_store(folder: str | Path, protocol: Mapping[str, Any], must_exist: bool
     path = Path(folder) / FILE
     if must_exist and not path.exists():
         raise InputError(f"{path}: nothing to resume; run without --resume, or name the folder of the earlier run")
+    made = [place for place in (path, *path.parents) if not place.exists()]  # the deepest first
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(path, timeout=0.2)
@@ -65,9 +66,23 @@ def open_store(folder: str | Path, protocol: Mapping[str, Any], must_exist: bool
         raise InputError(f"{path}: cannot be opened: {error}; choose another --out") from None
     try:
         _prepare(connection, path, json.dumps(protocol, sort_keys=True))
-        yield Store(connection)
+        store = Store(connection)
+        yield store
+    except BaseException:
+        if made and not (path.exists() and Store(connection).finished()):
+            connection.close()
+            _take_away(made)
+        raise
     finally:
         connection.close()
+
+
+def _take_away(made: list[Path]) -> None:
+    """A store in which nothing was finished, and the folders that were made for it."""
+    with suppress(OSError):
+        made[0].unlink(missing_ok=True)
+        for place in made[1:]:
+            place.rmdir()
 
 
 def _prepare(connection: sqlite3.Connection, path: Path, protocol: str) -> None:

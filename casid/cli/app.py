@@ -1,9 +1,11 @@
-"""The command `casid`: one application, one function per command, each in a file of its own."""
+"""The command `casid`: one application, one function per command, each in a file of its own.
+
+Nothing slow is imported here before Ctrl-C is listened to.
+"""
 
 from __future__ import annotations
 
-import sys
-from importlib.metadata import version
+from casid.cli.start import begin, leave, outcome
 
 COMMANDS = {
     "diagnose": "casid.cli.diagnose:diagnose",
@@ -19,21 +21,25 @@ COMMANDS = {
 
 
 def main() -> None:
-    """Entry point of the wheel. What is slow to load is loaded inside, so that Ctrl-C is heard from the start."""
-    try:
-        from cyclopts import App
+    """Entry point of the wheel."""
+    begin()
+    from importlib.metadata import version
 
-        from casid.cli.run import run_app
+    from cyclopts import App
 
-        app = App(
-            name="casid",
-            help="Identify aircraft from flight data.",
-            version=version("casid"),
-            suppress_keyboard_interrupt=False,
-        )
-        for name, where in COMMANDS.items():
-            app.command(where, name=name)
-        run_app(app)
-    except KeyboardInterrupt:
-        print("interrupted; nothing had begun", file=sys.stderr)
-        sys.exit(130)
+    from casid.cli.run import call
+
+    app = App(name="casid", help="Identify aircraft from flight data.", version=version("casid"))
+    for name, where in COMMANDS.items():
+        app.command(where, name=name)
+    leave(outcome(lambda: call(app)))
+
+
+def run_as_script(command: str) -> None:
+    """One command as a script of its own."""
+    begin()
+    from pkgutil import resolve_name
+
+    from casid.cli.run import call, script
+
+    leave(outcome(lambda: call(script(resolve_name(COMMANDS[command])))))

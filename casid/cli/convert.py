@@ -27,12 +27,7 @@ def convert(source: Path, target: Path, *, maps: Maps | None = None) -> None:
     if target.resolve() == source.resolve():
         raise InputError(f"{target}: is the source itself; name another target")
     record = read_record(source, ColumnMap.from_options(list(maps or [])))
-    partial = target.with_name(f".partial-{target.name}")
-    try:
-        write_record(record, partial)
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_record(record, target)
     for note in record.notes:
         print(f"note: {note}")
     print(f"{target}: {len(record)} samples, {record.t[-1] - record.t[0]:.6g} s, {', '.join(record.channels)}")

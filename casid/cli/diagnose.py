@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -18,6 +18,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.records.readers import files_of
 from casid.records.record import Record
 from casid.records.thinning import thinned
 from casid.report.folder import provenance, whole_folder, write_provenance
@@ -54,6 +55,8 @@ def diagnose(
     seed: Whole = 0,
     quick: Flag = False,
     criteria: Path | None = None,
+    naming: Literal["rules", "score"] = "rules",
+    as_recorded: Flag = False,
     as_json: AsJson = False,
 ) -> None:
     """Diagnose what a flight simulation lacks, from flight records.
@@ -85,6 +88,10 @@ def diagnose(
         Thin the records to 25 Hz.
     criteria
         TOML file with other numbers to decide by.
+    naming
+        How causes are named: by rules with refits, or by one score of whole explanations (docs/diagnosis.md).
+    as_recorded
+        Leave the data as they are: what is wrong with them is told, and neither corrected nor left out.
     as_json
         Print diagnosis.json and nothing else.
     """
@@ -107,7 +114,8 @@ def diagnose(
         diagnose_model(system, fitted, held_out, by, out, seed, as_json)
         return
     file = aircraft or DEMO / "aircraft.toml"
-    diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, criteria=by, axes=axes)
+    choices = {"criteria": by, "axes": axes, "naming": naming, "as_recorded": as_recorded}
+    diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
     _write(diagnosed, file, by, out, seed, as_json)
 
 
@@ -130,10 +138,10 @@ def _flight(
     patterns: Sequence[str], held: Sequence[str], maps: Sequence[str], own: Sequence[str]
 ) -> tuple[list[Record], list[Record]]:
     """Records to fit and records held out. What is held out is not fitted, also when it is given twice."""
-    held_files = [r.source for r in records_of(held, maps, own)] if held else []
-    apart = {Path(file).resolve() for file in held_files}
-    fit_files = [r.source for r in records_of(patterns, maps, own) if Path(r.source).resolve() not in apart]
-    both = records_of([*fit_files, *held_files], maps, own)  # together: names that two folders share are told apart
+    held_files = files_of(held)
+    apart = {file.resolve() for file in held_files}
+    fit_files = [file for file in files_of(patterns) if file.resolve() not in apart]
+    both = records_of([str(file) for file in (*fit_files, *held_files)], maps, own)  # names of two folders differ
     return both[: len(fit_files)], both[len(fit_files) :]
 
 

@@ -15,6 +15,7 @@ from tomlkit.items import Item
 
 from casid.cli.options import Flag
 from casid.errors import InputError
+from casid.keeping import whole_file
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density
 
@@ -78,10 +79,8 @@ def new_aircraft(
     for what, value in known.items():
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{what} {value:g}: expected a positive number")
-    try:
-        target.write_text(_text(name, altitude, known), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    with whole_file(target) as temporary:
+        temporary.write_text(_text(name, altitude, known), encoding="utf-8")
     Aircraft.read(target)
     print(f"{target}: written; lines marked 'typical' are guesses")
 

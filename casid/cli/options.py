@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,6 +12,7 @@ from cyclopts import Parameter, Token
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_records
 from casid.records.record import Record
+from casid.report.folder import out_folder
 
 
 def _whole(type_: type, tokens: Sequence[Token]) -> int:
@@ -21,10 +23,14 @@ def _whole(type_: type, tokens: Sequence[Token]) -> int:
         raise ValueError(f"{tokens[0].keyword} {tokens[0].value}: expected a whole number") from None
 
 
+def _folder(type_: type, tokens: Sequence[Token]) -> Path:
+    return out_folder(tokens[0].value)
+
+
 DEMO = Path(__file__).resolve().parent / "demo"
 
 Files = Annotated[list[str], Parameter(consume_multiple=True, negative="")]
-Folder = Annotated[Path, Parameter(name="--out")]
+Folder = Annotated[Path, Parameter(name="--out", converter=_folder)]
 Maps = Annotated[list[str], Parameter(name="--map", negative="")]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Flag = Annotated[bool, Parameter(negative="")]
@@ -33,5 +39,12 @@ Axes = Literal["full", "longitudinal", "lateral"]
 
 
 def records_of(patterns: Sequence[str], maps: Sequence[str], own: Sequence[str] = ()) -> list[Record]:
-    """The records of files or glob patterns, their columns named by ``--map``; `own`: channels of no aircraft."""
-    return read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own)
+    """The records of files or glob patterns, their columns named by ``--map``; what their reader remarks is said.
+
+    `own`: channels of no aircraft.
+    """
+    records = read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own)
+    for record in records:
+        for note in record.notes:
+            print(f"note: {record.name}: {note}", file=sys.stderr)
+    return records

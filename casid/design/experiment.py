@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from casid.arguments import an, names, number, numbers_by_name, table_of
 from casid.errors import InputError, unknown
 from casid.model.simulate import simulate
 from casid.model.system import Model
@@ -56,7 +57,17 @@ class Experiment:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        model = self.model
+        model = an(self.model, Model, "Experiment: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+        for what in ("surfaces", "noise", "limits"):
+            table_of(getattr(self, what), f"Experiment: {what}", "{'delta_e': 0.05}")
+        numbers_by_name(self.rest, "Experiment: rest")
+        names(self.parameters, "Experiment: parameters")
+        number(self.duration, "Experiment: duration", positive=True)
+        number(self.dt, "Experiment: dt", positive=True)
+        model.nominal_vector(numbers_by_name(self.values, "Experiment: values"))
+        if np.shape(self.start) != (len(model.states),):
+            order = ", ".join(model.states)
+            raise InputError(f"Experiment: start has the shape {np.shape(self.start)}; expected a number each: {order}")
         for what, table, valid in (
             ("input", self.surfaces, model.inputs),
             ("output", self.noise, model.outputs),
@@ -65,8 +76,7 @@ class Experiment:
             for name, size in table.items():
                 if name not in valid:
                     raise unknown(what, name, valid, "Experiment")
-                if not size > 0.0:
-                    raise InputError(f"Experiment: {what} '{name}' has the size {size}; expected a positive number")
+                number(size, f"Experiment: {what} '{name}'", positive=True)
         if not self.surfaces or not self.noise or not self.parameters:
             raise InputError(
                 "Experiment: name a surface that moves, an output that is measured and a parameter at least"

@@ -20,9 +20,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from casid.arguments import an, one_of, whole
 from casid.design.experiment import Experiment
-from casid.design.input_shapes import Shape, Steps
-from casid.errors import EstimationError, InputError
+from casid.design.input_shapes import Multisine, Shape, Steps
+from casid.errors import EstimationError
 from casid.estimation.transcriptions.steps import output_function, step_function
 from casid.native.threads import single_threaded
 from casid.records.record import Record
@@ -76,8 +77,9 @@ def design_input(
         When no start leads to an input within the limits.
     """
     _check(experiment, shape, criterion)
+    whole(starts, "design_input: starts", least=0)
     search = _Search(experiment, shape, criterion)
-    rng, guesses = np.random.default_rng(seed), []
+    rng, guesses = np.random.default_rng(whole(seed, "design_input: seed", least=0)), []
     if isinstance(shape, Steps) and shape.pulses >= 4:
         guesses.append(_standard_unknowns(search, shape))
     for _ in range(starts):
@@ -100,8 +102,9 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
 
 
 def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
-    if criterion not in ("D", "A"):
-        raise InputError(f"design_input: criterion is '{criterion}'; expected 'D' or 'A'")
+    an(experiment, Experiment, "design_input: experiment", "cs.Experiment(model=..., surfaces={'delta_e': 0.05}, ...)")
+    an(shape, (Steps, Multisine), "design_input: shape", "cs.Steps(pulses=4) or cs.Multisine(lines=8)")
+    one_of(criterion, ("D", "A"), "design_input: criterion")
     shape.check(experiment.duration)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from casid.arguments import number, whole
 from casid.errors import InputError
 
 
@@ -34,8 +35,9 @@ class Steps:
     rise_s: float = 0.12
 
     def __post_init__(self) -> None:
-        if self.pulses < 1 or not self.shortest_s > 0.0 or not self.rise_s > 0.0:
-            raise InputError(f"Steps: {self}; expected at least one pulse and positive times")
+        whole(self.pulses, "Steps: pulses")
+        number(self.shortest_s, "Steps: shortest_s", positive=True)
+        number(self.rise_s, "Steps: rise_s", positive=True)
 
     def check(self, duration: float) -> None:
         """Check that the pulses fit into a record.
@@ -93,8 +95,8 @@ class Multisine:
     rise_s: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.lines < 1 or not self.rise_s > 0.0:
-            raise InputError(f"Multisine: {self}; expected at least one line and a positive time")
+        whole(self.lines, "Multisine: lines")
+        number(self.rise_s, "Multisine: rise_s", positive=True)
 
     def check(self, duration: float) -> None:
         """Check that the fading fits into a record.

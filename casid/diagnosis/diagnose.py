@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from casid.arguments import an, one_of
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.check import check
@@ -96,7 +97,10 @@ def diagnose(
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
-    stages, criteria = Stages(report), criteria or Criteria()
+    one_of(naming, ("rules", "score"), "diagnose: naming")
+    an(as_recorded, bool, "diagnose: as_recorded", "as_recorded=True or as_recorded=False")
+    criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
+    stages = Stages(report)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
     checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)

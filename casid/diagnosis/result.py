@@ -25,9 +25,10 @@ from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.round import Round
 from casid.diagnosis.naming.size import missing_share
 from casid.diagnosis.parameter import Parameter
-from casid.keeping import save
+from casid.keeping import save, whole_file
 from casid.model.aircraft import Aircraft
 from casid.model.effects import effect_of
+from casid.records.record import Record
 from casid.views import view
 
 if TYPE_CHECKING:
@@ -201,6 +202,7 @@ class Diagnosis:
             "sentence": self.sentence,
             "not_judged": [one.to_dict() for one in self.not_judged],
             "data": [one.to_dict() for one in self.data],
+            "notes": {record.name: list(record.notes) for record in self._records},
             "contradicted": [one.to_dict() for one in self.contradicted],
             "causes": [cause_entry(cause) for cause in self.causes],
             "minor": [cause_entry(cause) for cause in self.minor],
@@ -223,6 +225,11 @@ class Diagnosis:
             "smallest_detectable": dict(self.detectable),
             "seconds": dict(self.seconds),
         }
+
+    @property
+    def _records(self) -> tuple[Record, ...]:
+        """Fitted ones, and those held out."""
+        return (*self.refitted.fit.flight.records, *self.held_out_as_given.fit.flight.records)
 
     def _unexplained(self, missing: MissingInput) -> dict[str, Any]:
         fit = next(v.fit for v in (self.extended, self.held_out_extended) if missing.concerns(v.records))
@@ -253,10 +260,8 @@ class Diagnosis:
 
     def write(self, path: str | Path) -> None:
         """Write diagnosis.json whole or not at all."""
-        target = Path(path)
-        temporary = target.with_suffix(".tmp")
-        temporary.write_text(json.dumps(plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
-        temporary.replace(target)
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
 
 
 def _freedom(fit: Fit) -> int:

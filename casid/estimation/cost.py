@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from casid.arguments import given
+from casid.arguments import given, number
 from casid.errors import EstimationError, InputError
 
 
@@ -73,7 +73,7 @@ class CombinedError:
     equation_weight: float = 0.5
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.equation_weight < 1.0:
+        if not 0.0 < number(self.equation_weight, "CombinedError: equation_weight") < 1.0:
             raise EstimationError(
                 f"CombinedError: equation_weight is {self.equation_weight}; expected a number inside (0, 1); "
                 "use OutputError or EquationError for a pure cost"
@@ -93,6 +93,9 @@ class RangeWeights:
     """
 
     maximum: float = 1e4
+
+    def __post_init__(self) -> None:
+        number(self.maximum, "RangeWeights: maximum", positive=True)
 
     def weights(self, measured: np.ndarray) -> np.ndarray:
         """(channels,) weights of the (samples, channels) measurements; NaN are missing samples."""

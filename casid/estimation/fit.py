@@ -254,7 +254,7 @@ class Fit:
     @cached_property
     def remarks(self) -> tuple[str, ...]:
         """What a person should know besides the status, a sentence each: a channel whose mean explains it better, a
-        parameter three a-priori deviations from the file or of the opposite sign, standard errors of few samples."""
+        parameter three a-priori deviations from the file or of the opposite sign."""
         return remarks(self)
 
     def plot(self, record: str | None = None) -> Any:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.arguments import an, listed, numbers_by_name
+from casid.arguments import an, listed, numbers_by_name, table_of
 from casid.errors import EstimationError, unknown
 from casid.estimation.checks import (
     check_combination,
@@ -49,6 +49,10 @@ class InitialState:
 
     value: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        table_of(self.value, "InitialState: value", "{'alpha': 0.1}")
+        table_of(self.std, "InitialState: std", "{'alpha': 0.01}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from casid.estimation.cost import EquationError, OutputError, RangeWeights
+from casid.estimation.cost import OutputError, RangeWeights
 
 if TYPE_CHECKING:
     from casid.estimation.fit import Fit
@@ -14,13 +14,12 @@ if TYPE_CHECKING:
 _FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
 _SURE = 2.0  # standard errors: the sign is known
 _UNEXPLAINED = 2.0  # times the given noise: chosen; by chance a hundred samples are not beyond 1.3
-_LOW = 0.95  # of the unbiased standard error
 
 
 def remarks(fit: Fit) -> tuple[str, ...]:
     """One sentence each, none when all is well: channels that their own mean explains better, parameters three a-priori
-    deviations from the file or of the opposite sign, standard errors that are low for want of samples."""
-    return (*_noise(fit), *_channels(fit), *_parameters(fit), *_few_samples(fit))
+    deviations from the file or of the opposite sign, standard errors that no sample is left for."""
+    return (*_noise(fit), *_channels(fit), *_parameters(fit), *_errors(fit))
 
 
 def _noise(fit: Fit) -> Iterator[str]:
@@ -60,17 +59,6 @@ def _parameters(fit: Fit) -> Iterator[str]:
             yield f"{name}: {far:.1f} a-priori deviations from its a-priori value, {numbers}"
 
 
-def _few_samples(fit: Fit) -> Iterator[str]:
-    """Noise that was estimated is at its maximum of likelihood, which does not count the unknowns."""
-    problem = fit.problem
-    if not (problem.noise is None or isinstance(problem.noise, (str, RangeWeights))):
-        return
-    samples = sum(channel.samples for channel in fit.channels.values())
-    states = 0 if isinstance(problem.cost, EquationError) else len(problem.model.states) * len(problem.records)
-    unknowns = len(fit.values) + states
-    share = math.sqrt(max(1.0 - unknowns / samples, 0.0))
-    if share < _LOW:
-        yield (
-            f"standard errors are about {100.0 * (1.0 - share):.0f} % low: {unknowns} unknowns, {samples} samples, "
-            "and the noise estimated with them"
-        )
+def _errors(fit: Fit) -> Iterator[str]:
+    if fit.converged and all(math.isnan(e.std) for e in fit.parameters.values()):
+        yield "no standard errors: as many unknowns as samples, and the noise is estimated with them"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.estimation.freedom import freedom
 from casid.estimation.residual_colour import (
     ChannelSums,
     Piece,
@@ -36,9 +37,9 @@ class Uncertainty:
     """Standard errors at a solution, computed when they are asked for; covariances are (parameters, parameters).
 
     covariance   Cramer-Rao: inverse of the information; with weights that are not the inverse noise (range weights,
-                 combined cost) the covariance that white residuals of the observed variance give. Noise that was
-                 estimated is at its maximum of likelihood, which does not count the parameters: with N samples of a
-                 channel and f parameters the variance is about f/N too small.
+                 combined cost) the covariance that white residuals of the observed variance give. Where the noise was
+                 estimated too, its variance counts with samples less unknowns, as in ordinary least squares (see
+                 `freedom`), and not as at the maximum of likelihood, where it is too small.
     corrected    the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138; Morelli and
                  Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
                  residual_colour); channels count as independent.
@@ -66,10 +67,18 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
-        levels = self.value.noise.levels
-        if self._inverse is None or (not levels.proportional and (levels.share == 1.0).all()):
-            return self._unknown if self._inverse is None else self._inverse
-        return self._inverse @ self._scores[0] @ self._inverse
+        if self._inverse is None:
+            return self._unknown
+        levels, inverse = self.value.noise.levels, self._inverse
+        plain = not levels.proportional and (levels.share == 1.0).all()
+        score = self.linear.hessian if plain else self._scores[0]  # pyright: ignore[reportOptionalMemberAccess]
+        covariance = inverse if plain else inverse @ score @ inverse
+        if levels.fixed:
+            return covariance
+        data = score - np.diag(1.0 / self.objective.problem.prior_std**2)
+        told = float(np.trace(inverse @ data)) if plain else self._free.shape[1]
+        more = freedom(self.objective, levels, told) - 1.0
+        return covariance + more * inverse @ data @ inverse if np.isfinite(more) else self._unknown
 
     @cached_property
     def corrected(self) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from casid.arguments import number
 from casid.errors import EstimationError
 from casid.estimation.fit import Fit
 from casid.filtering.initial_state import fit_initial_state
@@ -19,6 +20,7 @@ from casid.records.record import Record
 def predict(fit: Fit, record: Record | str | Path, window_s: float) -> Simulation:
     """The open-loop simulation with the estimates; see `Fit.predict`."""
     record, problem = given_record(record, "predict"), fit.problem
+    number(window_s, "predict: window_s", positive=True)
     if problem.feedback is not None:
         raise EstimationError("predict: a control law in the loop cannot be simulated open-loop")
     values = {**problem.fixed_in(record.name), **{name: fit.values[name] for name in problem.shared}}

@@ -11,7 +11,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from casid.arguments import a_path
 from casid.errors import InputError, unknown
+from casid.keeping import whole_file
 from casid.model.aerodynamics import Aerodynamics
 from casid.model.aircraft_file import number, number_table, numbers, toml_text
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
@@ -266,7 +268,7 @@ class Aircraft:
     def read(cls, path: str | Path) -> Aircraft:
         """The aircraft of a TOML file, or of JSBSim's XML; raises InputError that names file, section, key and the
         nearest valid name."""
-        if Path(path).suffix.lower() == ".xml":
+        if a_path(path, "Aircraft.read").suffix.lower() == ".xml":
             return cls.from_jsbsim(path)
         data = read_toml(path)
         try:
@@ -292,13 +294,15 @@ class Aircraft:
         InputError
             When `path` cannot be written or `like` cannot be read.
         """
-        content = self._as_jsbsim(path) if Path(path).suffix.lower() == ".xml" else toml_text(sections_of(self))
+        jsbsim = a_path(path, "Aircraft.write").suffix.lower() == ".xml"
+        content = self._as_jsbsim(path) if jsbsim else toml_text(sections_of(self))
         if like is not None:
             read_toml(like)  # its faults in words
             content = with_comments_of(Path(like).read_text(encoding="utf-8"), content)
         try:
-            Path(path).write_text(content, encoding="utf-8", newline="\n")
-        except (OSError, UnicodeEncodeError) as error:
+            with whole_file(path) as temporary:
+                temporary.write_text(content, encoding="utf-8", newline="\n")
+        except UnicodeEncodeError as error:
             raise InputError(f"{path}: cannot be written: {error}") from None
 
     def _as_jsbsim(self, path: str | Path) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from casid.arguments import an, given, listed, number, whole
+from casid.arguments import an, given, listed, number, numbers_by_name, table_of, whole
 from casid.errors import InputError, unknown
 from casid.model.expressions import origin
 from casid.model.system import Model
@@ -89,9 +89,9 @@ def simulate(
     _check_inputs(model, record)
     U = record.matrix(model.inputs) if model.inputs else np.zeros((n, 0))
     W = np.zeros((n, len(model.disturbances)))
-    for name, series in (disturbances or {}).items():
+    for name, series in table_of(disturbances or {}, "simulate: disturbances", "{'gust_z': series}").items():
         W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)
-    p = model.nominal_vector(values)
+    p = model.nominal_vector(numbers_by_name(values or {}, "simulate: values"))
     UW = np.hstack([U, W])
     after = UW[:-1] if record.hold == "held" else UW[1:]
     states = _accumulate(model, substeps, n - 1)(start, UW[:-1].T, after.T, np.diff(record.t)[None], p).full().T

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from casid.arguments import an
+from casid.arguments import names as argument_names
 from casid.errors import InputError, unknown
 from casid.model.aircraft_file import check_keys, number, shown, text
 from casid.model.grid import Grid
@@ -156,7 +158,10 @@ def table(
     InputError
         When names, sizes or numbers do not fit.
     """
-    names = (axes,) if isinstance(axes, str) else tuple(axes)
+    for what, value in (("coefficient", coefficient), ("name", name), ("times", times)):
+        an(value, str, f"table: {what}", "a text, like 'Cm'")
+    an(free, bool, "table: free", "free=True or free=False")
+    names = (axes,) if isinstance(axes, str) else argument_names(axes, "table: axes")
     called = name or f"{coefficient}({', '.join(names)})" + (f"*{times}" if times != "0" else "")
     lists = [breakpoints] if breakpoints and not isinstance(breakpoints[0], (list, tuple, np.ndarray)) else breakpoints
     try:

@@ -82,6 +82,8 @@ def trim(
     if (rho is None and altitude is None) == (thrust is None):
         raise InputError("trim: give either a density (rho or altitude) or a thrust, the other is solved for")
     if rho is None and altitude is not None:
+        if not -1e3 <= altitude <= 2e4:
+            raise InputError(f"trim: altitude is {altitude:g} m; expected -1000 to 20000 m, or give rho")
         rho = float(standard_density(np.array(altitude)))
     model = aircraft_model(aircraft, effects=())
     f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])

@@ -142,7 +142,10 @@ def _statement(function: ca.Function, k: int) -> str:
         return f"w{to[0]} = v_{_LIBRARY_OF_TWO[op]}({a}, {b});"
     if op in _BY_LANE:
         return f"w{to[0]} = lane_{op}({a}, {b});"
-    raise UnknownOperationError(f"operation {op} of {function.name()}")
+    if op == ca.OP_CALL:
+        raise UnknownOperationError("it calls a function of CasADi, such as an interpolant")
+    names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+    raise UnknownOperationError(f"it contains CasADi's {names.get(op, op)}")
 
 
 def _number(value: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from casid.errors import InputError, nearest
 from casid.records.record import Record
-from casid.signals import RADIAN_LIMITS, SURFACES, label_of, unit_of
+from casid.signals import FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, label_of, unit_of
 
 INPUTS = (*SURFACES, "thrust", "rho")
 MIN_SAMPLES = 50
@@ -74,6 +74,13 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> N
             f"{place(beyond[0])}, {column}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
             f"{label_of(name)}; if the file has {degrees}, write the header as '{name} [{degrees}]' or map the column "
             f"with --map {name}=COLUMN:{degrees}; else repair the value"
+        )
+    absurd = np.flatnonzero(np.abs(values) > FLIGHT_LIMITS.get(name, np.inf))
+    if len(absurd):
+        missing_sample = "repair the value" if name in INPUTS else "leave the cell empty if the sample is missing"
+        raise InputError(
+            f"{place(absurd[0])}, {column}: {values[absurd[0]]:.6g} {unit_of(name)} is no {label_of(name)} of an "
+            f"aircraft; {missing_sample}, or write the header as '{name} [UNIT]' if the unit is another"
         )
     not_positive = np.flatnonzero(values <= 0.0)
     if name in _POSITIVE and len(not_positive):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from casid.arguments import given, is_path
+from casid.arguments import a_path, given, is_path, table_of
 from casid.errors import InputError, unknown
 from casid.records.toml_file import read_toml
 
@@ -36,6 +36,9 @@ class ColumnMap:
     columns: Mapping[str, tuple[ColumnTerm, ...]] = field(default_factory=dict)
     variable: str | None = None
 
+    def __post_init__(self) -> None:
+        table_of(self.columns, "ColumnMap: columns", "{'alpha': (ColumnTerm(column='ALCG', unit='deg'),)}")
+
     @classmethod
     def of(cls, value: ColumnMap | Mapping[str, Any] | str | Path | None) -> ColumnMap:
         """A map as a caller may give it: itself, its TOML file, a table like {"alpha": "ALCG:deg"}, or None."""
@@ -55,7 +58,7 @@ class ColumnMap:
     @classmethod
     def read(cls, path: str | Path) -> ColumnMap:
         """The map of a TOML file: `variable = "NAME"` (optional) and a table [columns], `alpha = "12:deg"`."""
-        data = read_toml(path)
+        data = read_toml(a_path(path, "ColumnMap.read"))
         for key in data:
             if key not in ("columns", "variable"):
                 raise unknown("key", key, ("columns", "variable"), str(path))

@@ -11,8 +11,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.arguments import given, is_path
+from casid.arguments import a_path, an, given, is_path
 from casid.errors import InputError, unknown
+from casid.keeping import whole_file
 from casid.records.arrays import read_mat, read_npz, read_parquet
 from casid.records.checks import INPUTS, channel_notes, check_channel, check_surfaces, check_time, time_notes
 from casid.records.clock import from_first, on_one_clock
@@ -85,10 +86,7 @@ def read_records(
     InputError
         When a pattern matches nothing or a file is given twice, and as `read_record`.
     """
-    items = [paths] if is_path(paths) else paths
-    if not isinstance(items, Iterable) or hasattr(items, "columns"):
-        raise InputError(f"read_records: got {given(items)}; expected file names or patterns{_IN_MEMORY}")
-    files = [file for item in items for file in _matches(item)]
+    files = files_of(paths)
     if not files:
         raise InputError("no record was given; expected at least one file or pattern, like flight/m*.csv")
     for file in files:
@@ -105,6 +103,14 @@ def read_records(
     ]
 
 
+def files_of(paths: str | Path | Iterable[str | Path]) -> list[Path]:
+    """The files that names and patterns stand for, each pattern in alphabetical order; InputError where one is none."""
+    items = [paths] if is_path(paths) else paths
+    if not isinstance(items, Iterable) or hasattr(items, "columns"):
+        raise InputError(f"read_records: got {given(items)}; expected file names or patterns{_IN_MEMORY}")
+    return [file for item in items for file in _matches(item)]
+
+
 def write_record(record: Record, path: str | Path) -> None:
     """Write a record as CSV that `read_record` reads back exactly: SI units, an empty cell for a missing sample.
 
@@ -113,22 +119,20 @@ def write_record(record: Record, path: str | Path) -> None:
     InputError
         When `path` is not .csv or cannot be written, or a channel's name cannot stand in a header.
     """
-    path = Path(path)
+    an(record, Record, "write_record: record", "cs.write_record(record, 'm1.csv')")
+    path = a_path(path, "write_record")
     if path.suffix.lower() != ".csv":
         raise InputError(f"{path}: records are written as .csv; got '{path.suffix}'")
     for name in record.channels:
         if name in ("", "t") or split_header(name) != (name, "") or not name.isprintable():
             raise InputError(f"record '{record.name}': channel '{name}' cannot stand in a header; rename it")
     columns = [["" if np.isnan(v) else repr(v) for v in record[name].tolist()] for name in ("t", *record.channels)]
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            if record.hold != "linear":
-                file.write(f"# hold: {record.hold}\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(("t", *record.channels))
-            writer.writerows(zip(*columns, strict=True))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        if record.hold != "linear":
+            file.write(f"# hold: {record.hold}\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("t", *record.channels))
+        writer.writerows(zip(*columns, strict=True))
 
 
 def _matches(item: str | Path) -> list[Path]:

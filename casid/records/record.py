@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.arguments import given, listed
+from casid.arguments import an, given, listed
+from casid.arguments import names as argument_names
 from casid.errors import InputError, unknown
 from casid.signals import RADIAN_LIMITS, label_of, unit_of
 
@@ -140,7 +142,7 @@ class Record:
 
     def matrix(self, names: Iterable[str]) -> np.ndarray:
         """(N, channels) of the named channels."""
-        return np.stack([self[name] for name in names], axis=1)
+        return np.stack([self[name] for name in argument_names(names, "Record.matrix: names")], axis=1)
 
     def with_channels(self, **channels: np.ndarray) -> Record:
         """The same record with channels added or replaced, (N,) each."""
@@ -150,7 +152,7 @@ class Record:
 
     def renamed(self, name: str) -> Record:
         """The same record under another name."""
-        return self._with(name=name)
+        return self._with(name=an(name, str, "Record.renamed: name", "renamed('m2')"))
 
     def with_notes(self, *notes: str) -> Record:
         """The same record with further notes."""
@@ -162,6 +164,12 @@ class Record:
 
     def between(self, start: float, stop: float, name: str | None = None) -> Record:
         """The part with start <= t < stop [s], time stamps kept."""
+        for what, value in (("start", start), ("stop", stop)):
+            if not isinstance(value, Real):
+                raise InputError(f"record '{self.name}': {what} is {given(value)}; expected a time in s")
+        if not ((self.t >= start) & (self.t < stop)).any():
+            span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no time at all"
+            raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {span}")
         keep = (self.t >= start) & (self.t < stop)
         channels = {k: v[keep] for k, v in self.channels.items()}
         return self._with(name=name or self.name, t=self.t[keep], channels=channels)

@@ -24,6 +24,13 @@ _ROOT = Path(__file__).resolve().parent.parent.parent
 _PARTIAL = ".partial-"  # the folder in which a run writes, named by its process: .partial-PID-xxxx
 
 
+def out_folder(text: str) -> Path:
+    """The folder that is called so; "" would silently be the one where the user stands."""
+    if not text.strip():
+        raise InputError("--out is empty; name a folder for the results, like out")
+    return Path(text)
+
+
 @contextmanager
 def whole_folder(folder: str | Path) -> Iterator[Path]:
     """A temporary folder inside `folder`; what was written into it moves up to `folder` when the block ends well.
@@ -33,8 +40,6 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
     can be written there or when another run is writing there.
     """
     target = Path(folder)
-    if not str(folder).strip():
-        raise InputError("--out is empty; name a folder for the results")
     made = [place for place in (target, *target.parents) if not place.exists()]  # the deepest first
     try:
         target.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from casid.arguments import an
 from casid.diagnosis.result import Diagnosis
 from casid.records.readers import write_record
 from casid.report import tables
@@ -83,6 +84,7 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
 
     `made_with` is what `run.json` has; default: this process and the versions it runs.
     """
+    an(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
     made_with = provenance(0) if made_with is None else made_with
     next_flight = proposals(diagnosis)
     shown = pictures(diagnosis) | {one.picture.name: one.picture for one in next_flight}

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.errors import run_script
+from casid.cli.start import run_script
 from casid.records.readers import write_record
 from casid.records.record import Record
 from problems.jsbsim.airframe import AIRFRAMES, Airframe, airframe

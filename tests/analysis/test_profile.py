@@ -79,13 +79,14 @@ def test_a_line_with_unknown_noise_has_the_interval_of_the_likelihood_ratio():
     record = line_record(12)
     fit = solve(Problem(line_model(), [record], free=["*"]))
     count, quantile = len(record), chi2.ppf(0.95, 1)
-    half = fit["a"].std * np.sqrt(count * (np.exp(quantile / count) - 1.0))
+    most_likely = fit["a"].std * np.sqrt((count - 2) / count)
+    half = most_likely * np.sqrt(count * (np.exp(quantile / count) - 1.0))
     found = profile(fit, ["a"])["a"]
     assert found.upper - fit["a"].value == pytest.approx(half, rel=0.004)
     assert fit["a"].value - found.lower == pytest.approx(half, rel=0.004)
     # Student's interval is the exact one: the ratio is on the way from the normal interval to it
-    student = t.ppf(0.975, count - 2) * fit["a"].std * np.sqrt(count / (count - 2))
-    assert 1.96 * fit["a"].std < half < student
+    student = t.ppf(0.975, count - 2) * fit["a"].std
+    assert 1.96 * most_likely < half < student
 
 
 @pytest.mark.parametrize("noise", [NOISE, None], ids=["given", "estimated"])

@@ -124,6 +124,25 @@ def test_ctrl_c_keeps_what_was_finished(tmp_path: Path, program: Path) -> None:
     assert squares(folder) == TRUTH
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.1, 0.4])
+def test_workers_say_nothing_of_ctrl_c(tmp_path: Path, program: Path, seconds: float) -> None:
+    """A terminal sends it to all processes, those that still import among them; the parent alone speaks."""
+    command = [sys.executable, str(program), str(tmp_path / "c"), str(tmp_path / "log"), "0.2", "2"]
+    environment = {**os.environ, "PYTHONPATH": PATHS}
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    with subprocess.Popen(command, env=environment, **options) as process:
+        assert process.stdout is not None and process.stdout.readline() == "0\n"  # the workers start now
+        time.sleep(seconds)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.communicate(timeout=30)[1].count("Traceback") == 1
+
+
+def test_a_store_in_which_nothing_was_finished_is_not_left(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--jobs -3"), open_store(tmp_path / "a" / "b", {"v": 1}) as store:
+        run_campaign({"a": {"x": 1}}, campaign_work.square, store, jobs=-3)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:
     tasks = {f"t{i}": {"mark": str(tmp_path / f"mark{i}")} for i in range(2)}
     with open_store(tmp_path, {}) as store:

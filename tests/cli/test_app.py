@@ -26,6 +26,8 @@ from casid.model.trim import trim
 from casid.records.readers import read_record
 from casid.report.folder import whole_folder
 
+REPO = Path(__file__).resolve().parents[2]
+
 
 def casid(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "casid", *map(str, arguments)]
@@ -176,3 +178,39 @@ def test_check_says_what_is_wrong_by_its_status(tmp_path: Path, capsys: pytest.C
     assert call(script(check), [str(tmp_path / "m.csv"), *aircraft, "--json"]) == 1
     found = json.loads(capsys.readouterr().out)["data"]
     assert [(one["kind"], one["target"]) for one in found] == [("data_sign", "q")]
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("words", [("-m", "casid", "demo"), ("scripts/diagnose.py",)], ids=["casid", "script"])
+def test_ctrl_c_while_it_is_imported(tmp_path: Path, words: tuple[str, ...], seconds: float) -> None:
+    """From the first import of casid on: one line, status 130. What Python does before that is its own."""
+    out, begun = tmp_path / "out", tmp_path / "begun"
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Told:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == 'cyclopts': open({str(begun)!r}, 'w').close()\n"
+        "sys.meta_path.insert(0, Told())\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{REPO}"}
+    command = [sys.executable, *words, "--out", str(out)]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=REPO)
+    while not begun.exists() and running.poll() is None:
+        time.sleep(0.002)
+    time.sleep(seconds)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert said.startswith("interrupted; nothing") and said.count("\n") == 1
+    assert running.returncode in (130, -signal.SIGINT)  # Python may end by the signal itself: to a shell both are 130
+    assert not out.exists()
+
+
+def test_a_signal_that_a_library_swallows_is_not_a_crash(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("cannot import name 'x'") from None
+
+    assert status_of(script(work, "work"), []) == 130
+    assert capsys.readouterr().err == "interrupted; nothing half-written was left\n"

@@ -87,6 +87,12 @@ MISUSES: list[tuple[str, str]] = [
     ("diagnose {r} {r} --aircraft {p}", "twice"),
     ("diagnose {r} --aircraft {p} --out {r}", "--out"),
     ("check {r} --out {r}", "--out"),
+    ("diagnose {r} --aircraft {p} --naming rule", "rules"),
+    ("check {d}/sentinel.csv", "-999"),
+    ("diagnose {r} --aircraft {p} --out=", "--out is empty"),
+    ("simulate {r} --aircraft {p} --out=", "--out is empty"),
+    ("demo --out=", "--out is empty"),
+    ("demo --out {r}/o", "--out"),
     ("design --aircraft {p} --deflection-deg -1", "positive"),
     ("design --aircraft {p} --duration 0.1 --out {d}/o", "samples"),
     ("design --aircraft {p} --free Cx_*", "Cx_"),
@@ -107,6 +113,8 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     column = head.split(",").index
     degrees = [*first]
     degrees[column("alpha")] = "4.0"
+    sentinel = [*first]
+    sentinel[column("ax")] = "-999"
     files = {
         "empty.csv": "",
         "text.csv": "\n".join([head, ",".join([*first[:-1], "n/a"]), *rows[1:]]),
@@ -114,6 +122,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "short.csv": "\n".join([head, *rows[:20]]),
         "ragged.csv": "\n".join([head, *rows[:50], "1,2,3", *rows[51:]]),
         "degrees.csv": "\n".join([head, ",".join(degrees), *rows[1:]]),
+        "sentinel.csv": "\n".join([head, ",".join(sentinel), *rows[1:]]),
         "nosurface.csv": whole.replace("delta_e", "x").replace("delta_a", "y").replace("delta_r", "z", 1),
         "notime.csv": "clock" + whole[1:],
         "misspelt.csv": whole.replace("alpha", "alhpa", 1),
@@ -133,7 +142,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_misuse_is_one_line(words, named, broken, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     before = sorted(broken.iterdir())
-    app = App(name="casid", version="0", suppress_keyboard_interrupt=False)
+    app = App(name="casid", version="0")
     for name, where in COMMANDS.items():
         app.command(where, name=name)
     places = {"d": str(broken), "r": RECORD, "p": PLANE}

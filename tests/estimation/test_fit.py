@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 
 import numpy as np
 import pandas as pd
@@ -84,9 +83,10 @@ def test_what_contradicts_the_file_is_said() -> None:
     assert any(remark.startswith("q: R2 is -") for remark in missed.remarks)
 
 
-def test_standard_errors_of_few_samples_are_said_to_be_low() -> None:
-    """Least squares of N samples and f unknowns: the variance at the maximum of likelihood is (N - f)/N of the unbiased
-    one (Draper and Smith, Applied Regression Analysis, ch. 1)."""
+@pytest.mark.parametrize("known", [False, True])
+def test_standard_errors_of_few_samples_are_those_of_least_squares(known: bool) -> None:
+    """A line through six samples: variance with N - f (Draper and Smith, Applied Regression Analysis, ch. 1). A start
+    that the caller knows exactly is no unknown."""
     t = np.arange(6.0)
     record = cs.Record(
         name="m1", t=t, channels={"u": np.zeros(6), "y": 1.0 + 0.5 * t + np.array([1, -1, 1, -1, 1, -1])}
@@ -100,11 +100,15 @@ def test_standard_errors_of_few_samples_are_said_to_be_low() -> None:
         dynamics=lambda s: {"y": s.slope},
         output=lambda s: {"y": s.y},
     )
-    few = cs.solve(cs.Problem(model, record, free=["slope"], initial_state=cs.InitialState(std={"y": 1e3})))
-    low = 100.0 * (1.0 - math.sqrt(4.0 / 6.0))
-    assert few.remarks == (
-        f"standard errors are about {low:.0f} % low: 2 unknowns, 6 samples, and the noise estimated with them",
-    )
+    start = cs.InitialState(value={"y": 1.0}, std={"y": 1e-9}) if known else cs.InitialState(std={"y": 1e3})
+    few = cs.solve(cs.Problem(model, record, free=["slope"], initial_state=start))
+    phi = t[:, None] if known else np.stack([t, np.ones(6)], axis=1)
+    _, squares, *_ = np.linalg.lstsq(phi, record["y"] - known, rcond=None)
+    variance = squares[0] / (6 - phi.shape[1]) * np.linalg.inv(phi.T @ phi)[0, 0]
+    assert few["slope"].std == pytest.approx(np.sqrt(variance), rel=1e-4)
+    assert few.remarks == ()
+    two = cs.solve(cs.Problem(model, record.between(0.0, 1.5), free=["slope"]))
+    assert np.isnan(two["slope"].std) and any("as many unknowns as samples" in remark for remark in two.remarks)
 
 
 def test_what_is_public_shows_itself_briefly(fit: cs.Fit) -> None:

@@ -103,7 +103,7 @@ def test_a_line_has_the_covariance_of_ordinary_least_squares(method):
     np.testing.assert_allclose(list(given.values.values()), expected, rtol=1e-8)
     np.testing.assert_allclose(given.covariance, 0.3**2 * np.linalg.inv(phi.T @ phi), rtol=1e-9)
     estimated = solve(Problem(static_model(), [record], free=["*"]), method)
-    np.testing.assert_allclose(estimated.covariance, residual / 60 * np.linalg.inv(phi.T @ phi), rtol=1e-6)
+    np.testing.assert_allclose(estimated.covariance, residual / 58 * np.linalg.inv(phi.T @ phi), rtol=1e-6)
     a, b = (estimated[name] for name in "ab")
     assert estimated.correlation("a", "b") == pytest.approx(estimated.covariance[0, 1] / (a.std * b.std))
 

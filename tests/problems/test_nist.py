@@ -21,10 +21,7 @@ def test_certified_digits(name, start, regression_data):
     fit = cs.solve(reference.problem(start))
     assert fit.converged, fit.status
     assert reference.digits(np.array(list(fit.values.values()))) >= 6.0
-    # casid's 1-sigma is that of maximum likelihood: theirs has the samples less the parameters under the root
-    freedom = len(reference.y) / (len(reference.y) - len(reference.std))
-    std = np.array([fit[p].std for p in fit.values]) * np.sqrt(freedom)
-    np.testing.assert_allclose(std, reference.std, rtol=1e-4)
+    np.testing.assert_allclose([fit[p].std for p in fit.values], reference.std, rtol=1e-4)
 
 
 # of the five that IPOPT did not reach: a plateau, one that needs more than 300 steps, one whose terms change places

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,6 +53,7 @@ class Seen:
     samples: int
     criteria: Criteria
     axes: str | None
+    choices: tuple[str, bool]
 
     def __call__(
         self,
@@ -60,9 +62,10 @@ class Seen:
         hold_out: Sequence[Record],
         report: Callable,
         criteria: Criteria,
-        axes: str | None,
+        **choices: Any,
     ) -> None:
-        self.aircraft, self.samples, self.criteria, self.axes = aircraft, len(given[0]), criteria, axes
+        self.aircraft, self.samples, self.criteria = aircraft, len(given[0]), criteria
+        self.axes, self.choices = choices["axes"], (choices["naming"], choices["as_recorded"])
         fitted, held = split(given, hold_out, criteria.held_out)
         self.fitted, self.held = [r.name for r in fitted], [r.name for r in held]
         raise KeyboardInterrupt
@@ -109,10 +112,24 @@ def test_of_a_single_record_its_last_third_is_held_out(run: Callable, flight: Pa
     assert seen.fitted == ["first"] and seen.held == ["first, last third"]
 
 
-def test_axes_are_passed_on(run: Callable, flight: Path, tmp_path: Path) -> None:
+def test_choices_are_passed_on(run: Callable, flight: Path, tmp_path: Path) -> None:
     seen = Seen()
-    run(flight / "*.csv", "--aircraft", flight / "aircraft.toml", "--axes", "lateral", "--out", tmp_path, instead=seen)
-    assert seen.axes == "lateral"
+    words = [flight / "*.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path]
+    run(*words, "--axes", "lateral", instead=seen)
+    assert seen.axes == "lateral" and seen.choices == ("rules", False)
+    run(*words, "--naming", "score", "--as-recorded", instead=seen)
+    assert seen.choices == ("score", True)
+
+
+def test_what_the_reader_remarks_is_said_once(run: Callable, flight: Path, tmp_path: Path) -> None:
+    """On standard error, whatever the command: az in g, which reads as 1 m/s2."""
+    rows = [line.split(",") for line in (flight / "first.csv").read_text().splitlines()]
+    column = rows[0].index("az")
+    in_g = [rows[0], *([*row[:column], repr(float(row[column]) / 9.80665), *row[column + 1 :]] for row in rows[1:])]
+    (tmp_path / "m.csv").write_text("\n".join(",".join(row) for row in in_g))
+    words = [tmp_path / "m.csv", flight / "second.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path / "o"]
+    _, said = run(*words, instead=Seen())
+    assert said.count("note: m: az: about") == 1 and "write the header as 'az [g]'" in said
 
 
 def test_what_is_held_out_is_not_fitted(run: Callable, flight: Path, tmp_path: Path) -> None:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from casid.arguments import an
 from casid.diagnosis.data import words
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.file_units import SI_OF, FileUnit
@@ -20,11 +22,13 @@ from casid.diagnosis.data.finding import Finding, Handled
 from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.model.given import given_aircraft
 from casid.model.plausible import Doubt, believable, doubts
 from casid.native.threads import single_threaded
 from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults
 from casid.records.channel_table import ChannelRow, as_text, channel_table
 from casid.records.checks import INPUTS
+from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import SURFACES, unit_of
 
@@ -87,8 +91,8 @@ class DataFindings:
 
 @single_threaded()
 def check(
-    records: Sequence[Record] | Record,
-    aircraft: Aircraft | None = None,
+    records: Sequence[Record | str | Path] | Record | str | Path,
+    aircraft: Aircraft | str | Path | None = None,
     *,
     undo: bool = False,
     criteria: DataCriteria | None = None,
@@ -101,21 +105,30 @@ def check(
     Parameters
     ----------
     records
-        Of one set of instruments: what is in one and not in the others shows the better.
+        Of one set of instruments, or names of files: what is in one and not in the others shows the better.
     aircraft
         Brings in weight, trim and the signs of responses to surfaces; without it these are not checked.
     undo
         Findings are only told, and `records` stay as they are.
     criteria
         By which it decides; by default those of `DataCriteria()`.
+
+    Raises
+    ------
+    InputError
+        For what is no record or aircraft, and as `read_record` and `Aircraft.read`.
     """
-    given = (records,) if isinstance(records, Record) else tuple(records)
+    given = given_records(records, "check")
     if not given:
         raise InputError("no record was given to be checked; expected at least one")
+    plane = None if aircraft is None else given_aircraft(aircraft, "check")
+    an(undo, bool, "check: undo", "undo=True or undo=False")
+    if criteria is not None:
+        an(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
     faults = [fault for record in given for fault in channel_faults(record)] + constant_in_one(given)
     kept = tuple(without_faults(record, faults) for record in given)
-    cannot_be = doubts(aircraft) if aircraft is not None else ()
-    believed = believable(aircraft, cannot_be) if aircraft is not None else None
+    cannot_be = doubts(plane) if plane is not None else ()
+    believed = believable(plane, cannot_be) if plane is not None else None
     weighing = Weighing(kept, believed, criteria or DataCriteria())
     weighed = weighing.found()
     alone = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
@@ -128,7 +141,7 @@ def check(
         records=given if undo else tuple(_noted(record, (*alone, *together)) for record in kept),
         recorded=given,
         table=channel_table(given),
-        doubts=_of_the_file(aircraft, cannot_be, weighing.units),
+        doubts=_of_the_file(plane, cannot_be, weighing.units),
     )
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from casid.arguments import given, table_of, whole
 from casid.diagnosis.systems.cause import Cause, Operator, Run
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.fit import Question
@@ -70,8 +71,11 @@ class Library:
         for kind in self.kinds:
             if kind not in KINDS:
                 raise unknown("kind", kind, KINDS, "library")
-        if not 0 <= self.degree <= 4:
+        if whole(self.degree, "library: degree", least=0) > 4:
             raise InputError(f"library: degree is {self.degree}; expected 0 to 4")
+        for name, function in table_of(self.regressors, "library: regressors", "{'x^3': lambda s: s.x**3}").items():
+            if not callable(function):
+                raise InputError(f"library: regressor '{name}' is {given(function)}; expected a function")
 
     def terms(self, model: Model) -> dict[str, ca.SX]:
         """name -> expression in the states and inputs of the model."""

@@ -12,6 +12,7 @@ from typing import Any
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown
+from casid.keeping import whole_file
 from casid.model.port import Port
 from casid.model.system import Model
 
@@ -232,10 +233,8 @@ class SystemDiagnosis:
 
     def write(self, path: str | Path) -> None:
         """Write diagnosis.json whole or not at all; a number that is not finite becomes null."""
-        target = Path(path)
-        temporary = target.with_suffix(".tmp")
-        temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
-        temporary.replace(target)
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
 
 
 def _channels(flown: Flown, noise: Mapping[str, float]) -> dict[str, Any]:

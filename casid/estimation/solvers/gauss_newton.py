@@ -10,7 +10,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
-from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.solver import Outcome, check_limits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +31,9 @@ class GaussNewton:
     tolerance: float = 1e-6
     iterations: int = 100
     seconds: float = 600.0
+
+    def __post_init__(self) -> None:
+        check_limits(self)
 
     def minimise(self, objective: Objective, patient: bool = True) -> Outcome:
         """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from casid.errors import unknown
+from casid.arguments import one_of
 from casid.estimation.solvers.fixed_point import FixedPoint
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import NoiseState, Point, Step, Value
-from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.transcriptions.steps import cached
 from casid.native.programme import CompilableProgramme
 
@@ -48,8 +48,8 @@ class Ipopt:
     seconds: float = 600.0
 
     def __post_init__(self) -> None:
-        if self.hessian not in ("exact", "gauss-newton"):
-            raise unknown("hessian", self.hessian, ("exact", "gauss-newton"), "Ipopt")
+        one_of(self.hessian, ("exact", "gauss-newton"), "Ipopt: hessian")
+        check_limits(self)
 
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status.

@@ -20,7 +20,7 @@ from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, NoiseState, Point, Step, Value, moved
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
-from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.solver import Outcome, check_limits
 
 _APART = 1e-3  # standard deviations between points whose gradients are compared
 # standard deviations, relative change of the noise, scaled defect: the other unknowns are at their optimum
@@ -58,6 +58,9 @@ class Automatic:
     tolerance: float = 1e-6
     iterations: int = 100
     seconds: float = 600.0
+
+    def __post_init__(self) -> None:
+        check_limits(self)
 
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status."""

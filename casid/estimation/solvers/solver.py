@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from casid.arguments import number, whole
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, Point, Value
 
@@ -32,6 +33,14 @@ class Outcome:
     linear: Linearised | None = None
     solver: str = "GaussNewton"
     attracted: bool = False
+
+
+def check_limits(solver: Any) -> None:
+    """Raise InputError unless tolerance and seconds of a solver are positive and iterations a whole number from 1."""
+    name = type(solver).__name__
+    number(solver.tolerance, f"{name}: tolerance", positive=True)
+    whole(solver.iterations, f"{name}: iterations")
+    number(solver.seconds, f"{name}: seconds", positive=True)
 
 
 class Solver(Protocol):

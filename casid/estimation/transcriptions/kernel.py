@@ -8,6 +8,7 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -247,6 +248,12 @@ def _compiled(source: str, sizes: Sizes) -> Kernel | None:
     return None if library is None else Kernel(str(library), sizes)
 
 
+@cache
+def _say(model: str, why: str) -> None:
+    """Once of each model, however many kernels it has."""
+    _LOG.warning("model '%s' is estimated without the fast kernel, slower with the same result: %s", model, why)
+
+
 class KernelOffer:
     """The kernel of a model once it has earned its compilation: what was spent without it pays for it.
 
@@ -270,7 +277,7 @@ class KernelOffer:
         try:
             source, sizes, price = self._source or self._write()
         except UnknownOperationError as error:
-            _LOG.warning("model '%s' is estimated without the fast kernel: %s", self._name, error)
+            _say(self._name, str(error))
             self._settled = True
             return None
         if compile_first() or self.spent >= price or cached_library(source, FLAGS) is not None:

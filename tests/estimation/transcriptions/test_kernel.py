@@ -20,6 +20,7 @@ from casid.estimation.estimate import build_objective
 from casid.estimation.transcriptions import kernel
 from casid.estimation.transcriptions.kernel import KernelOffer
 from casid.estimation.transcriptions.shooting import Shooting
+from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
 from casid.native import compiler
 from casid.native.emitter import UnknownOperationError, emit
@@ -218,14 +219,36 @@ def test_two_processes_may_build_one_kernel_and_a_killed_one_leaves_nothing(own_
 
 def test_an_unknown_operation_is_said_once_and_the_estimate_goes_on(caplog, monkeypatch):
     monkeypatch.setattr("casid.native.emitter._ARITHMETIC", {})
+    kernel._say.cache_clear()
     model, x = short_period(), ca.SX.sym("x")
-    with pytest.raises(UnknownOperationError):
+    with pytest.raises(UnknownOperationError, match="CasADi's OP_"):
         emit(ca.Function("f", [x], [x * x]), "f")
     record = flight(noise=NOISE, rng=np.random.default_rng(0))
     for _ in range(2):
         assert solve(Problem(model, [record], free=["*"], start=START)).converged
     expected = 1 if compiler.c_compiler() else 0
     assert sum("without the fast kernel" in r.message for r in caplog.records) == expected
+
+
+def test_a_spline_of_casadi_is_called_so(caplog):
+    kernel._say.cache_clear()
+    wave = ca.interpolant("wave", "bspline", [np.linspace(-1.0, 1.0, 9)], np.sin(np.linspace(-1.0, 1.0, 9)))
+    model = define_model(
+        "spline",
+        states=("x", "v"),
+        inputs=("delta_e",),
+        parameters={"a": 1.0, "b": 2.0},
+        outputs=("x",),
+        dynamics=lambda s: {"x": s.v, "v": -s.a * wave(s.x) - 0.1 * s.v + s.b * s.delta_e},
+        output=lambda s: {"x": s.x},
+    )
+    record = flight().without("alpha", "q")
+    record = record.with_channels(x=simulate(model, record, [0.1, 0.0]).output("x"))
+    fit = solve(Problem(model, [record], free=["*"], start={"a": 0.8}))
+    assert fit.converged and fit["a"].value == pytest.approx(1.0, abs=1e-5)
+    said = [r.getMessage() for r in caplog.records]
+    assert len(said) == (1 if compiler.c_compiler() else 0)
+    assert all("calls a function of CasADi, such as an interpolant" in one for one in said)
 
 
 def test_without_a_compiler_no_kernel_is_offered(monkeypatch):

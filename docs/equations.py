@@ -1,0 +1,85 @@
+"""The equation of every kind of cause, for its page. `v` is its value, a subscript rec what was recorded."""
+
+from __future__ import annotations
+
+# kind -> (LaTeX, what its further symbols are)
+EQUATIONS: dict[str, tuple[str, str]] = {
+    "aero_term": (r"C = C_\mathrm{file} + v\,\chi", r"$\chi$ is the term, such as $\alpha^2$ or $q^*$."),
+    "unsteady_aero": (
+        r"C = C_\mathrm{file} + v\,\dot\alpha\,\frac{l}{V}",
+        r"$l$ is the rate length of the file; $\dot\beta$ for CY, Cl, Cn. With a time constant $T$ the rate is that of "
+        r"the lagged angle, $T\dot\alpha_l = \alpha - \alpha_l$.",
+    ),
+    "configuration_change": (
+        r"C_i = C_{i,\mathrm{file}} + v_i\,\mathrm{ramp}(t; t_0, d)",
+        r"The ramp rises from 0 at the onset $t_0$ to 1 at $t_0 + d$.",
+    ),
+    "wind_shear": (
+        r"w(t) = v\,\min(\max(t - t_0, 0),\, d)",
+        r"Along a fixed direction over the ground, from the onset $t_0$ for the duration $d$.",
+    ),
+    "gust": (
+        r"w(t) = \frac{v}{2}\Bigl(1 - \cos\frac{2\pi(t - t_0)}{L}\Bigr),\quad t_0 \le t \le t_0 + L",
+        r"$L$ is its duration [s].",
+    ),
+    "turbulence": (
+        r"\mathbf w(t) \sim \mathcal N(0, v^2),\ \text{coloured in time}",
+        r"Process noise of the air's velocity; $v$ is its r.m.s.",
+    ),
+    "actuator_lag": (r"v\,\dot\delta = \delta_\mathrm{rec} - \delta", r"$\delta$ is what acts."),
+    "input_delay": (r"\delta(t) = \delta_\mathrm{rec}(t - v)", r"Negative: what acts is ahead of its record."),
+    "rate_limit": (r"|\dot\delta| \le v", r"$\delta$ follows $\delta_\mathrm{rec}$ as fast as that allows."),
+    "dead_zone": (
+        r"\delta = \delta_m + \mathrm{sign}(e)\,\max(|e| - v,\, 0),\quad e = \delta_\mathrm{rec} - \delta_m",
+        r"$\delta_m$ is the median of the record.",
+    ),
+    "backlash": (
+        r"\delta_k = \min\bigl(\max(\delta_{k-1},\ \delta_{\mathrm{rec},k} - v),\ \delta_{\mathrm{rec},k} + v\bigr)",
+        r"$2v$ is the free play.",
+    ),
+    "effectiveness_change": (
+        r"\delta(t) = \delta_\mathrm{rec}(t)\,\bigl(1 + v\,[t \ge t_0]\bigr)",
+        r"$t_0$ is the onset.",
+    ),
+    "sensor_bias": (r"z = y + v", r"$z$ is read where $y$ is true."),
+    "sensor_scale": (r"z = (1 + v)\,y", r"$z$ is read where $y$ is true."),
+    "sensor_delay": (r"z(t) = y(t - v)", r"$z$ is read where $y$ is true."),
+    "sensor_lag": (r"v\,\dot z = y - z", r"$z$ is read where $y$ is true."),
+    "structural_mode": (
+        r"z = y + v\,\frac{\omega_0^2\,s}{s^2 + 2\zeta\omega_0 s + \omega_0^2}\,\delta",
+        r"$\omega_0 = 2\pi f$ with the frequency $f$, $\zeta$ the damping ratio, $\delta$ the surface that excites it.",
+    ),
+    "vane_position": (
+        r"\alpha_z = \arctan\frac{w_v}{u_v},\quad \mathbf V_v = \mathbf V + "
+        r"\boldsymbol\omega \times (\mathbf r + v\,\mathbf e_x)",
+        r"$\mathbf r$ is where the file has the vane, from the centre of gravity; for $\beta$ likewise.",
+    ),
+    "accelerometer_position": (
+        r"\mathbf a_z = \mathbf a + \dot{\boldsymbol\omega} \times \mathbf r + "
+        r"\boldsymbol\omega \times (\boldsymbol\omega \times \mathbf r),\quad "
+        r"\mathbf r = \mathbf r_\mathrm{file} + v\,\mathbf e",
+        r"$\mathbf e$ is the body axis that is its target.",
+    ),
+    "cg_offset": (
+        r"\mathbf M = \mathbf M_\mathrm{file} - v\,\mathbf e \times \mathbf F,\quad "
+        r"\mathbf r_i = \mathbf r_{i,\mathrm{file}} - v\,\mathbf e",
+        r"Forces $\mathbf F$ turn about another point, and every instrument $i$ has another arm.",
+    ),
+    "mass": (r"m = m_\mathrm{file} + v", ""),
+    "inertia": (r"I = I_\mathrm{file} + v", r"$I$ is the component that is its target."),
+    "thrust_asymmetry": (r"N = N_\mathrm{file} - v\,T", r"$T$ is the thrust, $N$ the yawing moment."),
+    "thrust_line": (r"M = M_\mathrm{file} + v\,T", r"$T$ is the thrust, $M$ the pitching moment."),
+    "sensor_misalignment": (
+        r"\mathbf z = R(v)\,\mathbf y",
+        r"$R$ turns rates, specific forces and angular accelerations about one body axis.",
+    ),
+    "position_error": (
+        r"z = y + v\,(\chi - \chi_\mathrm{trim})",
+        r"$\chi$ is what the reading depends on, such as $\alpha$.",
+    ),
+    "thrust_scale": (r"T = (1 + v)\,T_\mathrm{rec}", ""),
+    "clock_drift": (
+        r"z(t) = y\Bigl(t - \frac{v}{1 + v}(t - t_1)\Bigr)",
+        r"$t_1$ is the first sample; what stands in the record at $t$ was read earlier when the clock runs fast.",
+    ),
+}
