@@ -14,44 +14,12 @@ from typing import Any
 from casid.diagnosis.criterion import Criterion, Value, listed, number, overridden
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.flight.criteria import InputTimingCriteria, NoiseCriteria
 from casid.diagnosis.numerics import Numerics
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.errors import InputError
 
 _GAIN = "2 ln L"
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseCriteria:
-    """Which channels count as measured, and how strong their noise is taken to be."""
-
-    present: float = number(0.1, "part of a record's samples above which a channel counts as measured")
-    density_ratio: float = number(1.2, "ratio of noise densities that is more than the scatter of a high band")
-    common_filter: float = number(0.7, "part of the outputs in which a filter common to all channels shows")
-    smallest: float = number(
-        1e-3, "smallest noise, of a channel's variation", "derived: a noise-free simulation must not weigh infinitely"
-    )
-    first: float = number(0.02, "noise of a channel in the first fit, of its variation, when it hides its noise")
-    largest_input: float = number(
-        3.0, "1-sigmas of an input's noise; what would need more is a fault that the model does not have yet"
-    )
-    input_change: float = number(0.1, "relative change of an input's noise above which it counts as held back")
-    differentiator: int = number(15, "samples on either side that a filter may use to make an acceleration of a rate")
-    differentiated: float = number(0.7, "part of the rate's noise behind that filter, below which it is made of it")
-    differentiator_samples: int = number(10, "samples per coefficient of that filter")
-
-
-@dataclass(frozen=True, kw_only=True)
-class InputTimingCriteria:
-    """How recorded inputs run between samples: linearly, or held over a share of the interval."""
-
-    step: float = number(0.25, "resolution of the share of a sampling interval")
-    std: float = number(0.15, "1-sigma of a surface's share, above which it does not tell")
-    agreement: float = number(0.25, "distance of a surface's share from that on which the surfaces agree")
-    surfaces: int = number(2, "surfaces that must agree", "derived: one alone may be late for other reasons")
-    gain: float = number(150.0, "gain of another share", unit=_GAIN)
-    change: float = number(0.5, "change of the share, beside named causes, that is worth another naming")
-    change_s: float = number(0.005, "change of how late inputs come that is worth it, if that is less", unit="s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,6 +178,21 @@ class SizeCriteria:
         0.5, "lateness of a surface that matters, in sampling intervals", "derived: inputs between samples are unknown"
     )
     largest_share: float = number(3.0, "variations of its coefficient above which a term is an artefact")
+    mass: float = number(
+        0.5,
+        "part of a mass or an inertia by which it can be wrong at all",
+        "derived: the empty aircraft has half of its largest mass",
+    )
+    arm: float = number(
+        1.5,
+        "spans that a lever arm has at most",
+        "derived: Concorde and the Tu-144, the longest for their span, have 2.4 of them, the c.g. near the middle",
+    )
+    cg: float = number(
+        0.3,
+        "chords by which a centre of gravity can be off",
+        "derived: the range in which that of any aircraft may lie, which loading makes, is smaller",
+    )
     wind_along: float = number(20.0, "velocity of the air along x of which `share` matters", unit="m/s")
     wind_across: float = number(3.0, "velocity of the air along y or z of which `share` matters", unit="m/s")
 
@@ -226,6 +209,12 @@ class NamingCriteria:
         400.0,
         "gain times the square of the size, in units of what matters",
         "derived: 20 sigmas where it just matters",
+        unit=_GAIN,
+    )
+    clear_of_misfit: float = number(
+        31.4,
+        "the same where the noise is what the fit leaves, misfit of the structure included",
+        "derived: 5.6 sigmas, of which `clear` makes 20 to allow for misfit",
         unit=_GAIN,
     )
     tried_size: float = number(0.3, "predicted size from which a cause is tried, of the one that matters")

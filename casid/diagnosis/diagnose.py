@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -14,8 +14,9 @@ from casid.diagnosis.data.check import check
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.explanations.by_score import Begun, by_score
+from casid.diagnosis.flight.colour import in_colour, is_far, unread
 from casid.diagnosis.flight.evaluation import Fit
-from casid.diagnosis.flight.fit import fit, from_elsewhere, without
+from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run
@@ -37,10 +38,10 @@ from casid.diagnosis.judging.verdict import (
     verdict_of,
 )
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics, without_turbulence
-from casid.diagnosis.naming.naming import Naming, name_causes
-from casid.diagnosis.naming.structure import demanded_offsets, demanded_structure
+from casid.diagnosis.kinematics.stage import KinematicFindings, judge_kinematics
+from casid.diagnosis.naming.baseline import Baseline, baseline, named
+from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
@@ -117,17 +118,40 @@ def diagnose(
         given = fly_as_given(flight, reach.held, known)
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
-        stages.begin("refit of the file")
-        calm = as_inputs_run(fit(flight, known, flight.noise(), iterations=20))
-        flight, offsets = calm.flight, demanded_offsets(calm)
-        stages.begin("kinematics")
-        found = judge_kinematics(flight, known, offsets)
-        stages.begin("refit of the file")
-        begun = _begun(calm, found.turbulence, found.slight)
-        stages.begin("naming")
-        named = _by_score if naming == "score" else _by_rules
-        told = named(aircraft, begun, found, given, reach.held, stages)
-        return concluded(told, reach, checked.findings, checked.doubts)
+        asked = _Asked(aircraft=aircraft, given=given, held=reach.held, known=known, by_score=naming == "score")
+        found = _attempt(asked, flight, stages)
+        if is_far(found.extended.fit, criteria.noise.far_from_causes):
+            found = _attempt(asked, unread(flight), stages)
+        return concluded(found, reach, checked.findings, checked.doubts)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Asked:
+    """What every attempt begins with: the file, how it flies as given, the held-out records, its own effects."""
+
+    aircraft: Aircraft
+    given: AsGiven
+    held: Sequence[Record]
+    known: Sequence[Attached]
+    by_score: bool
+
+
+def _attempt(asked: _Asked, flight: Flight, stages: Stages) -> Diagnosis:
+    """The diagnosis of a flight whose noise is believed as read, unless its baseline is far from the data."""
+    stages.begin("refit of the file")
+    calm = fit(flight, asked.known, flight.noise(), iterations=20)
+    if is_far(calm, flight.criteria.noise.far_from_data):
+        flight = unread(flight)
+        calm = fit(flight, asked.known, flight.noise(), iterations=20)
+    calm = as_inputs_run(in_colour(calm))
+    flight, offsets = calm.flight, demanded_offsets(calm)
+    stages.begin("kinematics")
+    found = judge_kinematics(flight, asked.known, offsets)
+    stages.begin("refit of the file")
+    begun = baseline(calm, found.turbulence, found.slight)
+    stages.begin("naming")
+    by = _by_score if asked.by_score else _by_rules
+    return by(asked.aircraft, begun, found, asked.given, asked.held, stages)
 
 
 def _unexplained(
@@ -152,7 +176,7 @@ def _unexplained(
 
 def _by_score(
     aircraft: Aircraft,
-    begun: _Begun,
+    begun: Baseline,
     found: KinematicFindings,
     given: AsGiven,
     held: Sequence[Record],
@@ -173,7 +197,7 @@ def _by_score(
 
 def _by_rules(
     aircraft: Aircraft,
-    begun: _Begun,
+    begun: Baseline,
     found: KinematicFindings,
     given: AsGiven,
     held: Sequence[Record],
@@ -181,7 +205,7 @@ def _by_rules(
 ) -> Diagnosis:
     """Causes one after the other, by rules about what each gains."""
     criteria, known = begun.calm.criteria, begun.calm.attached
-    begun, by_rules = _named(begun, found, known, stages.begin)
+    begun, by_rules = named(begun, found, known, stages.begin)
     stages.begin("held-out records")
     kept = _kept(held, begun, by_rules)
     stages.begin("missing inputs")
@@ -232,65 +256,6 @@ def _by_rules(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Begun:
-    """Where the naming begins: the baseline in calm air, terms that its structure demands and slight errors of
-    instruments, the fit with these, and the same in the air as it moves."""
-
-    calm: Fit
-    structure: list[Attached]
-    structured: Fit
-    start: Fit
-    turbulence: Turbulence
-
-    @property
-    def least(self) -> float:
-        """What the rough model of turbulence leaves to others."""
-        return self.turbulence.criteria.left * self.turbulence.gain if self.turbulence.named else 0.0
-
-    def without_causes(self, named: Collection[tuple[str, str, str | None]]) -> Fit:
-        """The model before any cause: one of the structure may have been `named` as one."""
-        of_structure = any(one.effect.key in named for one in self.structure)
-        return self.calm if of_structure and not self.turbulence.named else self.start
-
-
-def _begun(calm: Fit, turbulence: Turbulence, slight: Sequence[Attached]) -> _Begun:
-    structure = [*demanded_structure(calm), *slight]
-    structured = fit(calm.flight, [*calm.attached, *structure], calm.noise, calm) if structure else calm
-    start = kinematics.in_turbulence(calm.flight, turbulence, structured) if turbulence.named else structured
-    return _Begun(calm=calm, structure=structure, structured=structured, start=start, turbulence=turbulence)
-
-
-def _named(
-    begun: _Begun, found: KinematicFindings, known: Sequence[Attached], report: Callable[[str], None]
-) -> tuple[_Begun, Naming]:
-    """The naming, and where it began: with inputs that run otherwise between samples, if they show to beside what was
-    named; without turbulence, if that is not there any more; and from another minimum of the baseline, if nothing could
-    be named that far from the data."""
-    flight, skews = begun.calm.flight, [one for one in found.slight if one.effect.late]
-    effects = flight.effects
-    by_kinematics = found.evidence, found.ranked
-    naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
-    share = as_inputs_run(naming.evidence.fit, named=True).flight.held
-    if share != flight.held:
-        flight = flight.with_inputs_held(share)
-        again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, iterations=20)
-        slight = [] if begun.turbulence.named else [*demanded_offsets(again), *skews]
-        begun = _begun(again, begun.turbulence, slight)
-        naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
-    if begun.turbulence.named:
-        calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
-        if calm_air is not None:
-            begun = replace(begun, start=begun.structured, turbulence=kinematics.still_air(flight))
-            naming = name_causes(weigh(begun.start), effects, *calm_air, begun.least, report)
-    elif not naming.named and (other := from_elsewhere(begun.calm)) is not None:
-        again = _begun(other, begun.turbulence, [*demanded_offsets(other), *skews])
-        second = name_causes(weigh(again.start), effects, *by_kinematics, again.least, report)
-        if second.named:
-            return again, second
-    return begun, naming
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class _Kept:
     """The model that is best on the held-out records.
 
@@ -323,7 +288,7 @@ class _Kept:
         return fit(self.fit.flight, [*self.fit.attached, *slight], self.fit.noise, self.fit)
 
 
-def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
+def _kept(held: Sequence[Record], begun: Baseline, naming: Naming) -> _Kept:
     named, turbulence = naming.named, begun.turbulence
     coloured, flight = turbulence.named, begun.calm.flight
     steps = [begun.structured, *([begun.start] if coloured else []), *(r.fitted for r in named)]
@@ -349,7 +314,7 @@ def _kept(held: Sequence[Record], begun: _Begun, naming: Naming) -> _Kept:
     )
 
 
-def _put_in_later(begun: _Begun, final: Fit) -> list[Attached]:
+def _put_in_later(begun: Baseline, final: Fit) -> list[Attached]:
     """Slight errors of instruments that the data asked for beside what was named."""
     before = {one.name for one in begun.structure}
     return [one for one in final.attached if one.slight and one.name not in before]

@@ -35,12 +35,15 @@ class NoiseModel:
                  input, linear or held between; a sample's acts in both intervals beside it and in its outputs
     white        disturbance -> 1-sigma, white from sample to sample and held between (process noise)
     coloured     disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
+    colour       output -> (1-sigma, correlation time [s]): what its innovations are instead of white with unit
+                 variance, a first-order Gauss-Markov process from one reading to the next
     """
 
     measurement: Mapping[str, float]
     inputs: Mapping[str, float] = field(default_factory=dict)
     white: Mapping[str, float] = field(default_factory=dict)
     coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.filtering.colour import Colouring, colouring
 from casid.filtering.innovations import Linear, NoiseModel
 from casid.filtering.kernel import FilterKernel, filter_kernel
 
@@ -41,6 +42,11 @@ class Filter:
     def inputs(self) -> InputNoise:
         """How noise of the recorded inputs enters the model that it goes through."""
         return _input_noise(self.through, self.noise)
+
+    @cached_property
+    def colouring(self) -> Colouring:
+        """What makes innovations white that the noise model says are not."""
+        return colouring(self.linear, self.noise.colour)
 
     def along(self, linear: Linear, noise: NoiseModel) -> Filter:
         """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
@@ -73,7 +79,7 @@ class Filter:
         Y (N, R, ny, nc), F (N-1, R, nx or n, nc): response of the model to a unit of the column's cause, output and
         state equation; first (R, n, nc) at the first sample. The residual is the column (residual, -defect); see
         `residual_column`. In memory the records are apart."""
-        return self._columns(Y, F, first)[0].swapaxes(0, 1)
+        return self.colouring.taken_off(self._columns(Y, F, first)[0]).swapaxes(0, 1)
 
     def whiten_histories(
         self, stations: Sequence[int], series: np.ndarray, first: Sequence[int] | np.ndarray | None = None
@@ -83,7 +89,7 @@ class Filter:
         linear, index = self.linear, np.asarray(stations, dtype=int)
         begin = np.arange(len(index)) if first is None else np.asarray(first, dtype=int)
         if self.kernel is not None:
-            return self.kernel.whiten_histories(self, index, begin, series).swapaxes(0, 1)
+            return self.colouring.taken_off(self.kernel.whiten_histories(self, index, begin, series)).swapaxes(0, 1)
 
         def entering(by: np.ndarray, at: int) -> np.ndarray:
             return np.add.reduceat(by[..., index] * series[at][:, None, :], begin, axis=2)
@@ -92,7 +98,7 @@ class Filter:
             return entering(linear.Bw0[k], k) + entering(linear.Bw1[k], k + 1)
 
         white, _ = self._run(len(begin), lambda k: entering(linear.Dw[k], k), forced)
-        return white.swapaxes(0, 1)
+        return self.colouring.taken_off(white).swapaxes(0, 1)
 
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Most likely deviation of the augmented state (N, R, n) and noise of the recorded inputs (N, R, ni), given one
@@ -196,7 +202,7 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
         gain=gain,
         inverse_root=inverse_root,
         P=P,
-        log_determinant=log_determinant,
+        log_determinant=log_determinant + colouring(linear, noise.colour).log_determinant.sum(axis=2),
         kernel=kernel,
     )
 

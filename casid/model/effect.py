@@ -52,7 +52,8 @@ class Effect:
     How its size is judged:
     meaningful   the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it;
                  None: judged by its part of a coefficient, or of a channel
-    limit        the largest plausible size, in `unit`;  limits: of further parameters
+    limit        the largest plausible size, in `unit`;  limits: of further parameters;  lowest: of the value, where
+                 it is not -limit
     amplitude    typical deflection of what drives an oscillation of the channel `target`: the value times this is
                  judged by its part of the variation of that channel
 
@@ -100,6 +101,7 @@ class Effect:
     meaningful: float | Callable[[Airframe], float] | None = None
     limit: float = np.inf
     limits: Mapping[str, float] = field(default_factory=dict)
+    lowest: float | None = None
     amplitude: float | None = None
     reads: tuple[str, ...] = ()
     covered_by: str | None = None

@@ -16,7 +16,15 @@ from casid.model.vocabulary import KINDS, check_effect
 def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
     """Every deterministic effect that makes sense for this aircraft and these measured outputs."""
     measured = frozenset(outputs)
-    return [e for kind in KINDS.values() for e in kind.candidates(aircraft) if _shows_in(e, measured)]
+    shown = [e for kind in KINDS.values() for e in kind.candidates(aircraft) if _shows_in(e, measured)]
+    known = {(e.kind, e.target) for e in shown}
+    return [e for e in shown if not _is_one_channel(e, measured, known)]
+
+
+def _is_one_channel(effect: Effect, measured: Collection[str], known: Collection[tuple[str, str]]) -> bool:
+    """Whether a fault of a group is, in these outputs, that of one channel, which has a name of its own."""
+    reads = [channel for channel in effect.reads if channel in measured]
+    return len(reads) == 1 and effect.target != reads[0] and (effect.kind, reads[0]) in known
 
 
 def _shows_in(effect: Effect, measured: Collection[str]) -> bool:

@@ -22,6 +22,11 @@ _ROLL_OFF = 1.2  # ratio of densities in power above which a spectrum is not fla
 _CLIFF = 16.0  # amplitude ratio of neighbouring octaves above that of any motion: fourth order
 _COARSE = 2.0  # high band over quantisation noise below which the latter may be all that it shows
 _SCATTER = 1.5  # relative variance of the mean of Hann-windowed bins, times their number
+_ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
+_UPDATES = 8  # updates from which a beat is judged
+_HELD = 3.0  # readings per update from which a channel is held
+_BEAT = 1.0  # samples by which an update may miss the beat
+_IN_STEP = 0.9  # part of the updates that keep to it
 _FEWEST = 64  # samples from which a spectrum is judged
 _MOTION_SHARE = 0.9  # of the power of angular acceleration
 
@@ -44,9 +49,38 @@ def high_band_sigma(values: np.ndarray) -> float:
 
 def resolution(values: np.ndarray) -> float:
     """Smallest step between distinct values: the quantisation of a channel; 0 for a series of so few levels that they
-    may be the signal's own, as of an input of steps."""
+    may be the signal's own, as of an input of steps. Levels that differ by rounding, as after a conversion of units,
+    are one."""
     levels = np.unique(values[np.isfinite(values)])
-    return float(np.diff(levels).min()) if len(levels) >= _LEVELS else 0.0
+    if len(levels) < _LEVELS:
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > _ROUNDING * (levels[-1] - levels[0])]
+    return float(steps.min()) if len(steps) + 1 >= _LEVELS else 0.0
+
+
+def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(N,) True at the readings of a channel (N,) that are new: of one that a slower recorder updates, and that is held
+    in between, the first after each update; of any other, all that are there (not NaN).
+
+    A slower recorder shows by its beat: the value changes after the same time again and again, or after a multiple of
+    it where it happens not to change. A channel of coarse steps changes at any time.
+    """
+    there = np.isfinite(values)
+    at = np.flatnonzero(there)
+    if len(at) < _FEWEST:
+        return there
+    new = np.flatnonzero(np.diff(values[at]) != 0.0) + 1
+    if len(new) < _UPDATES or not len(new) < len(at) / _HELD:
+        return there
+    runs = np.diff(new)
+    beat = float(np.median(runs))
+    multiples = np.maximum(np.rint(runs / beat), 1.0)
+    if beat < _HELD or np.mean(np.abs(runs - multiples * beat) <= _BEAT) < _IN_STEP:
+        return there
+    first = np.zeros(len(t), dtype=bool)
+    first[at[new]] = True
+    return first
 
 
 def pooled_sigma(series: list[np.ndarray]) -> float:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from casid.records.record import Record
 
 
@@ -13,3 +15,12 @@ def thinned(record: Record, rate_hz: float) -> Record:
     step = max(1, int(1.0 / (record.dt * rate_hz) + 1e-6))
     channels = {name: values[::step] for name, values in record.channels.items()}
     return replace(record, t=record.t[::step], channels=channels)
+
+
+def spaced(t: np.ndarray, values: np.ndarray, spacing: float) -> np.ndarray:
+    """(N,) True at the first sample that is there (not NaN) of every interval of `spacing` [s] from the beginning."""
+    there = np.flatnonzero(np.isfinite(values))
+    _, first = np.unique(np.floor((t[there] - t[0]) / spacing + 1e-6), return_index=True)
+    kept = np.zeros(len(t), dtype=bool)
+    kept[there[first]] = True
+    return kept

@@ -94,7 +94,7 @@ def most_likely_scales(
     """
     n, root = len(match), np.linalg.cholesky(alike)
     match = solve_triangular(root, match, lower=True)
-    square = solve_triangular(root, solve_triangular(root, square, lower=True).T, lower=True)
+    square = without_rounding(solve_triangular(root, solve_triangular(root, square, lower=True).T, lower=True))
 
     def deviance(of: dict[str, float]) -> float:
         scale = np.array([of[owner] for owner in owners])
@@ -111,6 +111,14 @@ def most_likely_scales(
                 if (found := deviance(best | {owner: scale})) < lowest:
                     lowest, best, settled = found, best | {owner: scale}, False
     return best
+
+
+def without_rounding(square: np.ndarray) -> np.ndarray:
+    """A Gram matrix that is one: what rounding has left of directions that nearly cancel may be less than nothing."""
+    if not len(square):
+        return square
+    values, vectors = np.linalg.eigh(0.5 * (square + square.T))
+    return square if values[0] >= 0.0 else (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
 def _symmetric_terms(coefficient: str) -> list[str]:

@@ -194,6 +194,10 @@ class Work:
         depend on a motion that does not know of them, and a fit stops short of its maximum."""
         return known | self.regressors.recorded
 
+    def seen_earlier(self, late: np.ndarray) -> Batch:
+        """The batch with readings at the time of what they speak of: the sensitivities are wanted there."""
+        return replace(self.batch, Z=np.where(_earlier(np.isfinite(self.batch.Z), late), 0.0, np.nan))
+
     def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
         """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
         an effect is accounted for."""
@@ -240,12 +244,12 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)
-    linear = linearise(work.functions, batch, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
+    late, seen = _lateness(attached, work.flight, model), np.isfinite(batch.Z)
+    moved = work.seen_earlier(late) if late.any() else batch
+    linear = linearise(work.functions, moved, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
-    linear = replace(linear, residual=np.where(linear.seen, batch.Z - read, 0.0))
-    late, seen = _lateness(attached, work), linear.seen
-    if late.any():
-        linear = replace(linear, residual=_earlier(linear.residual, late), seen=_earlier(seen, late))
+    residual = np.where(seen, batch.Z - read, 0.0)
+    linear = replace(linear, residual=_earlier(residual, late) if late.any() else residual)
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
@@ -288,9 +292,9 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     )
 
 
-def _lateness(attached: Sequence[Attached], work: Work) -> np.ndarray:
+def _lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.ndarray:
     """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
-    outputs, records = work.model.outputs, work.flight.records
+    outputs, records = model.outputs, flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.late):
         rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
@@ -308,11 +312,25 @@ def _earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
     return moved
 
 
+def as_read(fit: Fit, series: np.ndarray) -> np.ndarray:
+    """(N, R, ny, ...) series of a fit, in which late readings stand at the time of what they speak of, with each
+    reading at the time at which it was made."""
+    late = _lateness(fit.attached, fit.flight, fit.model)
+    if not late.any():
+        return series
+    moved = series.copy()
+    for j, i in np.argwhere(late):
+        k = min(late[j, i], len(series))
+        moved[k:, j, i], moved[:k, j, i] = series[: len(series) - k, j, i], 0
+    return moved
+
+
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
     """What the samples that late readings lose at the end of a record would add to the deviance: as much as the others
     of their channel do on average."""
     kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
     by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
+    by_channel = by_channel + kalman.colouring.log_determinant
     mean = np.where(kalman.linear.seen, by_channel, 0.0).sum(axis=(0, 1)) / np.maximum(kept, 1)
     return float(((all_of_it - kept) * mean).sum())
 
@@ -363,7 +381,7 @@ def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
-    late = _lateness(now.attached, work)
+    late = _lateness(now.attached, now.flight, now.model)
     by_slot = _columns(work, now.attached, now.linear, work.with_recorded(now.known), late)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]

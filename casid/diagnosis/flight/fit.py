@@ -55,7 +55,7 @@ def fit(
     for iteration in range(1, iterations + 1):
         now = None
         with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
-            now = _Point.of(work, _flown(work, attached, values, motion))
+            now = _flown(work, attached, values, motion)
         if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
             shrink *= numerics.shrink
             if shrink < numerics.shortest_step or step is None or best is None:
@@ -106,9 +106,9 @@ def relaxed(fitted: Fit) -> Fit:
     return fitted
 
 
-def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
+def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> _Point:
     try:
-        return evaluate(work, _with_values(attached, work.slots, values), values, motion)
+        return _Point.of(work, evaluate(work, _with_values(attached, work.slots, values), values, motion))
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
@@ -181,7 +181,7 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None,
         inputs=np.zeros((*shape, len(acting.inputs))),
     )
     if start is None or start.flight.records is not work.flight.records:
-        measured = _flown(work, attached, values, still)
+        measured = _flown(work, attached, values, still).fit
         return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
     before = start.motion
     same = tuple(start.acting.coloured) == tuple(acting.coloured)

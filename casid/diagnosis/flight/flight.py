@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from casid.diagnosis.criteria import Criteria, NoiseCriteria
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.flight.bounds import possible
+from casid.diagnosis.flight.ready import as_updated, has, hides_noise, moves, sigma_of, that_have, with_all
 from casid.diagnosis.flight.redundant import RATE_OF, is_derived
-from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
 from casid.model import operators
 from casid.model.aircraft import Aircraft
@@ -38,11 +38,11 @@ from casid.model.terms import Term, parse_term
 from casid.native.compiler import BUILDING, Compilable
 from casid.records.noise import density_sigma, high_band_holds, mean_over, motion_edge, pooled_sigma, quiet_windows
 from casid.records.record import Record
+from casid.records.thinning import spaced
 from casid.signals import SURFACES
 
 # with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
 _NOT_JUDGED = ("altitude",)
-_NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,6 +53,10 @@ class Flight:
     sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
     doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
                    to be raised by `with_noise_above`
+    spacing        time between readings of these that count [s], 0 for all that there are: what a filter has taken from
+                   above the band of the motion no reading in between brings back
+    colour         output -> (1-sigma, correlation time) of its innovations, of those whose noise is estimated with the
+                   fit (`NoiseModel.colour`)
     turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
     held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
     unknown        inputs that were never recorded: nothing is judged that hangs on them
@@ -66,6 +70,8 @@ class Flight:
     sigma: dict[str, float]
     input_sigma: dict[str, float]
     doubted: tuple[str, ...] = ()
+    spacing: float = 0.0
+    colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     turning: Mapping[str, float] = field(default_factory=dict)
     held: float = 0.0
     unknown: tuple[str, ...] = ()
@@ -99,12 +105,18 @@ class Flight:
     @property
     def effects(self) -> list[Effect]:
         """Every deterministic effect that these records can show."""
-        every = catalogue(self.aircraft, self.outputs)
+        size = self.criteria.size
+        every = (possible(e, self.aircraft, size) for e in catalogue(self.aircraft, self.outputs))
         return [e for e in every if e.target not in self.unknown and not e.kind.startswith(self.unknown)]
+
+    @property
+    def noise_by_fit(self) -> bool:
+        """Whether no output shows its noise, so that what a model leaves is taken for noise, level and colour."""
+        return set(self.outputs) <= set(self.doubted)
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """Measurement and input noise, and `coloured` disturbances beside them."""
-        return NoiseModel(measurement=self.sigma, inputs=self.input_sigma, coloured=coloured or {})
+        return NoiseModel(measurement=self.sigma, inputs=self.input_sigma, coloured=coloured or {}, colour=self.colour)
 
     def model(self, effects: Sequence = ()) -> Model:
         """The aircraft model of this flight, with symbolic `effects` among its parameters."""
@@ -134,6 +146,13 @@ class Flight:
 
     def batch(self, model: Model) -> Batch:
         batch = make_batch(model, self.records)
+        if self.spacing:
+            Z, doubted = batch.Z.copy(), [model.outputs.index(o) for o in self.doubted]
+            for j, record in enumerate(self.records):
+                for i in doubted:
+                    read = spaced(record.t, Z[: len(record), j, i], self.spacing)
+                    Z[: len(record), j, i] = np.where(read, Z[: len(record), j, i], np.nan)
+            batch = replace(batch, Z=Z)
         return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held)) if self.held else batch
 
     def measured(self, model: Model) -> np.ndarray:
@@ -143,6 +162,14 @@ class Flight:
             guess = model.guess(record)
             X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
         return X
+
+    def within_the_motion(self) -> Flight:
+        """This flight with as many readings of doubted outputs as twice the band of the motion needs."""
+        edge = motion_edge(self.records)
+        if not self.noise_by_fit or edge == 0.0:
+            return self
+        spacing = 0.5 / (self.criteria.noise.band * edge)
+        return replace(self, spacing=spacing, _regressors={})
 
     def with_noise_above(self, left: Sequence[Record]) -> Flight:
         """This flight with the noise of doubted outputs as in `left`, what a fitted model leaves of every record.
@@ -155,7 +182,7 @@ class Flight:
             return self
         raised = {}
         for name in self.doubted:
-            both = (_that_have(records, name, self.criteria.noise) for records in (left, self.records))
+            both = (that_have(records, name, self.criteria.noise) for records in (left, self.records))
             density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in both)
             if density > self.criteria.noise.density_ratio * self.sigma[name]:
                 raised[name] = density
@@ -170,7 +197,7 @@ class Flight:
         edge = motion_edge(self.records)
         criteria = self.criteria.noise
         filtered = self._filtered(self.outputs, edge)
-        factors = [self.sigma[o] / _sigma([r[o] for r in of], criteria) for o, of in filtered.items()]
+        factors = [self.sigma[o] / sigma_of([r[o] for r in of], criteria) for o, of in filtered.items()]
         if len(factors) < criteria.common_filter * len(self.outputs):
             return self
         names = [Station.at(name).name for name in self.input_sigma]
@@ -183,7 +210,7 @@ class Flight:
 
     def _filtered(self, names: Sequence[str], edge: float) -> dict[str, list[Record]]:
         """Channels whose high band does not show their noise, with the records that have them."""
-        having = {name: _that_have(self.records, name, self.criteria.noise) for name in names}
+        having = {name: that_have(self.records, name, self.criteria.noise) for name in names}
         return {name: records for name, records in having.items() if not high_band_holds(records, name, edge)}
 
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
@@ -202,8 +229,8 @@ class Flight:
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than
         two of the outputs."""
-        ready = [flight_inputs(aircraft, record, self.axes) for record in records]
-        ready = tuple(_with_all(record, self.outputs, self.criteria.noise) for record in ready)
+        ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
+        ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in ready)
         return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
 
 
@@ -219,17 +246,22 @@ def prepare(
     noise, axes = criteria.noise, axes or axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
-    ready = [flight_inputs(aircraft, record, axes) for record in records]
     moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
-    outputs = tuple(o for o in moved if _moves(ready, o, noise))
-    sigma = {o: aircraft.noise.get(o) or _sigma([r[o] for r in _that_have(ready, o, noise)], noise) for o in outputs}
-    left_out = {o: "constant in all records" for o in moved if o not in outputs}
+    ready = [as_updated(flight_inputs(aircraft, record, axes), moved) for record in records]
+    outputs = tuple(o for o in moved if moves(ready, o, noise))
+    sigma = {o: aircraft.noise.get(o) or sigma_of([r[o] for r in that_have(ready, o, noise)], noise) for o in outputs}
+    rare = {o for o in moved if all(o in r and not has(r, o, noise) for r in ready)}
+    left_out = {
+        o: "too rarely read to tell of the motion" if o in rare else "constant in all records"
+        for o in moved
+        if o not in outputs
+    }
     for acceleration, rate in RATE_OF.items():
-        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma[rate], noise):
+        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma, noise):
             del sigma[acceleration]
             left_out[acceleration] = f"computed from {rate}, whose noise it has, and nothing new"
     outputs = tuple(sigma)
-    ready = tuple(_with_all(record, outputs, noise, left_out) for record in ready)
+    ready = tuple(with_all(record, outputs, noise, left_out) for record in ready)
     inputs = {control(name): [r[name] for r in ready] for name in (*SURFACES, "thrust")}
     input_sigma = {
         name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
@@ -239,7 +271,10 @@ def prepare(
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
     edge = motion_edge(ready)
     unsure = [o for o in outputs if not aircraft.noise.get(o)]
-    doubted = tuple(o for o in unsure if not high_band_holds(_that_have(ready, o, noise), o, edge))
+    held = {o: high_band_holds(that_have(ready, o, noise), o, edge) for o in unsure}
+    doubted = tuple(o for o in unsure if not held[o] or hides_noise(that_have(ready, o, noise), o, noise))
+    if len(doubted) >= noise.common_filter * len(outputs):  # a filter common to all channels: none shows its noise
+        doubted = tuple(unsure)
     return Flight(
         aircraft=aircraft,
         axes=axes,
@@ -250,44 +285,6 @@ def prepare(
         doubted=doubted,
         criteria=criteria,
     )
-
-
-def _has(record: Record, name: str, criteria: NoiseCriteria) -> bool:
-    """Whether enough of the samples are there."""
-    return name in record and np.isfinite(record[name]).sum() > int(criteria.present * len(record))
-
-
-def _that_have(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> list[Record]:
-    return [record for record in records if _has(record, name, criteria)]
-
-
-def _moves(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
-    """Whether a channel is measured in some record, and is no constant."""
-    values = [record[name][np.isfinite(record[name])] for record in _that_have(records, name, criteria)]
-    return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
-
-
-def _with_all(
-    record: Record, outputs: Sequence[str], criteria: NoiseCriteria, left_out: Mapping[str, str] = _NOTHING
-) -> Record:
-    """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
-    channels that are `left_out`, with the reason. Raises InputError when it measures less than two."""
-    shown = [name for name in outputs if _has(record, name, criteria)]
-    if len(shown) < 2:
-        raise InputError(
-            f"record '{record.name}': of the outputs {', '.join(outputs) or 'of the model'} it has only "
-            f"{', '.join(shown) or 'none'}; at least two are needed: add the columns, or leave the record out"
-        )
-    absent = {name: np.full(len(record), np.nan) for name in outputs if name not in shown}
-    notes = [f"{name}: not measured here, so the other records alone tell of it" for name in absent]
-    notes += [f"{name}: {why}, so it is left out" for name, why in left_out.items() if name in record]
-    return replace(record.with_channels(**absent), notes=(*record.notes, *notes)) if notes else record
-
-
-def _sigma(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
-    """1-sigma of the noise; the smallest there is where the samples are too few to tell."""
-    noise, variation = pooled_sigma(series), float(np.nanstd(np.concatenate(series)))
-    return max(noise if np.isfinite(noise) else 0.0, criteria.smallest * variation, 1e-12)
 
 
 class Regressors:

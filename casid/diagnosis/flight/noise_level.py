@@ -25,7 +25,7 @@ from casid.records.record import Record
 def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:
     """The flight with the noise of its doubted outputs judged by the model that `attached` extends, and that of its
     inputs by what a filter common to all channels took from the outputs."""
-    return _by_the_model(flight, attached).with_filtered_inputs()
+    return _by_the_model(flight, attached).with_filtered_inputs().within_the_motion()
 
 
 def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:

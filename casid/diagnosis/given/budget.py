@@ -55,7 +55,9 @@ def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
     its `structure` extended."""
     views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
-    channels = {name: Steps(**{step: _in_noise(view, name) for step, view in views.items()}) for name in shared}
+    channels = {
+        name: Steps(**{step: _in_noise(view, name, structure) for step, view in views.items()}) for name in shared
+    }
     together = {
         one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
         for one in fields(Steps)
@@ -63,6 +65,6 @@ def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
     return Budget(records=given.held.records, channels=channels, together=Steps(**together))
 
 
-def _in_noise(view: View, channel: str) -> float:
-    one = view.channels[channel]
-    return one.rms / one.noise
+def _in_noise(view: View, channel: str, best: View) -> float:
+    """In the noise of the best model: where noise is what a fit leaves, every fit has its own."""
+    return view.channels[channel].rms / best.channels[channel].noise

@@ -12,11 +12,12 @@ from casid.diagnosis.criteria import HeldOutCriteria
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
 from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.colour import in_colour
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics.kinematics import free_forces
+from casid.diagnosis.kinematics.kinematics import forceless_noise
 from casid.diagnosis.naming.events import at_peak
 from casid.diagnosis.naming.round import Trial
 from casid.errors import InputError
@@ -46,10 +47,11 @@ def split(
 
 
 def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
-    """The fitted model on other records, derivatives and effects fixed."""
+    """The fitted model on other records, derivatives and effects fixed; noise that is what a fit leaves is what it
+    leaves there."""
     held = fitted.flight.with_records(with_estimates(fitted.flight.aircraft, fitted.derivatives, {}), records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
-    base = fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0)
+    base = in_colour(fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0), free="states")
     for one in fitted.attached:
         if one.records:
             without = _states(base, [a for a in base.attached if a.name != one.name])
@@ -143,7 +145,7 @@ def kinematic_gain(
     """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
     is wrong with the aerodynamics of the held-out records cannot refuse it."""
     there = flight.with_records(flight.aircraft, held)
-    noise = there.noise(free_forces(there) | dict(moving))
+    noise = forceless_noise(there, moving)
     found = []
     for step in (before, after):
         faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]

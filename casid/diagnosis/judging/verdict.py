@@ -22,7 +22,7 @@ from casid.diagnosis.naming.explaining import mostly_gone
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
-from casid.diagnosis.naming.trials import gain_asked, matters
+from casid.diagnosis.naming.trials import clear_gain, gain_asked, matters
 from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
@@ -181,7 +181,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     notable = by.structure * (by.structure_beside if strongest > statistic else 1.0)
-    clear = statistic > least and matters(share, statistic, criteria) and is_sure(evidence, name)
+    clear = statistic > least and matters(share, statistic, clear_gain(evidence.fit)) and is_sure(evidence, name)
     meaningful = share > notable and clear and not one.slight and (held is None or held >= 0.0)
     meaningful = meaningful and mostly_gone(statistic, left, criteria.doubt)
     return Cause(

@@ -13,6 +13,7 @@ from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
+from casid.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +98,10 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
 def _fitted_check(without: Fit, one: Attached) -> KinematicCheck:
     """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
     on: a long delay does to a reading what no tangent at zero tells."""
-    found = kinematics.again(without, [*without.attached, one])
+    try:
+        found = kinematics.again(without, [*without.attached, one])
+    except InputError:  # of that size it makes readings that no motion can have: they cannot judge it
+        return KinematicCheck(criteria=without.criteria.kinematics)
     size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria.kinematics
     if gain <= 0.0:
         predicted = (size / found.std(one.name)) ** 2

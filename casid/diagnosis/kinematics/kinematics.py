@@ -19,6 +19,7 @@ from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.filtering.innovations import NoiseModel
 from casid.model import station
 from casid.model.path import MOMENTS, coefficient_names
 from casid.native.processors import side_by_side
@@ -214,8 +215,15 @@ def reconstruct(
     iterations: int = 5,
 ) -> Fit:
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
-    noise = flight.noise(free_forces(flight) | dict(moving))
-    return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
+    return fit(
+        flight, attached, forceless_noise(flight, moving), start, free="effects", iterations=iterations, tolerance=2.0
+    )
+
+
+def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:
+    """Noise with forces free, in `moving` air. Without colour: what is news to a filter whose forces are free is more
+    than noise of its readings."""
+    return replace(flight.noise(free_forces(flight) | dict(moving)), colour={})
 
 
 def beside_offsets(reconstructed: Fit) -> Fit:

@@ -12,6 +12,7 @@ from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
+from casid.diagnosis.flight.colour import in_colour
 from casid.diagnosis.flight.evaluation import Fit
 from casid.diagnosis.flight.fit import fit, relaxed, without
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
@@ -65,12 +66,12 @@ def name_causes(
     criteria, numerics = baseline.criteria.naming, baseline.criteria.numerics.naming
     for number in range(1, numerics.rounds + 1):
         report(f"naming, round {number}")
-        state = _one_round(state, catalogue, least)
+        state = one_round(state, catalogue, least)
         if not state.rounds[-1].named:
             break
-        why = _doubt(firm, state)
+        why = doubt_of(firm, state)
         if why and (other := _all_reconsidered(state, least)) is not state:
-            state, why = other, _doubt(firm, other)
+            state, why = other, doubt_of(firm, other)
         state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
         if not why:
             firm = state
@@ -84,7 +85,7 @@ def name_causes(
     return replace(firm, rounds=(*firm.rounds, *refused))
 
 
-def _doubt(firm: Naming, state: Naming) -> str:
+def doubt_of(firm: Naming, state: Naming) -> str:
     """Why the last cause is not believed; "" when it is, and of what is too small to matter."""
     last = state.rounds[-1].leader
     return doubt(firm.missing, state.missing, last, state.evidence) if last.meaningful else ""
@@ -107,7 +108,7 @@ def _standing(
     )
 
 
-def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
+def one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
     attached, criteria = state.evidence.fit.attached, state.criteria
     taken = {a.effect.key for a in attached}
     effects = [e for e in catalogue if e.key not in taken]
@@ -138,7 +139,7 @@ def _one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Nami
         return replace(state, rounds=(*state.rounds, this))
     best, evidence, moved = settled(best, fits[best])
     evidence = without_superseded(state.rounds, best, evidence)
-    evidence = _beside_offsets(_relaxed(evidence))
+    evidence = _in_colour(_beside_offsets(_relaxed(evidence)))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.rivals))
     kinematic, observed = _kinematics_beside(state.kinematic, evidence.fit, best.effect), state.observed
@@ -195,7 +196,7 @@ def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]
         one = candidate.attached
         found.append(candidate)
         for effect in (e for e in effects if e.name not in names):
-            if effect.shows_as == one.effect.kind and effect.target == one.effect.target:
+            if _look_alike(effect, one.effect):
                 alike = Attached(effect=effect, values={"value": -one.values["value"]}, records=one.records)
                 found.append(replace(candidate, attached=alike))
     return found
@@ -229,6 +230,12 @@ def _beside_offsets(evidence: Evidence) -> Evidence:
     fitted = evidence.fit
     offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
     return weigh(fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted)) if offsets else evidence
+
+
+def _in_colour(evidence: Evidence) -> Evidence:
+    """Evidence under the noise that its fit leaves, of channels whose noise is estimated with the fit."""
+    fitted = in_colour(evidence.fit)
+    return evidence if fitted is evidence.fit else weigh(fitted)
 
 
 def _is_needed(evidence: Evidence, name: str) -> bool:
@@ -283,6 +290,12 @@ def _acts(event: Attached, fit: Fit) -> np.ndarray:
     return acts
 
 
+def _look_alike(one: Effect, other: Effect) -> bool:
+    """Whether derivatives imitate one of them but for what shows as the other."""
+    shown = {(one.shows_as, other.kind), (other.shows_as, one.kind)}
+    return one.target == other.target and any(as_ == kind for as_, kind in shown)
+
+
 def _all_reconsidered(state: Naming, least: float) -> Naming:
     """The naming with every cause but the last compared once more with its rivals."""
     for at in range(len(state.rounds) - 1):
@@ -294,12 +307,31 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     """The naming with one of its causes compared once more with its rivals, beside those named since: what was missing
     then may have decided between them."""
     round_, fitted, criteria = state.rounds[at], state.evidence.fit, state.criteria
-    by, most = criteria.naming, criteria.numerics.naming.rivals
+    most = criteria.numerics.naming.rivals
     best, taken = round_.leader, {a.effect.key for a in fitted.attached}
-    rivals = [t for t in round_.rivals if t.effect.key not in taken and t.meaningful and not t.refuted]
-    rivals = [t for t in rivals if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.rival_angle][:most]
+    rivals = [t for t in near_rivals(round_, criteria) if t.effect.key not in taken]
+    near = [t for t in rivals if not _look_alike(t.effect, best.effect)][:most]
+    rivals = [t for t in rivals if t in near or _look_alike(t.effect, best.effect)]
     if not rivals or best.effect.key not in taken or not best.meaningful:
         return state
+    return with_best_of(state, at, (best, *rivals), least)
+
+
+def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
+    """Trials of a round that may stand in its leader's place: they explain nearly as much, and much the same."""
+    best, by = round_.leader, criteria.naming
+    possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
+
+    def near(t: Trial) -> bool:
+        return t.gain.total > by.rival * best.gain.total and sine(best, t) < by.rival_angle
+
+    return [t for t in possible if near(t) or _look_alike(t.effect, best.effect)]
+
+
+def with_best_of(state: Naming, at: int, trials: Sequence[Trial], least: float) -> Naming:
+    """The naming with the best of these in the place of one of its causes, beside all others."""
+    round_, fitted, criteria = state.rounds[at], state.evidence.fit, state.criteria
+    best = round_.leader
     alone = without(fitted, {best.candidate.name})
     others = replace(
         state,
@@ -307,9 +339,9 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
         kinematic=_kinematics_beside(state.kinematic, alone, best.effect),
         rounds=tuple(r for r in state.rounds if r is not round_),
     )
-    trials, fits, intervals = _tried(others, [t.candidate for t in (best, *rivals)], least)
+    found, fits, intervals = _tried(others, [t.candidate for t in trials], least)
     nameable = [t for t in fits if t.meaningful]
-    trials = in_order(trials, nameable)
+    trials = in_order(found, nameable)
     if not nameable:
         return state
     rounds = list(state.rounds)
@@ -317,7 +349,7 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     if trials[0].effect.key == best.effect.key:
         return replace(state, rounds=tuple(rounds))
     first, evidence, moved = settled(trials[0], fits[trials[0]])
-    evidence = _relaxed(evidence)
+    evidence = _in_colour(_relaxed(evidence))
     rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
     rounds[at] = replace(rounds[at], trials=(first, *trials[1:], *rest))
     for i, one in enumerate(rounds):

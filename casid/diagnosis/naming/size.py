@@ -17,8 +17,10 @@ from casid.signals import SURFACES
 
 def plausible(one: Attached) -> bool:
     """Whether a fitted size is physically possible."""
-    limits = {**one.effect.limits, "value": one.effect.limit}
-    return all(abs(one.values[name]) <= limit for name, limit in limits.items())
+    effect = one.effect
+    further = all(abs(one.values[name]) <= limit for name, limit in effect.limits.items())
+    lowest = -effect.limit if effect.lowest is None else effect.lowest
+    return further and lowest <= one.values["value"] <= effect.limit
 
 
 def is_artefact(one: Attached, share: float, criteria: SizeCriteria) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.screening import Candidate, equivalence
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import Fit, as_read
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import hopeless, kinematic_check
@@ -66,7 +66,7 @@ def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Ca
         if candidate.net < reached or len(chosen) == count:
             break
         share = meaningful_share(base, candidate.attached)
-        clear = effect.of_an_instrument or share**2 * candidate.statistic > criteria.tried_clear * criteria.clear
+        clear = effect.of_an_instrument or share**2 * candidate.statistic > criteria.tried_clear * clear_gain(base)
         if share < criteria.tried_size or not clear:
             continue
         terms = [
@@ -137,7 +137,7 @@ def try_cause(
             exact=base.deviance - fitted.deviance,
         ),
         where=_where(base, fitted),
-        meaningful=matters(share, clear, base.criteria, check.confirmed or one.effect.of_an_instrument)
+        meaningful=matters(share, clear, clear_gain(base), check.confirmed or one.effect.of_an_instrument)
         and plausible(one)
         and not is_artefact(one, share, base.criteria.size)
         and not _from_the_start(fitted, one)
@@ -178,10 +178,17 @@ def gain_asked(effect: Effect, criteria: Criteria) -> float:
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
-def matters(share: float, gain: float, criteria: Criteria, unlike_aerodynamics: bool = False) -> bool:
+def clear_gain(base: Fit) -> float:
+    """Gain at which a cause that just matters is clear: misfit of the structure, where it is not in the noise, makes
+    many sigmas of nothing."""
+    by = base.criteria.naming
+    return by.clear_of_misfit if base.flight.noise_by_fit else by.clear
+
+
+def matters(share: float, gain: float, clear: float, unlike_aerodynamics: bool = False) -> bool:
     """Whether a size, in units of the smallest that matters, matters and is clear enough to be believed, or nothing in
     the aerodynamics could look like it."""
-    return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > criteria.naming.clear)
+    return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > clear)
 
 
 def _from_the_start(fitted: Fit, one: Attached) -> bool:
@@ -198,7 +205,7 @@ def _std(fitted: Fit, one: Attached) -> float:
 
 def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
     """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
-    flat = fitted.columns.reshape(fitted.white.size, len(fitted.slots))
+    flat = as_read(fitted, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
     own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
     beside = {slot.name for slot in base.slots}
     basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in beside]]

@@ -1,0 +1,84 @@
+"""Noise that cannot be read from the records is estimated with the fit: how strong it is, and how slowly it moves.
+
+A channel that was filtered, held or rounded does not show its noise (`Flight.doubted`), and what a model leaves of it
+is mostly what the model does not have. Both are believed no more than that: what the fit leaves of such a channel is
+taken for its noise, level and correlation time by maximum likelihood, and once more after every cause that is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from casid.diagnosis.flight.evaluation import Fit, Free
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.statistics import free_simulation
+from casid.filtering.colour import most_likely
+from casid.filtering.kalman import residual_about
+
+
+def in_colour(fitted: Fit, free: Free = "all") -> Fit:
+    """The fit with the noise of doubted outputs as it leaves it: first how strong it is, by a free simulation, then how
+    slowly it moves, by its innovations; each until it stays. With forces free, which no simulation flies, only that."""
+    numerics = fitted.criteria.numerics.fit
+    if not fitted.flight.noise_by_fit:
+        return fitted
+    for _ in range(numerics.noise_level_fits):
+        before, level = fitted.flight.sigma, level_of(fitted)
+        fitted = _under(fitted, before | level, {}, free)
+        if all(abs(np.log(level[o] / before[o])) < numerics.noise_stays for o in level):
+            break
+    for _ in range(numerics.colour_fits):
+        before, colour = fitted.noise.colour, colour_of(fitted)
+        fitted = _under(fitted, fitted.flight.sigma, colour, free)
+        if before and all(abs(np.log(colour[o][0] / before[o][0])) < numerics.noise_stays for o in colour):
+            break
+    return fitted
+
+
+def is_far(fitted: Fit, most: float) -> bool:
+    """Whether what is left per reading is `most` times the noise or more, in squares, though that was read: then it is
+    no noise of the instruments, nor what a single cause could explain."""
+    return not fitted.flight.noise_by_fit and float(np.sum(fitted.white**2)) > most * fitted.readings
+
+
+def unread(flight: Flight) -> Flight:
+    """The flight with the noise of all outputs doubted that the file does not state."""
+    unsure = tuple(o for o in flight.outputs if not flight.aircraft.noise.get(o))
+    return replace(flight, doubted=unsure).within_the_motion()
+
+
+def _under(fitted: Fit, sigma: dict[str, float], colour: dict[str, tuple[float, float]], free: Free) -> Fit:
+    """The fit under other noise of its outputs."""
+    flight = replace(fitted.flight, sigma=sigma, colour=colour)
+    noise = replace(fitted.noise, measurement=sigma, colour=colour)
+    return fit(flight, fitted.attached, noise, fitted, free=free, iterations=15)
+
+
+def level_of(fitted: Fit) -> dict[str, float]:
+    """Output -> r.m.s. of what a free simulation leaves of every doubted one, and no more than it varies by."""
+    residual, found = free_simulation(fitted).residual, {}
+    for name in fitted.flight.doubted:
+        i = fitted.model.outputs.index(name)
+        measured, left = fitted.batch.Z[..., i], residual[..., i]
+        if np.isfinite(measured).any():
+            with np.errstate(over="ignore"):
+                found[name] = float(min(np.sqrt(np.nanmean(left**2)), np.nanstd(measured)))
+    return found
+
+
+def colour_of(fitted: Fit) -> dict[str, tuple[float, float]]:
+    """Output -> (1-sigma, correlation time [s]) of the innovations of every doubted one that is measured."""
+    plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
+    through = fitted.filter.through
+    column = residual_about(fitted.linear, fitted.acting, fitted.motion.coloured, fitted.errors, through)
+    white, seen, t = plain.whiten(*column)[..., 0], fitted.linear.seen, fitted.batch.t
+    found = {}
+    for name in fitted.flight.doubted:
+        i = fitted.model.outputs.index(name)
+        series = [(t[at, r], white[at, r, i]) for r, at in enumerate(seen[..., i].T)]
+        if sum(len(values) for _, values in series) > len(fitted.slots):
+            found[name] = most_likely(series)
+    return found

@@ -1,0 +1,59 @@
+"""Another cause in the place of one that was named, and what can be named beside it then.
+
+Where the noise of the records is what a fit leaves, a wrong cause leaves nothing missing: what it cannot explain goes
+into the noise. Two causes that explain about as much, as a lag of a vane and a vane metres ahead do, are then told
+apart by what else can be named beside each: one may bend what the other leaves straight for a third to explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from casid.diagnosis.evidence.screening import screen
+from casid.diagnosis.naming.naming import Naming, doubt_of, near_rivals, one_round, with_best_of
+from casid.diagnosis.naming.round import Trial
+from casid.model.effect import Effect
+
+
+def best_branch(naming: Naming, catalogue: Sequence[Effect], least: float, report: Callable[[str], None]) -> Naming:
+    """The naming, or the one that begins with a near rival in the place of one of its causes, whichever is most likely
+    with all that is named beside it. Only where the noise is what the fit leaves."""
+    if not naming.evidence.fit.flight.noise_by_fit:
+        return naming
+    best = naming
+    for at, round_ in enumerate(naming.rounds):
+        rivals = near_rivals(round_, naming.criteria) if round_.named else []
+        for rival in rivals[: naming.criteria.numerics.naming.branches]:
+            report(f"naming with {rival.candidate.name} instead")
+            other = _followed(_only_named(naming), at, rival, catalogue, least, best)
+            if _cost(other) < _cost(best):
+                best = other
+    return best
+
+
+def _followed(naming: Naming, at: int, rival: Trial, catalogue: Sequence[Effect], least: float, best: Naming) -> Naming:
+    """The branch of a rival, with what can be named beside it, as long as it may become better than the `best`."""
+    other = with_best_of(naming, at, (rival,), least)
+    if other is naming:
+        return best
+    for _ in range(naming.criteria.numerics.naming.rounds):
+        taken = {one.effect.key for one in other.evidence.fit.attached}
+        promised = screen(other.evidence, [e for e in catalogue if e.key not in taken and e.of_an_instrument])
+        if not promised or _cost(other) - promised[0].net > _cost(best):
+            break
+        further = one_round(other, catalogue, least)
+        if not further.rounds[-1].named or doubt_of(other, further):
+            break
+        other = further
+    return other
+
+
+def _only_named(naming: Naming) -> Naming:
+    """The naming without the rounds that named nothing."""
+    return replace(naming, rounds=tuple(naming.named))
+
+
+def _cost(naming: Naming) -> float:
+    """Deviance, with what is asked of every cause."""
+    return naming.evidence.deviance + naming.criteria.naming.gain_of_an_instrument * len(naming.named)

@@ -1,0 +1,43 @@
+"""Truth: the rigid body, whose moments of inertia obey the triangle inequality, and the size of the aircraft."""
+
+from __future__ import annotations
+
+import pytest
+
+from casid.diagnosis.criteria import SizeCriteria
+from casid.diagnosis.flight.bounds import inertia_bounds, possible
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming.size import plausible
+from casid.model.causes import accelerometer_position, cg_offset, inertia, mass, vane_position
+from problems.do328 import do328
+
+BY = SizeCriteria()
+
+
+@pytest.mark.parametrize("component", ["Ixx", "Iyy", "Izz"])
+def test_an_inertia_stays_that_of_a_rigid_body(component: str) -> None:
+    aircraft = do328()
+    low, high = inertia_bounds(component, aircraft, BY)
+    assert low < 0.0 < high
+    for change in (low, high):
+        I = {c: getattr(aircraft.inertia, c) + change * (c == component) for c in ("Ixx", "Iyy", "Izz")}  # noqa: E741
+        assert 2.0 * max(I.values()) <= sum(I.values()) * (1.0 + 1e-12)
+        assert 0.5 <= I[component] / getattr(aircraft.inertia, component) <= 1.5
+
+
+def test_what_no_aircraft_has_is_not_plausible() -> None:
+    aircraft = do328()
+    span = 2.0 * aircraft.rate_length_lateral
+    cases = (
+        (mass(), 0.49 * aircraft.mass, 0.51 * aircraft.mass),
+        (mass(), -0.49 * aircraft.mass, -0.51 * aircraft.mass),
+        (cg_offset("z"), 0.25 * aircraft.moment_length_pitch, -0.7 * aircraft.moment_length_pitch),
+        (vane_position("beta"), 0.6 * span, 2.0 * span),
+        (accelerometer_position("x"), 0.5 * span, 2.0 * span),
+        (inertia("Izz"), 0.05 * aircraft.inertia.Izz, aircraft.inertia.Ixx + aircraft.inertia.Iyy),
+        (inertia("Iyy"), -0.1 * aircraft.inertia.Iyy, -0.6 * aircraft.inertia.Iyy),
+    )
+    for effect, believed, refused in cases:
+        bounded = possible(effect, aircraft, BY)
+        assert plausible(Attached(effect=bounded, values={"value": believed})), effect.name
+        assert not plausible(Attached(effect=bounded, values={"value": refused})), effect.name

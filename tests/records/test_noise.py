@@ -1,0 +1,58 @@
+"""Noise of channels that are rounded, converted or updated by a slower recorder. Truth: how the series were made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from casid.records.noise import high_band_holds, real_updates, resolution
+from casid.records.record import Record
+from casid.records.thinning import spaced
+
+T = np.arange(0.0, 20.0, 0.02)
+
+
+def test_the_step_survives_a_conversion_of_units() -> None:
+    """Steps of 0.01 deg, in rad by a factor that is itself rounded, and times a correction: neighbours of a level that
+    differ by rounding are the same level."""
+    degrees = np.round(3.0 * np.sin(T) / 0.01) * 0.01
+    converted = np.where(np.arange(len(T)) % 2, degrees * np.pi / 180.0, degrees / 57.29577951308232)
+    assert resolution(converted) == pytest.approx(0.01 * np.pi / 180.0, rel=1e-6)
+
+
+def test_noise_below_the_step_is_not_believed_after_a_conversion() -> None:
+    rng = np.random.default_rng(1)
+    degrees = np.round((3.0 * np.sin(T) + 0.002 * rng.standard_normal(len(T))) / 0.01) * 0.01
+    record = Record(name="m", t=T, channels={"beta": degrees * 0.017453292519943295})
+    assert not high_band_holds([record], "beta", 0.5)
+
+
+def test_a_staircase_has_as_many_readings_as_updates() -> None:
+    """A heading that is read once a second and held in between, 50 times."""
+    psi = np.repeat(np.sin(0.3 * np.arange(20) + 0.1), 50)
+    new = real_updates(T, psi)
+    assert new.sum() == 19  # when the first one was read nobody knows
+    assert set(np.flatnonzero(new) % 50) == {0}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_coarse_steps_of_a_noisy_channel_are_no_updates(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    V = np.round((80.0 + np.sin(0.4 * T) + 0.02 * rng.standard_normal(len(T))) / 0.051) * 0.051
+    assert real_updates(T, V).all()
+
+
+def test_every_reading_of_a_smooth_channel_is_one() -> None:
+    q = np.sin(T)
+    assert real_updates(T, q).all()
+    q[100:200] = np.nan
+    assert real_updates(T, q).sum() == len(T) - 100
+
+
+def test_spaced_readings() -> None:
+    """One of each interval of 0.125 s, the first that is there."""
+    values = np.ones(len(T))
+    values[0] = np.nan
+    at = np.flatnonzero(spaced(T, values, 0.125))
+    assert at[0] == 1 and len(at) == 160
+    assert np.all(np.floor(T[at[1:]] / 0.125 + 1e-6) == np.arange(1, 160))
