@@ -53,6 +53,23 @@ def flight_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def known_faults_data() -> Path:
+    """Folder with real flights whose faults are known (totter_f1_017.raw.csv, ...), as `sidpac` beside the flight data.
+
+    The test is skipped when there is none.
+    """
+    named = os.environ.get("CASID_DATA")
+    root = Path(named) if named else REPO.parent / "shared" / "data"
+    for base in (root, root.parent):
+        if (base / "sidpac" / "totter_f1_017.raw.csv").is_file():
+            return base / "sidpac"
+    pytest.skip(
+        "no flights with known faults: convert the sample records of SIDPAC (NASA) into a folder 'sidpac' beside the "
+        "flight data and set CASID_DATA to the folder that holds both"
+    )
+
+
+@pytest.fixture(scope="session")
 def regression_data() -> Path:
     """Folder with the statistical reference data sets of NIST (MGH17.dat, ...), as `strd` beside the flight data.
 

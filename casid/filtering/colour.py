@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -85,7 +86,8 @@ def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float,
         return float(np.log(square)) + log
 
     bounds = np.log(_SHORTEST * shortest), np.log(_LONGEST * longest)
-    tau = float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
+    lowest: Any = minimize_scalar(deviance, bounds=bounds, method="bounded")
+    tau = float(np.exp(lowest.x))
     return float(np.sqrt(variance(tau)[0])), tau
 
 

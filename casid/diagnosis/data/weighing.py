@@ -136,7 +136,7 @@ class Weighing:
         ratio = lift_in_trim(aircraft)
         if ratio is None:
             return 0.0
-        return -0.5 * (math.log(ratio) / self._criteria.lift) ** 2 if ratio > 0.0 else IMPOSSIBLE
+        return -0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2 if ratio > 0.0 else IMPOSSIBLE
 
     def _or_else_the_record(self, best: Weighed) -> Weighed | None:
         """What contradicts the file may be a fault of the records, when these explain it as well."""
