@@ -93,7 +93,7 @@ class Hidden:
 class Answer:
     """The sealed answer of a set.
 
-    of          "do328" or "jsbsim";  case, seed  what it was drawn from;  aircraft  what flew
+    of          one of SETS;  case, seed  what it was drawn from;  aircraft  what flew
     size        factor on the drawn size; 1: what an engineer would notice
     hidden      empty: clean
     mismatch    coefficient -> what the terms of the aircraft file, at their best, leave of it without anything hidden:

@@ -4,8 +4,9 @@
 
 writes sets/<name>/m1.csv .. m4.csv and aircraft.toml, which know nothing of it, and answers/<name>.json. The name says
 nothing either. Sets of "do328" are flown by casid with its own effects; sets of "jsbsim" by JSBSim, with the effect
-made there. Seeds below REPORTING_FROM are for development, the others for reported results; in "jsbsim" the two do
-not even share an aircraft.
+made there. Both also come as instruments as they are record them (`instruments`): "do328_instruments" and
+"jsbsim_instruments". Seeds below REPORTING_FROM are for development, the others for reported results; in "jsbsim" the
+two do not even share an aircraft.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from problems.blind import do328 as blind_do328
 from problems.blind import jsbsim as blind_jsbsim
 from problems.blind.case import IN_RECORDS, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
+from problems.blind.instruments import Instruments
 from problems.blind.manoeuvres import Segment, draw_segments, histories
 from problems.blind.outside import SIGNALS, Outside, along, drift
 from problems.blind.scene import Scene, demanded
@@ -40,7 +42,8 @@ from problems.jsbsim.fleet import DEVELOPMENT, REPORTING, fleet_airframe
 from problems.jsbsim.flight import NOISE
 
 REPORTING_FROM = 1000
-SETS = ("do328", "jsbsim")
+WITH_INSTRUMENTS = "_instruments"
+SETS = ("do328", "jsbsim", "do328" + WITH_INSTRUMENTS, "jsbsim" + WITH_INSTRUMENTS)
 CASES: tuple[str, ...] = (
     *(f"clean-{i}" for i in range(1, 11)),
     *(kind for kind in KINDS if kind not in IN_RECORDS),
@@ -97,7 +100,7 @@ def fly_set(of: str, case: str, seed: int, size: float = 1.0) -> Set:
         raise unknown("set", of, SETS)
     if case not in CASES:
         raise unknown("case", case, CASES)
-    if of == "jsbsim" and find_spec("jsbsim") is None:
+    if of.startswith("jsbsim") and find_spec("jsbsim") is None:
         raise InputError("sets of 'jsbsim' need the extra jsbsim; install it: pip install 'casid[jsbsim]'")
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([zlib.crc32(f"{of} {case}".encode()), seed, attempt])
@@ -142,7 +145,7 @@ class _Plan:
 
 def _plan(of: str, case: str, seed: int, rng: np.random.Generator) -> _Plan:
     frame, sizes, units = None, blind_do328.SIZES, blind_do328.UNITS_S
-    if of == "jsbsim":
+    if of.startswith("jsbsim"):
         able = [fleet_airframe(n) for n in (DEVELOPMENT if seed < REPORTING_FROM else REPORTING)]
         if case == "configuration_change":
             able = [one for one in able if one.configuration]
@@ -179,6 +182,7 @@ def _attempt(of: str, case: str, seed: int, size: float, rng: np.random.Generato
             flown = [_drifting(record, one) for record in flown]
     hidden = tuple(_as_flown(one, plan) for one in hidden)
     noise = np.random.default_rng([plan.seed, 4])
+    installed = Instruments.drawn(np.random.default_rng([plan.seed, 5])) if of.endswith(WITH_INSTRUMENTS) else None
     answer = Answer(
         of=of,
         case=case,
@@ -192,10 +196,11 @@ def _attempt(of: str, case: str, seed: int, size: float, rng: np.random.Generato
             "noise": round(plan.noise, 3),
             "durations_s": plan.durations,
             "structure": {c: list(t) for c, t in scene.structure.items()},
+            **({} if installed is None else {"instruments": asdict(installed)}),
         },
     )
     return Set(
-        records=tuple(_recorded(record, plan, noise) for record in flown),
+        records=tuple(_recorded(record, plan, noise, installed) for record in flown),
         aircraft=guessed(bare, found, plan.seed, _OFF),
         answer=answer,
     )
@@ -296,8 +301,10 @@ def _as_flown(hidden: Hidden, plan: _Plan) -> Hidden:
     return replace(hidden, value=float(f"{np.sqrt(np.mean(squares)):.4g}"))
 
 
-def _recorded(record: Record, plan: _Plan, rng: np.random.Generator) -> Record:
-    """What is written down: sampled, with noise on every channel that has any."""
+def _recorded(record: Record, plan: _Plan, rng: np.random.Generator, installed: Instruments | None) -> Record:
+    """What is written down: sampled, with noise on every channel that has any, by ideal instruments or as they are."""
+    if installed is not None:
+        return installed.recorded(record, plan.rate_hz, plan.noise, rng)
     every = round(RATE_HZ / plan.rate_hz)
     sampled = {}
     for name, values in record.channels.items():

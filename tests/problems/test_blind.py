@@ -82,7 +82,7 @@ def test_a_seed_gives_the_same_set_again_and_another_seed_another() -> None:
     assert not same(first, fly_set("do328", "actuator_lag", 8))
 
 
-@pytest.mark.parametrize("of", ["do328", "jsbsim"])
+@pytest.mark.parametrize("of", ["do328", "jsbsim", "do328_instruments"])
 def test_the_solver_is_told_nothing(of: str, tmp_path: Path) -> None:
     """The folder has four records and an aircraft file; no name, no content, no neighbour speaks of the effect."""
     if of == "jsbsim":
