@@ -12,8 +12,9 @@ Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean da
              DIR/blind.md, DIR/blind.csv (a line per set), DIR/confusion_<set>.csv and .svg, DIR/run.json. Ctrl-C
              makes them of the sets that are finished; the same command resumes, also after worse.
 
-    python scripts/blind.py [--sets do328 jsbsim do328_instruments jsbsim_instruments] [--seeds 1..1] [--kinds GLOB ...] [--sizes 1 0.5 0.25]
-        [--naming rules|score] [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR] [--table FILE]
+    python scripts/blind.py [--sets do328 jsbsim do328_instruments jsbsim_instruments] [--seeds 1..1] [--kinds GLOB ...]
+        [--sizes 1 0.5 0.25] [--naming rules|score] [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
+        [--table FILE]
 """
 
 from __future__ import annotations
