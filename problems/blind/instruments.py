@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.signal import bessel, lfilter, lfilter_zi
+from scipy.signal import bessel, lfilter, sosfilt, sosfilt_zi
 
 from casid.records.record import Record
 from casid.signals import SURFACES
@@ -98,9 +98,8 @@ class Instruments:
 
     def _filtered(self, values: np.ndarray, rate_hz: float) -> np.ndarray:
         """A second-order Bessel filter, the same for all channels, settled before the record begins."""
-        b, a = bessel(2, min(self.corner * rate_hz / (0.5 * RATE_HZ), 0.99), norm="mag")
-        start = lfilter_zi(b, a) * values[0]
-        return lfilter(b, a, values, zi=start)[0]
+        sections = np.asarray(bessel(2, min(self.corner * rate_hz / (0.5 * RATE_HZ), 0.99), norm="mag", output="sos"))
+        return sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])[0]
 
     def _noise(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) of unit variance."""
