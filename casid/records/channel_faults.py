@@ -25,7 +25,7 @@ _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with 
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _QUICK = frozenset(("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"))
 _ANSWER = 3.0  # of the range of nine tenths of the samples: no answer to a surface is a peak as high
-_SOON = 3  # samples after a step of a surface in which a rate or an acceleration may peak
+_SOON = 0.25  # s from a step of a surface within which a rate or an acceleration may peak; recorders are late by 0.2 s
 _GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
 _MATTERS = 0.03  # of the range of an output: one sample nearer to the others changes nothing
@@ -174,7 +174,8 @@ def _commanded(record: Record) -> np.ndarray:
         if name in record:
             steps = np.abs(np.diff(record[name], prepend=record[name][0]))
             at |= (steps > 9.0 * float(np.median(steps))) & (steps > 0.25 * float(steps.max()))
-    return np.convolve(at, np.ones(2 * _SOON + 1), mode="same") > 0.5
+    reach = round(_SOON / record.dt)
+    return np.convolve(at, np.ones(2 * reach + 1), mode="same")[: len(at)] > 0.5
 
 
 def _unbroken(record: Record) -> list[slice]:
