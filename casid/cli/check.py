@@ -25,7 +25,8 @@ def check(
 ) -> int:
     """Check flight records by physics that needs no aerodynamics: signs, units, swapped, frozen or clipped channels.
 
-    Prints a table of the channels and every finding. The status is 0 when nothing is wrong and 1 when something is.
+    Prints a table of the channels, every finding, and numbers of the aircraft file that cannot be. The status is 0 when
+    nothing is wrong and 1 when something is.
     With --out also DIR/check.html, a page with suspected channels as a picture, and DIR/check.json.
 
     Parameters

@@ -1,6 +1,7 @@
 """Numbers of an aircraft file that no aircraft has: another unit than SI, most often.
 
-Every bound leaves room for what flies: model aircraft, gliders, transports, fighters, deltas.
+Every bound leaves room for what flies: model aircraft, gliders, transports, fighters, deltas. Of 48 vehicles that come
+with JSBSim a ball (twice), a bomb and a model glider with the area of a larger one are outside; no other is.
 """
 
 from __future__ import annotations
@@ -45,13 +46,13 @@ _WING_LOADING = (8.0, 12000.0)
 # half of them are taken.
 _AREA_RATIO = (0.25, 6.0)
 # Radius of gyration in roll over the length of lateral moments: 0.12 to 0.19 of the span, 0.24 to 0.37 of half of it
-# (Raymer, Aircraft Design, table of nondimensional radii of gyration), and half or twice that.
-_ROLL_RADIUS = (0.06, 0.75)
+# (Raymer, Aircraft Design, table of nondimensional radii of gyration); a quadcopter has 0.9 of its arm.
+_ROLL_RADIUS = (0.06, 1.0)
 # Radius of gyration in pitch over that in roll: 0.5 to 4, by the same table with bodies of 0.3 to 2.5 spans.
 _PITCH_RADIUS = (0.2, 8.0)
-# Lift slope per rad: pi/2 times the aspect ratio of slender wings, from 0.5 on; 2 pi of thin aerofoils, and more with
-# the compressibility before Mach 1.
-_LIFT_SLOPE = (0.3, 12.0)
+# Lift slope per rad: pi/2 times the aspect ratio of slender wings, from 0.5 on; 2 pi of thin aerofoils, more with
+# the compressibility before Mach 1, and twice that at a kink of a table.
+_LIFT_SLOPE = (0.3, 20.0)
 # Side force by sideslip per rad: a fuselage and a fin have 0.2 to 1.5.
 _SIDE_SLOPE = (0.03, 6.0)
 # Density [kg/m3]: the standard atmosphere at 32 km, and air of -60 deg C at sea level.
