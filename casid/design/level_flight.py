@@ -16,6 +16,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of
+from casid.model.terms import parse_term
 from casid.model.trim import trim
 from casid.model.vocabulary import KINDS
 
@@ -127,7 +128,13 @@ def level_rivals(
     """
     rivals = {effect_of(value).name for value in (first, second)}
     bare = replace(aircraft, effects=tuple(e for e in aircraft.effects if effect_of(e).name not in rivals))
-    plane = plane_of(*(part for value in (first, second) for part in KINDS[value.kind].parts(value.target)))
+    plane = plane_of(*(name for value in (first, second) for name in _named_by(value)))
     experiment = experiment_of(bare, plane, limits, noise=noise)
     own = Rivals(aircraft=bare, first=first, second=second, axes=plane, noise=experiment.noise)
     return own, experiment
+
+
+def _named_by(value: EffectValue) -> tuple[str, ...]:
+    """The surface, channel or coefficients that an effect is of, and the variables of its term."""
+    variables = tuple(name for name, _ in parse_term(value.term).factors) if value.term else ()
+    return (*KINDS[value.kind].parts(value.target), *variables)

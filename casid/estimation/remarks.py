@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from casid.estimation.cost import OutputError, RangeWeights
+from casid.model.numbers import with_deviation
 
 if TYPE_CHECKING:
     from casid.estimation.fit import Fit
@@ -52,7 +53,7 @@ def _parameters(fit: Fit) -> Iterator[str]:
         error = e.std_corrected if math.isfinite(e.std_corrected) else 0.0
         opposite = e.value * e.prior < 0.0 and abs(e.value) > _SURE * error
         stated = f" +- {std:.2g}" if math.isfinite(std) else ""
-        numbers = f"{e.value:.4g} +- {error:.2g} against {e.prior:.4g}{stated}"
+        numbers = f"{with_deviation(e.value, error)} against {e.prior:.4g}{stated}"
         if opposite:
             yield f"{name}: of the opposite sign of its a-priori value, {numbers}"
         elif far >= _FAR:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
 from casid.report.notebook import data_frame, html_list, html_paragraph, html_table
-from casid.report.words import pretty
+from casid.report.words import pretty, with_std
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -41,10 +41,10 @@ def _name(cause: Cause) -> str:
 def html(diagnosis: Diagnosis) -> str:
     """The opening of the report, and the causes."""
     rows = [
-        [_name(c), f"{c.value:.4g}", f"{c.std:.2g}", c.unit, "minor" if c in diagnosis.minor else "", c.sentence]
+        [_name(c), with_std(c.value, c.std, c.unit), "minor" if c in diagnosis.minor else "", c.sentence]
         for c in (*diagnosis.causes, *diagnosis.minor)
     ]
-    table = html_table(("cause", "value", "std", "unit", "", "what it is"), rows) if rows else ""
+    table = html_table(("cause", "size ± 1σ", "", "what it is"), rows) if rows else ""
     verdict = html_paragraph(f"{diagnosis.aircraft.name}: {diagnosis.verdict}", pretty(diagnosis.sentence))
     said = [one.sentence for one in (*diagnosis.data, *diagnosis.contradicted)]
     return verdict + html_list(said) + table

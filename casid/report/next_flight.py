@@ -23,7 +23,7 @@ from casid.report.claims import numbered
 from casid.report.design_figures import designed_histories, separated
 from casid.report.style import Picture, channel_scale
 from casid.report.table import Row, Table
-from casid.report.words import digits, effect_name, manoeuvre_in_words, odds_in_words, place
+from casid.report.words import digits, effect_name, manoeuvre_in_words, odds_in_words, place, tells_apart
 from casid.signals import label_of
 
 _RATE_HZ = 25.0
@@ -48,22 +48,36 @@ class Proposal:
     table: Table | None = None
 
 
-def proposals(diagnosis: Diagnosis) -> list[Proposal]:
-    """One for each question that a manoeuvre can answer, within the limits of what the records flew."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NextFlights:
+    """What to fly next, `proposals`, and in words the questions that no manoeuvre of one surface answers, `beyond`."""
+
+    proposals: tuple[Proposal, ...]
+    beyond: tuple[str, ...]
+
+
+def next_flights(diagnosis: Diagnosis) -> NextFlights:
+    """A proposal for each question that a manoeuvre can answer, within the limits of what the records flew."""
     flown = [thinned(record, _RATE_HZ) for record in diagnosis.refitted.fit.flight.records]
     aircraft, limits = _at_trim(diagnosis.extended_aircraft, flown), _limits(flown)
+    noise = diagnosis.extended.fit.noise.measurement
     found: list[Proposal] = []
+    beyond: list[str] = []
     for said, first, second in _questions(diagnosis):
         try:
-            rivals, experiment = level_rivals(aircraft, first, second, limits, diagnosis.extended.fit.noise.measurement)
-            best = separating_manoeuvre(rivals, experiment)
-            before = separation(rivals, flown).log_odds
-        except CasidError:
-            continue  # an event, a flight that diverges, or no trim: there is nothing to be proposed
-        found.append(_separating(len(found) + 1, said, (rivals, best), before, limits))
+            rivals, experiment = level_rivals(aircraft, first, second, limits, noise)
+            best, before = separating_manoeuvre(rivals, experiment), separation(rivals, flown).log_odds
+        except CasidError as fault:
+            beyond.append(f"{said} No manoeuvre is proposed: {fault}.")
+            continue
+        if tells_apart(best.separation.log_odds):
+            found.append(_separating(len(found) + 1, said, (rivals, best), before, limits))
+        else:
+            beyond.append(f"{said} No movement of one surface from level flight within these limits separates them.")
         if len(found) == _MOST:
             break
-    return [*found, *_for_untold(diagnosis, aircraft, limits, len(found))]
+    found += _for_untold(diagnosis, aircraft, limits, len(found))
+    return NextFlights(proposals=tuple(found), beyond=tuple(beyond))
 
 
 def _at_trim(aircraft: Aircraft, flown: Sequence[Record]) -> Aircraft:

@@ -17,7 +17,7 @@ from casid.report.envelope import envelope_table
 from casid.report.folder import provenance
 from casid.report.gained import gained
 from casid.report.lead import pictures
-from casid.report.next_flight import limited, proposals
+from casid.report.next_flight import limited, next_flights
 from casid.report.shares import shares
 from casid.report.style import Picture
 from casid.report.table import Table
@@ -86,12 +86,12 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     """
     an(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
     made_with = provenance(0) if made_with is None else made_with
-    next_flight = proposals(diagnosis)
-    shown = pictures(diagnosis) | {one.picture.name: one.picture for one in next_flight}
+    following = next_flights(diagnosis)
+    shown = pictures(diagnosis) | {one.picture.name: one.picture for one in following.proposals}
     drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown))
-    for one in next_flight:
+    for one in following.proposals:
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
-    page = render("report.html", _context(diagnosis, drawn, made_with) | {"next_flight": next_flight})
+    page = render("report.html", _context(diagnosis, drawn, made_with) | {"following": following})
     (Path(folder) / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -24,7 +24,7 @@ from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.report.gained import gained
 from casid.report.lead import pictures
-from casid.report.next_flight import proposals
+from casid.report.next_flight import next_flights
 from casid.report.onset import onset_profiles
 from casid.report.page import FIGURES
 from casid.report.shares import shares
@@ -222,10 +222,18 @@ def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnos
         value=0.05,
         indistinguishable_from=(alike,),
     )
-    first, *_ = proposals(replace(diagnosis, causes=(cause,), contradicted=()))
+    first, *_ = next_flights(replace(diagnosis, causes=(cause,), contradicted=())).proposals
     assert "rudder: input delay" in first.open and "rudder: actuator lag" in first.open
     now, before = (float(x) for x in re.findall(r"(?:expected is|same measure,) ([\d.]+)", first.tells))
     assert now > before > 0.0
     flown = max(np.abs(r["delta_r"] - np.median(r["delta_r"])).max() for r in diagnosis.refitted.fit.flight.records)
     assert np.abs(first.record["delta_r"] - first.record["delta_r"][0]).max() <= flown * 1.001
     assert "--separate 'input_delay(delta_r)=0.05' 'actuator_lag(delta_r)=0.05'" in first.command
+
+
+def test_what_no_manoeuvre_separates_is_said(diagnosis: Diagnosis) -> None:
+    """A gust comes when it comes."""
+    alike = {"kind": "sensor_bias", "target": "q", "term": None, "value": 0.001, "unit": "rad/s", "probability": 0.4}
+    cause = replace(diagnosis.causes[0], kind="gust", target="z", term=None, value=1.0, indistinguishable_from=(alike,))
+    found = next_flights(replace(diagnosis, causes=(cause,), contradicted=()))
+    assert not found.proposals and "no manoeuvre can bring it about" in found.beyond[0]

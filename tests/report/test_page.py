@@ -21,6 +21,7 @@ from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.report.folder import provenance, whole_folder
+from casid.report.next_flight import NextFlights
 from casid.report.page import FIGURES, write_report
 from casid.report.style import Picture
 from casid.report.words import pretty
@@ -187,7 +188,8 @@ def test_a_name_with_markup_is_only_text(
 ) -> None:
     assert set(drawn) == set(shown)
     monkeypatch.setattr("casid.report.page.pictures", lambda named: shown)
-    monkeypatch.setattr("casid.report.page.proposals", lambda named: [])
+    nothing = NextFlights(proposals=(), beyond=())
+    monkeypatch.setattr("casid.report.page.next_flights", lambda named: nothing)
     evil = "<script>alert(1)</script> & $gain {{ 7 * 7 }}"
     stuck = replace(wrong_in_all.data[0], records=(evil,), sentence=f"In {evil}.")
     open_ = NotJudged(what=evil, because=evil)
