@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from casid.diagnosis.evidence.screening import screen
-from casid.diagnosis.naming.naming import Naming, doubt_of, near_rivals, one_round, with_best_of
+from casid.diagnosis.naming.naming import Naming, all_reconsidered, doubt_of, near_rivals, one_round, with_best_of
 from casid.diagnosis.naming.round import Trial
 from casid.model.effect import Effect
 
@@ -27,9 +27,9 @@ def best_branch(naming: Naming, catalogue: Sequence[Effect], least: float, repor
         for rival in rivals[: naming.criteria.numerics.naming.branches]:
             report(f"naming with {rival.candidate.name} instead")
             other = _followed(_only_named(naming), at, rival, catalogue, least, best)
-            if _cost(other) < _cost(best):
+            if _cost(other) < _cost(best) - naming.criteria.screening.equivalent:
                 best = other
-    return best
+    return best if best is naming else all_reconsidered(best, least)
 
 
 def _followed(naming: Naming, at: int, rival: Trial, catalogue: Sequence[Effect], least: float, best: Naming) -> Naming:

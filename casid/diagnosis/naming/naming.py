@@ -70,7 +70,7 @@ def name_causes(
         if not state.rounds[-1].named:
             break
         why = doubt_of(firm, state)
-        if why and (other := _all_reconsidered(state, least)) is not state:
+        if why and (other := all_reconsidered(state, least)) is not state:
             state, why = other, doubt_of(firm, other)
         state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
         if not why:
@@ -81,7 +81,7 @@ def name_causes(
             bent = state.evidence.bent
             catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
-    firm = _all_reconsidered(firm, least)
+    firm = all_reconsidered(firm, least)
     return replace(firm, rounds=(*firm.rounds, *refused))
 
 
@@ -296,7 +296,7 @@ def _look_alike(one: Effect, other: Effect) -> bool:
     return one.target == other.target and any(as_ == kind for as_, kind in shown)
 
 
-def _all_reconsidered(state: Naming, least: float) -> Naming:
+def all_reconsidered(state: Naming, least: float) -> Naming:
     """The naming with every cause but the last compared once more with its rivals."""
     for at in range(len(state.rounds) - 1):
         state = _reconsidered(state, at, least)
