@@ -91,11 +91,19 @@ def _values(diagnosis: Diagnosis) -> Iterator[Claim]:
 def _causes(diagnosis: Diagnosis) -> Iterator[Claim]:
     for number, one in enumerate(diagnosis.causes, 1):
         own = tuple(numbered(name, number) for name in _OF_A_CAUSE)
+        alike = [cause_name(o["kind"], o["target"], o["term"]) for o in one.indistinguishable_from]
+        also = f", or {' or '.join(alike)}" if alike else ""
+        head = cause_name(one.kind, one.target, one.term)
         yield Claim(
             anchor=about_cause(number),
-            head=cause_name(one.kind, one.target, one.term),
-            text=f"{cause_name(one.kind, one.target, one.term)} ({with_std(one.value, one.std, one.unit)})",
-            figures=(*own, *_IN_GENERAL, *(("ladder",) if _was_tried(diagnosis, one) else ())),
+            head=head,
+            text=f"{head} ({with_std(one.value, one.std, one.unit)}){also}",
+            figures=(
+                *own,
+                *_IN_GENERAL,
+                *(("ladder",) if _was_tried(diagnosis, one) else ()),
+                *(("ambiguity",) if alike else ()),
+            ),
             probability=one.probability,
         )
 

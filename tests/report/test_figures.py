@@ -22,6 +22,7 @@ from casid.keeping import load
 from casid.model.causes import effectiveness_change
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
+from casid.report.claims import claims
 from casid.report.gained import gained
 from casid.report.lead import pictures
 from casid.report.next_flight import next_flights
@@ -222,7 +223,10 @@ def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnos
         value=0.05,
         indistinguishable_from=(alike,),
     )
-    first, *_ = next_flights(replace(diagnosis, causes=(cause,), contradicted=())).proposals
+    ambiguous = replace(diagnosis, causes=(cause,), contradicted=())
+    (claim,) = claims(ambiguous, {"ambiguity"})["causes"]
+    assert claim.text.endswith("or rudder: actuator lag") and claim.figures == ("ambiguity",)
+    first, *_ = next_flights(ambiguous).proposals
     assert "rudder: input delay" in first.open and "rudder: actuator lag" in first.open
     now, before = (float(x) for x in re.findall(r"(?:expected is|same measure,) ([\d.]+)", first.tells))
     assert now > before > 0.0
