@@ -67,6 +67,10 @@ EQUATIONS: dict[str, tuple[str, str]] = {
     ),
     "mass": (r"m = m_\mathrm{file} + v", ""),
     "inertia": (r"I = I_\mathrm{file} + v", r"$I$ is the component that is its target."),
+    "table_increment": (
+        r"C = C_\mathrm{file} + v\,s(\chi)",
+        r"$s$ is 1 in a stretch of a table's breakpoints, 0 beyond its ends, and runs between as the table does.",
+    ),
     "thrust_asymmetry": (r"N = N_\mathrm{file} - v\,T", r"$T$ is the thrust, $N$ the yawing moment."),
     "thrust_line": (r"M = M_\mathrm{file} + v\,T", r"$T$ is the thrust, $M$ the pitching moment."),
     "sensor_misalignment": (

@@ -313,7 +313,7 @@ def _air_data_of_frozen_plane(aircraft: Aircraft, record: Record, axes: str) -> 
     """Air data that a reduction does not model and the record does not have, as its frozen states have them."""
     u, v, w = state_guess(aircraft, ("u", "v", "w"))(record).T
     V = np.sqrt(u**2 + v**2 + w**2)
-    filled = {"beta": np.arcsin(v / V)} if axes == "longitudinal" else {"V": V, "alpha": np.arctan2(w, u)}
+    filled = {"beta": np.arctan2(v, np.hypot(u, w))} if axes == "longitudinal" else {"V": V, "alpha": np.arctan2(w, u)}
     return {name: values for name, values in filled.items() if name not in record}
 
 

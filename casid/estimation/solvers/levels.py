@@ -126,6 +126,8 @@ def noise_levels(
     else:
         sigma = _given(noise, names)
     sigma = np.where(present > 0, sigma, 1.0)
+    with np.errstate(over="ignore"):  # absurd measurements: no fit follows them, and its status says so
+        magnitude = np.nansum(filled**2, axis=0)
     return NoiseLevels(
         sigma=sigma,
         fixed=noise is not None and not isinstance(noise, RangeWeights),
@@ -134,7 +136,7 @@ def noise_levels(
         present=present,
         floor=floor,
         start=sigma,
-        magnitude=np.nansum(filled**2, axis=0),
+        magnitude=magnitude,
     )
 
 

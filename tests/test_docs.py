@@ -1,0 +1,33 @@
+"""Pages that are written from definitions are complete. Truth: the register of kinds."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+from casid.model import causes  # noqa: F401  fills the register
+from casid.model.effect import KINDS
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+NOT_DRAWN = {"table_increment"}  # the Do 328 has no tables
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_cause_has_an_equation() -> None:
+    equations = load("equations").EQUATIONS
+    assert set(equations) == set(KINDS)
+    assert all(formula.count("{") == formula.count("}") and "v" in formula for formula, _ in equations.values())
+
+
+def test_every_cause_is_drawn_or_said_not_to_be() -> None:
+    text = (DOCS / "written.py").read_text(encoding="utf-8")
+    drawn = {kind for kind in KINDS if f'"{kind}": {{"target"' in text}
+    assert drawn == set(KINDS) - NOT_DRAWN
