@@ -50,7 +50,7 @@ def read_parquet(path: Path, variable: str | None, time: str) -> Table:
         ) from None
 
     def load() -> dict[str, Any]:
-        content = parquet.readtable_of(path)
+        content = parquet.read_table(path)
         return {name: content.column(name).to_numpy() for name in content.column_names}
 
     return table_of(path, loaded(path, load), variable, time)

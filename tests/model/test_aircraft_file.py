@@ -132,7 +132,7 @@ FAULTS = [
     ("Ixz = 12500.0", "Ixz = 160000.0", "not positive definite"),
     ("Ixx = 103000.0", "Ixx = -1.0", "inertia: 'Ixx' must be a positive number"),
     (", Ixz = 12500.0", "", "[aircraft] inertia: 'Ixz' is missing"),
-    ("Ixz = 12500.0", "Ixy = 12500.0", "[aircraft] inertia: unknown key 'Ixy'"),
+    ("Ixz = 12500.0", "Ixq = 12500.0", "[aircraft] inertia: unknown key 'Ixq'"),
     ("area = 40.0", "area = 0.0", "'area' must be a positive number"),
     ("area = 40.0", "aera = 40.0", "[reference]: unknown key 'aera'; did you mean 'area'"),
     ("moment_length = { lateral = 10.4, pitch = 2.04 }", "", "give moment_length = { lateral = ... } or 'span'"),
