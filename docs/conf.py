@@ -35,6 +35,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "casid"
 html_static_path = ["_static"]
 html_show_sourcelink = False
+html_sidebars = {"*": []}  # pages of their own have no section to navigate
 html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "secondary_sidebar_items": ["page-toc"]}
 sphinx_gallery_conf = {
     "examples_dirs": "examples",
