@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, Whole, records_of
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, Whole, records_of, say_idle_effects
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -96,6 +96,7 @@ def estimate(
     )
     file = Aircraft.read(aircraft)
     read = records_of(records, maps or [])
+    say_idle_effects(file, read)
     made_with = provenance(0)
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:

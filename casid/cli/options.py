@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter, Token
 
+from casid.model.aircraft import Aircraft
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_records
 from casid.records.record import Record
@@ -48,3 +49,12 @@ def records_of(patterns: Sequence[str], maps: Sequence[str], own: Sequence[str] 
         for note in record.notes:
             print(f"note: {record.name}: {note}", file=sys.stderr)
     return records
+
+
+def say_idle_effects(aircraft: Aircraft, records: Sequence[Record]) -> None:
+    """Say which effects of a file are of records alone that are not among these, and do nothing here."""
+    here = {record.name for record in records}
+    for effect in aircraft.effects:
+        if effect.records and not here & set(effect.records):
+            own = ", ".join(effect.records)
+            print(f"note: {effect.kind} of the aircraft file is of {own} alone: it does nothing here", file=sys.stderr)

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, say_idle_effects
 from casid.errors import InputError
 from casid.estimation.fit import channel_fit
 from casid.filtering.initial_state import fit_initial_state
@@ -60,6 +60,8 @@ def simulate(
         raise InputError("RECORD is missing; expected: simulate RECORD ... --aircraft FILE ...")
     files = fleet([Path(file) for file in aircraft])
     read = records_of(records, maps or [])
+    for one in files.values():
+        say_idle_effects(one, read)
     applied = {label: apply_effects(one, read, axes) for label, one in files.items()}
     made_with = provenance(0)
     with whole_folder(out) as folder:

@@ -20,6 +20,7 @@ from casid.cli.design import design
 from casid.cli.new_aircraft import derivatives_of, inertia_of, new_aircraft
 from casid.cli.options import DEMO
 from casid.cli.run import call, script, status_of
+from casid.cli.simulate import simulate
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.trim import trim
@@ -214,3 +215,11 @@ def test_a_signal_that_a_library_swallows_is_not_a_crash(capsys: pytest.CaptureF
 
     assert status_of(script(work, "work"), []) == 130
     assert capsys.readouterr().err == "interrupted; nothing half-written was left\n"
+
+
+def test_an_effect_of_another_record_is_said_to_do_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    effect = '\n[[effects]]\nkind = "actuator_lag"\ntarget = "delta_e"\nvalue = 0.1\nrecords = ["zz"]\n'
+    (tmp_path / "a.toml").write_text((DEMO / "aircraft.toml").read_text() + effect)
+    words = [str(DEMO / "m1.csv"), "--aircraft", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]
+    assert call(script(simulate), words) == 0
+    assert "actuator_lag of the aircraft file is of zz alone: it does nothing here" in capsys.readouterr().err

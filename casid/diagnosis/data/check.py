@@ -90,6 +90,7 @@ class DataFindings:
 
 
 @single_threaded()
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # absurd numbers are told below
 def check(
     records: Sequence[Record | str | Path] | Record | str | Path,
     aircraft: Aircraft | str | Path | None = None,
