@@ -33,6 +33,7 @@ _ROOMS = {
     ),
     "casid.model.feedback": ("SampledFeedback",),
     "casid.model.port": ("Port",),
+    "casid.model.outside": ("outside",),
     "casid.model.simulate": (
         "Simulation",
         "simulate",

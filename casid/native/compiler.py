@@ -124,6 +124,11 @@ def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
         return None
 
 
+def _calls_python(function: ca.Function) -> bool:
+    """Whether there is a Python function in it, which no C can be made of."""
+    return any(one.class_name() == "CallbackInternal" for one in function.find_functions())
+
+
 class Compilable:
     """A CasADi function that becomes compiled C once it has earned it; `lock` is for those who call one of its batches
     from more than one thread."""
@@ -137,7 +142,7 @@ class Compilable:
         self._look_up_after = _SOURCE_PER_INSTRUCTION * instructions
         self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
         self._pending: str | None = None  # its C source
-        self._settled = False
+        self._settled = _calls_python(function)
         self._batches: OrderedDict[tuple, Batch] = OrderedDict()
 
     def batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> Batch:

@@ -1,0 +1,172 @@
+"""A simulation outside CasADi, a batched Python function of numbers, as the dynamics or the outputs of a `Model`.
+
+It enters the expressions of a model as a call. Its first and second derivatives are central differences in steps scaled
+by the size of each argument, all points of them in one batch. Nothing of it is compiled: the price is time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.arguments import given, names, number
+from casid.errors import InputError, unknown
+
+Function = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
+_FIRST, _SECOND = np.finfo(float).eps ** (1 / 3), np.finfo(float).eps ** (1 / 4)  # steps of least error
+
+
+def outside(
+    function: Function, takes: Sequence[str], gives: Sequence[str], sizes: Mapping[str, float] | None = None
+) -> Callable[[Any], dict[str, Any]]:
+    """Make any Python function of numbers the `dynamics` or the `output` of `define_model`.
+
+    Parameters
+    ----------
+    function
+        Takes {name: (N,) array} and returns {name: (N,) array}: N points at once, each by itself. It must be smooth in
+        steps of 1e-5 of the sizes, and the same for the same arguments.
+    takes
+        Names of states, inputs, parameters and disturbances that it looks at.
+    gives
+        Names of what it returns, all states for dynamics.
+    sizes
+        Typical sizes of arguments, in SI, by which differences are scaled; 1 without. A larger value counts itself.
+
+    Returns
+    -------
+    function of the symbols
+        For `define_model(dynamics=..., output=...)`.
+
+    Notes
+    -----
+    First derivatives are good to about 1e-10 of the function's variation over a size, second ones to 1e-8. A function
+    that numpy writes in one expression needs none of this: called with the symbols it gives expressions, exact and
+    compiled. A model with an outside function cannot be sent to other processes.
+
+    Raises
+    ------
+    InputError
+        For names twice and sizes that are none; while it runs, for a result that is missing or of another length.
+    """
+    if not callable(function):
+        raise InputError(f"outside: the function is {given(function)}; expected one of arrays by name")
+    taken, given_names = names(takes, "outside: takes"), names(gives, "outside: gives")
+    if not taken or not given_names:
+        raise InputError("outside: takes and gives need one name at least")
+    for name in sizes or {}:
+        if name not in taken:
+            raise unknown("name", name, taken, "outside: sizes")
+    scale = [number((sizes or {}).get(name, 1.0), f"outside: size of '{name}'", positive=True) for name in taken]
+    values = _kept(_Batch(function, taken, given_names, np.array(scale)))
+
+    def of_symbols(s: Any) -> dict[str, Any]:
+        found = values(ca.vertcat(*(getattr(s, name) for name in taken)))
+        return dict(zip(given_names, ca.vertsplit(found), strict=True))
+
+    return of_symbols
+
+
+_KEPT: list[Any] = []  # an expression in which a Python object is called does not keep it
+
+
+def _kept(batch: _Batch) -> _Values:
+    _KEPT.append(_Values(batch))
+    return _KEPT[-1]
+
+
+class _Batch:
+    """The function on points, and the points of its differences."""
+
+    def __init__(self, function: Function, takes: tuple[str, ...], gives: tuple[str, ...], size: np.ndarray) -> None:
+        self.function, self.takes, self.gives, self.size = function, takes, gives, size
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """(N, gives) of (N, takes)."""
+        found = self.function(dict(zip(self.takes, points.T.copy(), strict=True)))
+        if not isinstance(found, Mapping):
+            raise InputError(f"outside: the function returned {given(found)}; expected arrays by name")
+        for name in self.gives:
+            if name not in found:
+                raise InputError(f"outside: the function returned no '{name}'; it gave {', '.join(map(str, found))}")
+        columns = [np.asarray(found[name], dtype=float) for name in self.gives]
+        for name, column in zip(self.gives, columns, strict=True):
+            if column.shape not in ((), (len(points),)):
+                raise InputError(f"outside: '{name}' has the shape {column.shape} for {len(points)} points")
+        return np.stack([np.broadcast_to(column, len(points)) for column in columns], axis=1)
+
+    def steps(self, x: np.ndarray, relative: float) -> np.ndarray:
+        """(n, n) one step along each argument, as it is represented."""
+        h = relative * np.maximum(np.abs(x), self.size)
+        return np.diag((x + h) - x)
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """(gives, takes) first derivatives."""
+        step = self.steps(x, _FIRST)
+        ahead, behind = np.split(self.at(np.concatenate([x + step, x - step])), 2)
+        return ((ahead - behind) / (2.0 * np.diag(step)[:, None])).T
+
+    def bends(self, x: np.ndarray) -> np.ndarray:
+        """(gives, takes, takes) second derivatives."""
+        n, step = len(x), self.steps(x, _SECOND)
+        pairs = list(combinations(range(n), 2))
+        mixed = [s * step[i] + t * step[j] for i, j in pairs for s in (1, -1) for t in (1, -1)]
+        points = x + np.concatenate([np.zeros((1, n)), step, -step, np.reshape(mixed, (len(mixed), n))])
+        y = self.at(points)
+        h, found = np.diag(step), np.zeros((len(self.gives), n, n))
+        for i in range(n):
+            found[:, i, i] = (y[1 + i] - 2.0 * y[0] + y[1 + n + i]) / h[i] ** 2
+        for k, (i, j) in enumerate(pairs):
+            a, b, c, d = y[1 + 2 * n + 4 * k :][:4]
+            found[:, i, j] = found[:, j, i] = (a - b - c + d) / (4.0 * h[i] * h[j])
+        return found
+
+
+class _Values(ca.Callback):
+    """A CasADi function of dense arguments whose values a `_Batch` has; `order` is how often it is differentiated."""
+
+    def __init__(self, batch: _Batch, order: int = 0) -> None:
+        ca.Callback.__init__(self)
+        self.batch, self.order = batch, order
+        self.n, self.m = len(batch.takes), len(batch.gives)
+        self.next: _Values | None = None  # CasADi does not keep what Python lets go
+        self.construct(f"outside_{order}", {})
+
+    def get_n_in(self) -> int:
+        return 1 + self.order
+
+    def get_n_out(self) -> int:
+        return 2 if self.order == 2 else 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        if i == 0:
+            return ca.Sparsity.dense(self.n, 1)
+        # what it was differentiated at, of which nothing depends
+        return ca.Sparsity(self.m, 1) if i == 1 else ca.Sparsity(self.m, self.n)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        if self.order < 2:
+            return ca.Sparsity.dense(self.m, self.n if self.order else 1)
+        return ca.Sparsity.dense(self.m * self.n, self.n) if i == 0 else ca.Sparsity(self.m * self.n, self.m)
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[Any]:
+        x = np.array(arguments[0], dtype=float).ravel()
+        if self.order == 0:
+            return [self.batch.at(x[None])[0]]
+        if self.order == 1:
+            return [self.batch.slopes(x)]
+        # rows of the Jacobian column by column
+        bends = self.batch.bends(x).transpose(1, 0, 2).reshape(self.m * self.n, self.n)
+        return [bends, ca.DM(self.m * self.n, self.m)]
+
+    def has_jacobian(self) -> bool:
+        return self.order < 2
+
+    def get_jacobian(self, name: str, inames: list[str], onames: list[str], options: dict[str, Any]) -> ca.Function:
+        if self.next is None:
+            self.next = _Values(self.batch, self.order + 1)
+        return self.next

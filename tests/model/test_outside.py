@@ -1,0 +1,117 @@
+"""A simulation outside CasADi: the truth is the same equations as expressions, and their derivatives by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.errors import InputError
+from casid.model.system import Model
+from casid.records.record import Record
+
+NAMES = ("h", "pump", "drain")
+
+
+def plain(v: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """A draining tank, N points at once, by a loop that nothing can trace."""
+    flow = np.array([float(d) * np.tanh(float(h)) for h, d in zip(v["h"], v["drain"], strict=True)])
+    return {"h": v["pump"] - flow}
+
+
+def tank(dynamics: Any) -> Model:
+    return cs.define_model(
+        "tank",
+        states=("h",),
+        inputs=("pump",),
+        parameters={"drain": 1.0},
+        outputs=("h", "out"),
+        dynamics=dynamics,
+        output=lambda s: {"h": s.h, "out": s.drain * np.tanh(s.h)},
+    )
+
+
+def traced() -> Model:
+    return tank(lambda s: {"h": s.pump - s.drain * np.tanh(s.h)})
+
+
+def records() -> list[Record]:
+    """Two of 8 s; the flow meter reads 0.2 too much, the drain is 1.2."""
+    found = []
+    for k in range(2):
+        rng, t = np.random.default_rng(k), np.arange(0.0, 8.0, 0.1)
+        pump = np.interp(t, np.arange(9.0), rng.uniform(0.0, 1.1, 9))
+        flown = cs.simulate(
+            traced(), Record(name=f"m{k}", t=t, channels={"pump": pump}), [0.4], {"drain": 1.2}
+        ).as_record(f"m{k}")
+        noise = rng.normal(scale=0.005, size=(2, len(t)))
+        found.append(flown.with_channels(h=flown["h"] + noise[0], out=flown["out"] + 0.2 + noise[1]))
+    return found
+
+
+def test_derivatives_of_first_and_second_order() -> None:
+    """Of f = sin(a) b^2 exp(c) and g = a b + c^3 at arguments of sizes 1, 1000 and 0.01."""
+    f = cs.outside(
+        lambda v: {
+            "f": np.sin(v["a"]) * (v["b"] / 1e3) ** 2 * np.exp(1e2 * v["c"]),
+            "g": v["a"] * v["b"] / 1e3 + (1e2 * v["c"]) ** 3,
+        },
+        ("a", "b", "c"),
+        ("f", "g"),
+        sizes={"b": 1e3, "c": 1e-2},
+    )
+    x = ca.SX.sym("x", 3)
+    space = type("S", (), {name: x[i] for i, name in enumerate("abc")})
+    both = f(space)
+    scaled = [x[0], x[1] / 1e3, 1e2 * x[2]]
+    truth = {
+        "f": ca.sin(scaled[0]) * scaled[1] ** 2 * ca.exp(scaled[2]),
+        "g": scaled[0] * scaled[1] + scaled[2] ** 3,
+    }
+    size, at = ca.DM([1.0, 1e3, 1e-2]), [0.7, 1300.0, -0.004]
+    for name, expression in truth.items():
+        for order, tolerance in ((ca.gradient, 1e-9), (lambda y, z: ca.hessian(y, z)[0], 1e-6)):
+            of = ca.Function("of", [x], [order(both[name], x), order(expression, x)])
+            found, exact = (np.asarray(one.full()) for one in of(at))
+            scale = size.full() if found.shape[1] == 1 else size.full() @ size.full().T
+            np.testing.assert_allclose(found * scale, exact * scale, atol=tolerance)
+
+
+def test_a_fault_is_found_through_it_as_through_expressions() -> None:
+    flown = records()
+    opaque = tank(cs.outside(plain, NAMES, ("h",)))
+    found = [cs.diagnose(model, flown) for model in (traced(), opaque)]
+    for one in found:
+        assert [(c.kind, c.target) for c in one.causes] == [("sensor_bias", "out")]
+        assert one.causes[0].value == pytest.approx(0.2, abs=0.01)
+    assert found[1].causes[0].value == pytest.approx(found[0].causes[0].value, rel=1e-6)
+    assert found[1].values["drain"] == pytest.approx(found[0].values["drain"], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("function", "says"),
+    [
+        (lambda v: {"g": v["h"]}, "returned no 'h'"),
+        (lambda v: v["h"], "expected arrays by name"),
+        (lambda v: {"h": np.zeros(7)}, r"shape \(7,\) for 1 points"),
+    ],
+)
+def test_a_wrong_result_is_said(function: Any, says: str) -> None:
+    model = tank(cs.outside(function, NAMES, ("h",)))
+    with pytest.raises(RuntimeError, match=says):
+        ca.Function("f", [model.x, model.u, model.p], [model.f])(0.1, 0.2, 1.0)
+
+
+def test_bad_arguments() -> None:
+    for arguments, says in (
+        (("plain", NAMES, ("h",)), "expected one of arrays by name"),
+        ((plain, (), ("h",)), "one name at least"),
+        ((plain, NAMES, ("h",), {"hh": 1.0}), "unknown name 'hh'"),
+        ((plain, NAMES, ("h",), {"h": 0.0}), "size of 'h'"),
+    ):
+        with pytest.raises(InputError, match=says):
+            cs.outside(*arguments)
