@@ -108,6 +108,10 @@ class Model:
         vectors = [state.pop(letter) for letter in "xupw"]
         state["prior_std"], state["units"] = dict(self.prior_std), dict(self.units)
         state["equations"] = ca.Function("equations", vectors, [state.pop("f"), state.pop("h")])
+        if any(one.class_name() == "CallbackInternal" for one in state["equations"].find_functions()):
+            raise InputError(
+                f"model '{self.name}' calls a function outside CasADi, which cannot be kept or sent to another process"
+            )
         begin = state.pop("initial")
         state["begin"] = (tuple(begin), ca.Function("initial", [self.p], [ca.vertcat(*begin.values())]))
         if self.equation is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping
 from typing import Any
 
@@ -104,6 +105,11 @@ def test_a_wrong_result_is_said(function: Any, says: str) -> None:
     model = tank(cs.outside(function, NAMES, ("h",)))
     with pytest.raises(RuntimeError, match=says):
         ca.Function("f", [model.x, model.u, model.p], [model.f])(0.1, 0.2, 1.0)
+
+
+def test_it_cannot_be_kept() -> None:
+    with pytest.raises(InputError, match="cannot be kept"):
+        pickle.dumps(tank(cs.outside(plain, NAMES, ("h",))))
 
 
 def test_bad_arguments() -> None:
