@@ -65,7 +65,7 @@ def _checked(name: str, states: int, seed: int) -> dict[str, Any]:
         one = rig(name)
         found = compare(one, states, seed)
     except InputError as error:
-        return {"reason": str(error).removeprefix(f"{file_of(name)}: ")}
+        return {"reason": str(error).rpartition(f"{name}.xml: ")[2]}
     row: dict[str, Any] = {"coefficients": found.coefficients, "rates": found.rates, "held": sorted(one.held)}
     if found.rates > REQUIRED:
         row["reason"] = _why(one, found.coefficients)
