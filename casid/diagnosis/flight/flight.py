@@ -107,7 +107,22 @@ class Flight:
         """Every deterministic effect that these records can show."""
         size = self.criteria.size
         every = (possible(e, self.aircraft, size) for e in catalogue(self.aircraft, self.outputs))
-        return [e for e in every if e.target not in self.unknown and not e.kind.startswith(self.unknown)]
+        known = [e for e in every if e.target not in self.unknown and not e.kind.startswith(self.unknown)]
+        return [e for e in known if e.regressor is None or "[" not in e.regressor or e.name in self._stretches]
+
+    @cached_property
+    def _stretches(self) -> frozenset[str]:
+        """Names of the stretches of tables into which these records come; of those that say the same of them, the
+        first: a breakpoint that no sample is near makes no difference."""
+        found: dict[tuple[str, bytes], str] = {}
+        for effect in catalogue(self.aircraft, self.outputs):
+            if effect.regressor is None or "[" not in effect.regressor:
+                continue
+            series = self.regressors(self.model()).measured(parse_term(effect.regressor))
+            if np.ptp(series) > 0.0:
+                # in single precision of 1 what differs by rounding is the same
+                found.setdefault((effect.target, np.float32(1.0 + series).tobytes()), effect.name)
+        return frozenset(found.values())
 
     @property
     def noise_by_fit(self) -> bool:
@@ -343,8 +358,12 @@ class Regressors:
 
     def variation(self, term: Term) -> float:
         """Standard deviation of a term along the motion as it was measured."""
+        return float(np.std(self.measured(term)))
+
+    def measured(self, term: Term) -> np.ndarray:
+        """(samples,) a term along the motion as it was measured."""
         live = self._batch.live
-        return float(np.std(np.broadcast_to(term.evaluate(self._as_measured), live.shape)[live]))
+        return np.broadcast_to(term.evaluate(self._as_measured), live.shape)[live]
 
     @cached_property
     def _as_measured(self) -> dict[str, np.ndarray]:

@@ -22,8 +22,13 @@ _LATERAL = ("CY", "Cl", "Cn")
 def _stretches(aircraft: Airframe) -> Iterable[Effect]:
     """Of every table some neighbouring breakpoints of one axis, up to half of them, at all breakpoints of the other
     axes or at one of one of these."""
-    wanted = {(one.coefficient, term.name) for one in aircraft.tables for term in _terms_of(one)}
-    return (table_increment(coefficient, term) for coefficient, term in sorted(wanted))
+    wanted = {(one.coefficient, term.name): term for one in aircraft.tables for term in _terms_of(one)}
+    return (table_increment(*key) for key in sorted(wanted, key=lambda key: (key[0], *_extent(wanted[key]), key[1])))
+
+
+def _extent(term: Term) -> tuple[int, float]:
+    """Shorter stretches first, and those of one variable: the simplest of what a record cannot tell apart."""
+    return len(term.stretches), sum(one.corners[2] - one.corners[1] for one in term.stretches)
 
 
 def _terms_of(one: Table) -> Iterator[Term]:
