@@ -37,6 +37,7 @@ from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
+from casid.model.outside import outside
 from casid.model.port import Port
 from casid.model.simulate import Simulation, simulate
 from casid.model.system import Model, define_model, define_regression
@@ -107,6 +108,7 @@ __all__ = [
     "identifiability",
     "linear",
     "load",
+    "outside",
     "parameter",
     "path",
     "profile",
