@@ -202,6 +202,7 @@ ROWS: tuple[Row, ...] = (
         name="no surface moves",
         change=_still,
         right=lambda found: found.verdict == "data at fault" and "No surface moves" in found.sentence,
+        refusal="No surface moves",
     ),
     _file("mass in lb", "mass", lambda a: replace(a, mass=a.mass / 0.45359237)),
     _file("mass in t", "mass", lambda a: replace(a, mass=a.mass / 1000.0), refusal="mass is in t"),

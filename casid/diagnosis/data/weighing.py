@@ -252,7 +252,10 @@ class Weighing:
         return Weighed(alternative=alternative, records=records, log_odds=odds, rivals=rivals, sure=sure)
 
     def _total(self, gains: Sequence[float]) -> float:
-        return sum(gains) if min(gains) > self._criteria.against else sum(g for g in gains if g > 0.0)
+        """Gain in all records, or in some of them, of which there are many choices."""
+        if min(gains) > self._criteria.against:
+            return sum(gains)
+        return sum(g for g in gains if g > 0.0) - math.log(max(2.0 ** len(gains) - 2.0, 1.0))
 
     def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
         everywhere = min(gains) > self._criteria.against

@@ -60,14 +60,18 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
 
 
 @contextmanager
-def named_beside(doubts: Sequence[Doubt]) -> Iterator[None]:
-    """A block whose errors name the numbers of the file that cannot be, which most likely are why."""
+def named_beside(data: Sequence[Finding], doubts: Sequence[Doubt]) -> Iterator[None]:
+    """A block whose errors name the faults of the `data` that could not be mended and the numbers of the file that
+    cannot be, which most likely are why."""
     try:
         yield
     except CasidError as error:
-        if not doubts:
+        at_fault = [one for one in data if one.handled == "reported"]
+        told = f"; {_several(at_fault)}" if at_fault else ""
+        told += f"; of the aircraft file: {_several(doubts)}" if doubts else ""
+        if not told:
             raise
-        raise type(error)(f"{error}; of the aircraft file: {_several(doubts)}") from None
+        raise type(error)(f"{error}{told}") from None
 
 
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
