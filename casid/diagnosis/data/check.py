@@ -214,6 +214,6 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
         value=one.value,
         unit="1" if one.value is not None else None,
         handled=handled,
-        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo, weighed.sure),
+        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo),
         indistinguishable_from=tuple({"kind": r.kind, "target": r.target} for r in weighed.rivals),
     )

@@ -33,7 +33,7 @@ class Weighed:
     """An alternative that the data prefer.
 
     records    that have it
-    log_odds   posterior, against the records as they stand; `sure` when that is enough to correct them
+    log_odds   posterior, against the records as they stand
     rivals     other explanations that these data cannot tell from it
     """
 
@@ -41,11 +41,10 @@ class Weighed:
     records: tuple[str, ...]
     log_odds: float
     rivals: tuple[Alternative, ...]
-    sure: bool
 
     @property
     def alone(self) -> bool:
-        return self.sure and not self.rivals
+        return not self.rivals
 
 
 class Weighing:
@@ -126,7 +125,7 @@ class Weighing:
             gain = Response(meant, self._criteria).likelihood(reads) + self._lift(meant) - base
             odds.append((gain + self._criteria.fault, unit))
         best = max(one for one, _ in odds)
-        if best < self._criteria.said:
+        if best < self._criteria.file_said:
             return best, []
         ranked = sorted(odds, key=lambda row: -row[0])
         return best, [one for log_odds, one in ranked if log_odds > best - self._criteria.alone]
@@ -247,9 +246,7 @@ class Weighing:
         rivals = tuple(
             a for total, a, _ in scored[1:] if total > top - self._criteria.alone and not _same(a, alternative)
         )
-        odds = top + self._criteria.fault
-        sure = odds > self._criteria.sure
-        return Weighed(alternative=alternative, records=records, log_odds=odds, rivals=rivals, sure=sure)
+        return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
 
     def _total(self, gains: Sequence[float]) -> float:
         """Gain in all records, or in some of them, of which there are many choices."""

@@ -53,10 +53,8 @@ def of_alternative(
     return f"The recorded {label} {stands} in {where}"
 
 
-def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bool, sure: bool) -> str:
+def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bool) -> str:
     """What was done about it."""
-    if not sure and not rivals:
-        return ", most likely: look at it, nothing was changed."
     if rivals:
         return f"; or else {' or '.join(rivals[:3])}: these data cannot tell, and nothing was changed."
     if undone:
