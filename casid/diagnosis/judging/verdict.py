@@ -95,8 +95,9 @@ def causes_of(
 
 
 def _still_matters(fit: Fit, name: str) -> bool:
-    """Whether a named cause is of a size that matters beside those that were named after it."""
-    return meaningful_share(fit, next(a for a in fit.attached if a.name == name)) >= 1.0
+    """Whether a named cause is of a size that matters, and is possible, beside those that were named after it."""
+    one = next(a for a in fit.attached if a.name == name)
+    return plausible(one) and meaningful_share(fit, one) >= 1.0
 
 
 def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
