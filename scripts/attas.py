@@ -30,7 +30,7 @@ import numpy as np
 
 from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.flight.evaluation import Fit as Reconstruction
+from casid.diagnosis.flight.evaluation import FlightFit as Reconstruction
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise_level import with_noise_level

@@ -26,7 +26,8 @@ from statistics import median
 
 import numpy as np
 
-from casid.errors import InputError, run_script
+from casid.cli.start import run_script
+from casid.errors import InputError
 from casid.estimation import Automatic, Collocation, Fit, Ipopt, MultipleShooting, Problem, solve
 from problems.bench.table import Row, parser, publish
 from problems.references.differential import PUBLISHED, Published

@@ -11,16 +11,16 @@ from casid.diagnosis.explanations.explanation import (
     CauseColumn,
     Entrance,
     Explanation,
-    Innovations,
-    Port,
+    HistoryPort,
     RecordColumns,
+    WhitenedInnovations,
 )
 from casid.diagnosis.explanations.prior import Priors
 
 ROWS, NODES = 60, 5
 
 
-def a_question(seed: int, *, causes: int = 6, shapes: int = 2, records: int = 2) -> Innovations:
+def a_question(seed: int, *, causes: int = 6, shapes: int = 2, records: int = 2) -> WhitenedInnovations:
     """White noise, seen through random columns of everything that may be asked for."""
     rng = np.random.default_rng(seed)
     columns = tuple(
@@ -35,13 +35,13 @@ def a_question(seed: int, *, causes: int = 6, shapes: int = 2, records: int = 2)
         for r in range(records)
     )
     root = rng.standard_normal((4, 4))
-    return Innovations(
+    return WhitenedInnovations(
         records=columns,
         precision=np.array([1.0, 0.3, 2.0]),
         pull=np.array([0.2, -0.1, 0.0]),
         small_information=root @ root.T + 3.0 * np.eye(4),
         owners=("a", "a", "b", "b"),
-        ports=(Port(name="first", matters=1.0), Port(name="second", matters=0.4)),
+        ports=(HistoryPort(name="first", matters=1.0), HistoryPort(name="second", matters=0.4)),
         entrances=(
             Entrance(name="first", ports=("first",), log_prior=-2.0),
             Entrance(name="both", ports=("first", "second"), log_prior=-3.0),
@@ -63,7 +63,7 @@ def a_question(seed: int, *, causes: int = 6, shapes: int = 2, records: int = 2)
     )
 
 
-def with_response(asked: Innovations, sizes: dict[int, float]) -> Innovations:
+def with_response(asked: WhitenedInnovations, sizes: dict[int, float]) -> WhitenedInnovations:
     """The same with causes in the data, by their column."""
     records = []
     for r, one in enumerate(asked.records):
@@ -75,7 +75,7 @@ def with_response(asked: Innovations, sizes: dict[int, float]) -> Innovations:
     return replace(asked, records=tuple(records))
 
 
-def moments(asked: Innovations, one: Explanation, priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def moments(asked: WhitenedInnovations, one: Explanation, priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(innovations, mean, covariance) of all readings under an explanation, written out."""
     n = [len(record.residual) for record in asked.records]
     at = [slice(sum(n[:r]), sum(n[: r + 1])) for r in range(len(n))]
@@ -108,7 +108,7 @@ def moments(asked: Innovations, one: Explanation, priors: Priors) -> tuple[np.nd
     return y, mean, S
 
 
-def density(asked: Innovations, one: Explanation, priors: Priors) -> float:
+def density(asked: WhitenedInnovations, one: Explanation, priors: Priors) -> float:
     """Log density of the innovations under an explanation."""
     y, mean, S = moments(asked, one, priors)
     left = y - mean

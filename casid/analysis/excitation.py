@@ -120,7 +120,7 @@ def _band(records: Sequence[Record], name: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Candidate:
+class TriedInput:
     """A manoeuvre that could be flown, and the information (shared, shared) that its record would bring."""
 
     control: str
@@ -131,7 +131,7 @@ class Candidate:
     information: np.ndarray
 
 
-def candidates(fit: Fit, controls: Sequence[str]) -> list[Candidate]:
+def candidates(fit: Fit, controls: Sequence[str]) -> list[TriedInput]:
     """Doublets and 3-2-1-1 with several durations on every control, from the first sample of the first record.
 
     Their amplitude is that of the records, or of the control that moved most where one did not. What leaves three
@@ -141,7 +141,7 @@ def candidates(fit: Fit, controls: Sequence[str]) -> list[Candidate]:
     if not fit.problem.simulated or fit.problem.feedback is not None:
         return []
     return [
-        Candidate(
+        TriedInput(
             control=control,
             form=form,
             unit_s=unit,
@@ -153,7 +153,7 @@ def candidates(fit: Fit, controls: Sequence[str]) -> list[Candidate]:
     ]
 
 
-def best_manoeuvre(found: Sequence[Candidate], information: np.ndarray, coordinate: np.ndarray) -> Suggestion | None:
+def best_manoeuvre(found: Sequence[TriedInput], information: np.ndarray, coordinate: np.ndarray) -> Suggestion | None:
     """The candidate whose record, added to those of the fit, makes `coordinate` (parameters,) most certain.
 
     coordinate is a linear function of the parameters; information (parameters, parameters) that of the fit's data.

@@ -95,7 +95,7 @@ def profile(
     an(fit, Fit, "profile: fit", "cs.solve(problem)")
     _check(fit, level, method)
     wanted = argument_names(names, "profile: names")
-    return {name: _Search(fit, fit[name].name, method, solver).interval(level) for name in wanted}
+    return {name: _ProfileSearch(fit, fit[name].name, method, solver).interval(level) for name in wanted}
 
 
 def negative_log_posterior(fit: Fit) -> float:
@@ -114,7 +114,7 @@ def _check(fit: Fit, level: float, method: Transcription) -> None:
         raise EstimationError(f"profile: the fit has not converged ({fit.status}); an interval about it means nothing")
 
 
-class _Search:
+class _ProfileSearch:
     """The search for the ends of one parameter's interval; `along` (parameters,) says how the others follow it."""
 
     def __init__(self, fit: Fit, name: str, method: Transcription, solver: Solver) -> None:

@@ -11,7 +11,7 @@ from casid.estimation.checks import check_plain
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Point, Value
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.transcription import MultipleShooting
 
@@ -25,7 +25,7 @@ class AtFit:
     fit: Fit
     objective: Objective
     point: Point
-    value: Value
+    value: ObjectiveValue
     linear: Linearised
 
     @property

@@ -78,7 +78,7 @@ def design_input(
     """
     _check(experiment, shape, criterion)
     whole(starts, "design_input: starts", least=0)
-    search = _Search(experiment, shape, criterion)
+    search = _InputSearch(experiment, shape, criterion)
     rng, guesses = np.random.default_rng(whole(seed, "design_input: seed", least=0)), []
     if isinstance(shape, Steps) and shape.pulses >= 4:
         guesses.append(_standard_unknowns(search, shape))
@@ -97,7 +97,7 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
     size as large as the limits allow."""
     shape = Steps(rise_s=rise_s)
     _check(experiment, shape, criterion)
-    search = _Search(experiment, shape, criterion)
+    search = _InputSearch(experiment, shape, criterion)
     return search.design(_standard_unknowns(search, shape), "given", "standard 3-2-1-1")
 
 
@@ -108,7 +108,7 @@ def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
     shape.check(experiment.duration)
 
 
-def _standard_unknowns(search: _Search, shape: Steps) -> np.ndarray:
+def _standard_unknowns(search: _InputSearch, shape: Steps) -> np.ndarray:
     """Unknowns of the best 3-2-1-1: surfaces follow each other, one unit for all, as large as the limits allow."""
     duration, count = search.experiment.duration, len(search.experiment.surfaces)
     best, least = None, math.inf
@@ -137,7 +137,7 @@ class _Found:
     lam_g: np.ndarray
 
 
-class _Search:
+class _InputSearch:
     """The problem of a design as CasADi functions of the vector of unknowns of all surfaces."""
 
     def __init__(self, experiment: Experiment, shape: Shape, criterion: str) -> None:

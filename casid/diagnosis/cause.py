@@ -17,7 +17,7 @@ class Cause:
         1-sigma of the value, small terms of the structure and unlike stretches of record allowed for.
     statistic
         Drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters; the model
-        without it is given no more bent coefficients than are left beside it.
+        without it is given no more nonlinear coefficients than are left beside it.
     held_out_gain
         Log likelihood per sample gained on records never used; None for an event, which does not recur.
     onset_s

@@ -15,7 +15,7 @@ from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.explanations.by_score import Begun, by_score
 from casid.diagnosis.flight.colour import in_colour, is_far, unread
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
@@ -148,7 +148,7 @@ def _attempt(asked: _Asked, flight: Flight, stages: Stages) -> Diagnosis:
     stages.begin("kinematics")
     found = judge_kinematics(flight, asked.known, offsets)
     stages.begin("refit of the file")
-    begun = baseline(calm, found.turbulence, found.slight)
+    begun = baseline(calm, found.turbulence, found.nuisance)
     stages.begin("naming")
     by = _by_score if asked.by_score else _by_rules
     return by(asked.aircraft, begun, found, asked.given, asked.held, stages)
@@ -166,11 +166,11 @@ def _unexplained(
     unexplained = still_missing(kept.evidence, left, causes, least)
     seen = (*causes, *minor)
     small = too_small(by_rules, seen, unexplained)
-    slight = [trial.candidate.attached for trial in minor_trials(by_rules, seen)][:1]
-    if small and (not unexplained or _nothing_beside(kept, slight, by_rules, causes, least)):
+    nuisance = [trial.candidate.attached for trial in minor_trials(by_rules, seen)][:1]
+    if small and (not unexplained or _nothing_beside(kept, nuisance, by_rules, causes, least)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
-        unexplained = _missing_on_held(kept, slight, causes, least)
+        unexplained = _missing_on_held(kept, nuisance, causes, least)
     return minor, unexplained
 
 
@@ -267,14 +267,14 @@ class _Kept:
     """
 
     evidence: Evidence
-    held_fit: Fit
-    held_calm: Fit
+    held_fit: FlightFit
+    held_calm: FlightFit
     structure: list[Attached]
     structure_gain: float | None
     gains: list[float | None]
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> FlightFit:
         return self.evidence.fit
 
     def has_all(self, naming: Naming) -> bool:
@@ -283,9 +283,9 @@ class _Kept:
         standing = {one.effect.key for one in naming.evidence.fit.attached}
         return named & standing <= {one.effect.key for one in self.fit.attached}
 
-    def beside(self, slight: Sequence[Attached]) -> Fit:
+    def beside(self, nuisance: Sequence[Attached]) -> FlightFit:
         """The fit with further effects."""
-        return fit(self.fit.flight, [*self.fit.attached, *slight], self.fit.noise, self.fit)
+        return fit(self.fit.flight, [*self.fit.attached, *nuisance], self.fit.noise, self.fit)
 
 
 def _kept(held: Sequence[Record], begun: Baseline, naming: Naming) -> _Kept:
@@ -314,19 +314,19 @@ def _kept(held: Sequence[Record], begun: Baseline, naming: Naming) -> _Kept:
     )
 
 
-def _put_in_later(begun: Baseline, final: Fit) -> list[Attached]:
+def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
     """Slight errors of instruments that the data asked for beside what was named."""
     before = {one.name for one in begun.structure}
-    return [one for one in final.attached if one.slight and one.name not in before]
+    return [one for one in final.attached if one.nuisance and one.name not in before]
 
 
 def _missing_on_held(
-    kept: _Kept, slight: Sequence[Attached], causes: Sequence[Cause], least: float
+    kept: _Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], least: float
 ) -> list[MissingInput]:
-    """What the held-out records show that neither the model nor other derivatives explain, nor a `slight` cause, too
+    """What the held-out records show that neither the model nor other derivatives explain, nor a `nuisance` cause, too
     small to matter in the fitted ones: an effect in them alone."""
 
-    def missing(model: Fit, held: Fit) -> list[MissingInput]:
+    def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
         held = with_events(held, model)
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
         return still_missing(
@@ -334,20 +334,20 @@ def _missing_on_held(
         )
 
     found = missing(kept.fit, kept.held_fit)
-    if found and slight:
-        beside = kept.beside(slight)
+    if found and nuisance:
+        beside = kept.beside(nuisance)
         if not missing(beside, judge_on(kept.held_fit.flight.records, beside)):
             return []
     return found
 
 
 def _nothing_beside(
-    kept: _Kept, slight: Sequence[Attached], naming: Naming, causes: Sequence[Cause], least: float
+    kept: _Kept, nuisance: Sequence[Attached], naming: Naming, causes: Sequence[Cause], least: float
 ) -> bool:
-    """Whether nothing is missing in the fitted records beside a `slight` cause, which was tried beside all others."""
+    """Whether nothing is missing in the fitted records beside a `nuisance` cause, which was tried beside all others."""
     if not kept.has_all(naming):
         return False
-    evidence = weigh(kept.beside(slight))
+    evidence = weigh(kept.beside(nuisance))
     return not still_missing(evidence, missing_inputs(evidence), causes, least)
 
 

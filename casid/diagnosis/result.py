@@ -15,7 +15,7 @@ from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.document import cause_entry, plain, rank_entry
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
@@ -100,7 +100,7 @@ class Diagnosis:
     held_out_extended: View
     budget: Budget
     flight: Mapping[str, FlightValue]
-    bare: Fit
+    bare: FlightFit
     missing_before: tuple[MissingInput, ...]
     missing_after: tuple[MissingInput, ...]
     unexplained: tuple[MissingInput, ...]
@@ -264,6 +264,6 @@ class Diagnosis:
             temporary.write_text(json.dumps(plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
 
 
-def _freedom(fit: Fit) -> int:
+def _freedom(fit: FlightFit) -> int:
     """How many numbers are fitted: onsets are, and the strength of turbulence."""
     return len(fit.slots) + sum(len(one.onsets) for one in fit.attached) + bool(fit.noise.coloured)

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Point, Value
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.transcriptions.collocation import LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Trajectory
 from casid.estimation.transcriptions.steps import cached, quiet
@@ -29,7 +29,7 @@ _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 _GROWTH = 1.3  # more steps than the order asks for
 
 
-def is_plain(objective: Objective, value: Value, point: Point) -> bool:
+def is_plain(objective: Objective, value: ObjectiveValue, point: Point) -> bool:
     """Whether the rates of the motion alone say that the error is small enough, with no look at the motion.
 
     A step h of the method errs by (rate h)^4/120 of the signal over the time 1/rate.
@@ -74,7 +74,7 @@ def stable_steps(objective: Objective) -> int:
 
 
 def integration_error(
-    objective: Objective, point: Point, linear: Linearised, value: Value, method: Transcription
+    objective: Objective, point: Point, linear: Linearised, value: ObjectiveValue, method: Transcription
 ) -> float:
     """|e| by the motion with twice as many steps from the same nodes; `method` is the transcription with these."""
     trajectory, finer = value.trajectory, method.dynamics(objective.problem)
@@ -106,7 +106,7 @@ def _end_of_halves(objective: Objective, point: Point, coarse: Trajectory, finer
     return end
 
 
-def _directly(objective: Objective, value: Value, coarse: Trajectory, fine: Trajectory, scale: float) -> float:
+def _directly(objective: Objective, value: ObjectiveValue, coarse: Trajectory, fine: Trajectory, scale: float) -> float:
     """Sum of squares of the whitened difference of the predictions from the same nodes."""
     layout = objective.layout
     low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))

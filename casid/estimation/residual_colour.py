@@ -47,7 +47,7 @@ _LEAST = 1e-16  # variance of weighted residuals that is rounding
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Piece:
+class WhitePiece:
     """Consecutive samples of one channel in one record, those that are missing left out: weighted sensitivities
     rows (m, f) to the parameters `columns`, weighted residuals (m,)."""
 
@@ -79,7 +79,7 @@ class Colour:
         return solve_discrete_lyapunov(follow.T, follow[:1].T @ follow[:1])
 
 
-def gathered(pieces: Iterable[Piece]) -> dict[int, ChannelSums]:
+def gathered(pieces: Iterable[WhitePiece]) -> dict[int, ChannelSums]:
     """Channel -> its sums, of pieces of one record after the other, each in the order of time."""
     found: dict[int, ChannelSums] = {}
     for piece in pieces:
@@ -88,7 +88,7 @@ def gathered(pieces: Iterable[Piece]) -> dict[int, ChannelSums]:
 
 
 def coloured_score(
-    colours: Mapping[int, Colour], sums: Mapping[int, ChannelSums], pieces: Iterable[Piece], count: int
+    colours: Mapping[int, Colour], sums: Mapping[int, ChannelSums], pieces: Iterable[WhitePiece], count: int
 ) -> np.ndarray:
     """(count, count) covariance of the gradient of 1/2 sum of squared residuals in the `count` parameters: sum of
     X' R X over channels. `sums` are those of the pieces, `colours` those of their blocks."""
@@ -177,7 +177,7 @@ class ChannelSums:
         self._streams: dict[bytes, list[tuple[_Blocks, _Lagged]]] = {}
         self._squares: dict[int, np.ndarray] = {}  # record -> (sizes of block, width) sums
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: WhitePiece) -> None:
         own, key = np.column_stack([piece.rows, piece.residuals]), piece.columns.tobytes()
         width = own.shape[1]
         if key not in self._streams:

@@ -16,7 +16,7 @@ import numpy as np
 from casid.estimation.freedom import freedom
 from casid.estimation.residual_colour import (
     ChannelSums,
-    Piece,
+    WhitePiece,
     coloured_score,
     estimated,
     gathered,
@@ -25,7 +25,7 @@ from casid.estimation.residual_colour import (
 )
 from casid.estimation.solvers.identified import lost, weakest
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Value
+from casid.estimation.solvers.point import Linearised, ObjectiveValue
 from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.kernel import whitened
 from casid.native.threads import single_threaded
@@ -53,7 +53,7 @@ class Uncertainty:
     """
 
     objective: Objective
-    value: Value
+    value: ObjectiveValue
     linear: Linearised | None
     limit_multipliers: np.ndarray
 
@@ -152,13 +152,13 @@ class Rescaled:
         return self.of.objective
 
     @property
-    def value(self) -> Value:
+    def value(self) -> ObjectiveValue:
         """As it was solved."""
         return self.of.value
 
 
 def uncertainty(
-    objective: Objective, value: Value, linear: Linearised | None, limit_multipliers: np.ndarray
+    objective: Objective, value: ObjectiveValue, linear: Linearised | None, limit_multipliers: np.ndarray
 ) -> Uncertainty:
     """The standard errors at a solution."""
     return Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=limit_multipliers)
@@ -166,7 +166,7 @@ def uncertainty(
 
 @single_threaded()
 def _score_covariances(
-    objective: Objective, value: Value, linear: Linearised, free: np.ndarray
+    objective: Objective, value: ObjectiveValue, linear: Linearised, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance of the gradient for white and for coloured residuals, (parameters, parameters) each."""
     levels = value.noise.levels
@@ -189,26 +189,26 @@ def prior_information(linear: Linearised, sums: Mapping[int, ChannelSums]) -> np
     return prior
 
 
-def score_pieces(objective: Objective, value: Value, linear: Linearised) -> Iterator[Piece]:
+def score_pieces(objective: Objective, value: ObjectiveValue, linear: Linearised) -> Iterator[WhitePiece]:
     """Sensitivities and residuals of all records and channels, outputs before equations."""
     for record in range(len(objective.problem.records)):
         yield from _pieces(objective, value, linear, record)
 
 
-def _pieces(objective: Objective, value: Value, linear: Linearised, r: int) -> Iterator[Piece]:
+def _pieces(objective: Objective, value: ObjectiveValue, linear: Linearised, r: int) -> Iterator[WhitePiece]:
     """Every channel of a record, of the output and of the equation part."""
     columns = objective.problem.columns(r)
     for first, rows, residuals, present in _parts(objective, value, linear, r):
         for c in range(residuals.shape[1]):
             seen = present[:, c]
             if seen.any():
-                yield Piece(
+                yield WhitePiece(
                     channel=first + c, record=r, columns=columns, rows=rows[seen, c], residuals=residuals[seen, c]
                 )
 
 
 def _parts(
-    objective: Objective, value: Value, linear: Linearised, r: int
+    objective: Objective, value: ObjectiveValue, linear: Linearised, r: int
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
     """(first channel, rows (m, c, f), weighted residuals (m, c), present (m, c)) of the output and of the equation
     part, piece by piece: the rows of all samples would take most of the memory."""

@@ -12,7 +12,7 @@ from casid.model.airframe import unsymmetric_moment
 from casid.model.effect import Effect
 from casid.model.path import SignalPath, disturbance_names, fly
 from casid.model.station import MOVING_AIR
-from casid.model.system import EquationError
+from casid.model.system import EquationForm
 from casid.signals import SURFACES
 
 
@@ -38,7 +38,7 @@ def equation_error(
     names: tuple[str, ...],
     effects: Sequence[Effect],
     known: Sequence[str] = (),
-) -> EquationError:
+) -> EquationForm:
     """Equation-error form: coefficients computed from measured accelerations (paper eq. 6, 7) against the aerodynamic
     model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g.
 
@@ -78,7 +78,7 @@ def equation_error(
     for k, i in enumerate(used):
         full[i] = wanted[k]
     target, prediction = ca.substitute([target, prediction], [m], [full])
-    return EquationError(
+    return EquationForm(
         names=names, channels=tuple(channels[i] for i in used), m=wanted, target=target, prediction=prediction
     )
 

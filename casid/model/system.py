@@ -22,7 +22,7 @@ from casid.signals import scale_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class EquationError:
+class EquationForm:
     """Equation-error form of a model: `target` computed from measured signals alone, `prediction` from measured
     signals and parameters (paper eq. 6-8). Both are expressions in `m`, the measured `channels`, and the model's p."""
 
@@ -74,7 +74,7 @@ class Model:
     state_scale: Mapping[str, float]
     guess: Callable[[Record], np.ndarray]
     prior_std: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    equation: EquationError | None = None
+    equation: EquationForm | None = None
     units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     initial: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -131,7 +131,7 @@ class Model:
             names, channels, form = state["equation"]
             m = ca.SX.sym("m", len(channels))
             target, prediction = form(m, state["p"])
-            state["equation"] = EquationError(names=names, channels=channels, m=m, target=target, prediction=prediction)
+            state["equation"] = EquationForm(names=names, channels=channels, m=m, target=target, prediction=prediction)
         self.__dict__.update(state)
 
     def nominal_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
@@ -245,7 +245,7 @@ def define_model(
     state_scale: Mapping[str, float] | None = None,
     guess: Callable[[Record], np.ndarray] | None = None,
     prior_std: Mapping[str, float] | None = None,
-    equation: Callable[[Any], EquationError] | None = None,
+    equation: Callable[[Any], EquationForm] | None = None,
     initial: Callable[[Any], Mapping[str, Any]] | None = None,
 ) -> Model:
     """A Model from two functions that take a namespace of symbols and return expressions by name.

@@ -143,19 +143,19 @@ class Compilable:
         self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
         self._pending: str | None = None  # its C source
         self._settled = _calls_python(function)
-        self._batches: OrderedDict[tuple, Batch] = OrderedDict()
+        self._batches: OrderedDict[tuple, PointBatch] = OrderedDict()
 
-    def batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> Batch:
+    def batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> PointBatch:
         """The Batch of `derive`, which `key` stands for; the most recent ones are kept, so that the next estimation of
         the same size finds its arrays ready. Not for two threads at once."""
         if key not in self._batches:
-            self._batches[key] = Batch(self, derive)
+            self._batches[key] = PointBatch(self, derive)
         self._batches.move_to_end(key)
         if len(self._batches) > _BATCHES:
             self._batches.popitem(last=False)
         return self._batches[key]
 
-    def mapped(self, count: int) -> Batch:
+    def mapped(self, count: int) -> PointBatch:
         """The function over `count` samples."""
         return self.batch(("map", count), lambda f: f.map(count))
 
@@ -178,7 +178,7 @@ class Compilable:
         return self.function
 
 
-class Batch:
+class PointBatch:
     """A function derived from a Compilable one (mapped over samples, accumulated over time), numpy in, numpy out.
 
     Arguments and results are (columns, rows) of the CasADi matrices, which is numpy's (samples, channels). The arrays

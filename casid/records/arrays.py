@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError, unknown
-from casid.records.table import Table
+from casid.records.table import RawTable
 
 
-def read_mat(path: Path, variable: str | None, time: str) -> Table:
+def read_mat(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct.
 
     scipy reads it; with some forged flags in the header scipy itself crashes, so that no error can be raised.
@@ -29,7 +29,7 @@ def read_mat(path: Path, variable: str | None, time: str) -> Table:
     return table_of(path, {k: v for k, v in content.items() if not k.startswith("__")}, variable, time)
 
 
-def read_npz(path: Path, variable: str | None, time: str) -> Table:
+def read_npz(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are refused."""
 
     def load() -> dict[str, Any]:
@@ -40,7 +40,7 @@ def read_npz(path: Path, variable: str | None, time: str) -> Table:
     return table_of(path, loaded(path, load), variable, time)
 
 
-def read_parquet(path: Path, variable: str | None, time: str) -> Table:
+def read_parquet(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a .parquet file; needs the extra `parquet`."""
     try:
         parquet = import_module("pyarrow.parquet")
@@ -69,7 +69,7 @@ def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         raise InputError(f"{path}: not a readable {path.suffix} file: {fault[:120]}") from None
 
 
-def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> Table:
+def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> RawTable:
     """The table of named arrays: its one matrix, or one vector per channel; fields of structs count as arrays."""
     arrays = dict(_fields(arrays))
     numeric = {k: v for k, v in arrays.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.size > 1}
@@ -90,7 +90,7 @@ def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: 
     name, matrix = next(iter(matrices.items()))
     if matrix.shape[0] < matrix.shape[1]:
         raise InputError(f"{path}: '{name}' has shape {matrix.shape}; expected samples in rows: transpose it")
-    return Table(source=str(path), names=None, values=matrix.astype(float))
+    return RawTable(source=str(path), names=None, values=matrix.astype(float))
 
 
 def _fields(arrays: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -102,7 +102,7 @@ def _fields(arrays: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> Table:
+def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> RawTable:
     reference = time if time in vectors else next(iter(vectors))
     for name, values in vectors.items():
         if len(values) != len(vectors[reference]):
@@ -111,4 +111,4 @@ def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> Table:
                 "all channels need the same"
             )
     values = np.stack([v.astype(float) for v in vectors.values()], axis=1)
-    return Table(source=str(path), names=tuple(vectors), values=values)
+    return RawTable(source=str(path), names=tuple(vectors), values=values)

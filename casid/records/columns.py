@@ -11,7 +11,7 @@ import numpy as np
 
 from casid.errors import InputError, unknown
 from casid.records.column_map import ColumnMap, ColumnTerm
-from casid.records.table import Table, shown
+from casid.records.table import RawTable, shown
 from casid.signals import CHANNELS, label_of, si_factor, with_suffix
 
 _HEADER = re.compile(r"([^\[\]()]*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
@@ -36,7 +36,7 @@ def split_header(header: str) -> tuple[str, str]:
     return (match[1], unit) if unit else with_suffix(match[1])
 
 
-def channels_of(table: Table, column_map: ColumnMap, own: Collection[str] = ()) -> Columns:
+def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = ()) -> Columns:
     """Channels of a table: what the map says, and every other named column under its own name; `own` names those of a
     system that is no aircraft, where nothing is nearly a channel of one.
 
@@ -77,7 +77,7 @@ def channels_of(table: Table, column_map: ColumnMap, own: Collection[str] = ()) 
     return Columns(channels=channels, places=places, notes=tuple(notes))
 
 
-def _check_duplicates(table: Table, headers: list[tuple[str, str]]) -> None:
+def _check_duplicates(table: RawTable, headers: list[tuple[str, str]]) -> None:
     first: dict[str, int] = {}
     for index, (name, _) in enumerate(headers):
         if name and name in first:
@@ -88,7 +88,7 @@ def _check_duplicates(table: Table, headers: list[tuple[str, str]]) -> None:
         first[name] = index
 
 
-def _find(table: Table, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int:
+def _find(table: RawTable, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int:
     """Index of the column that a term of the map speaks of."""
     count = table.values.shape[1]
     where = f"{table.source}: column map of '{channel}'"
@@ -120,7 +120,7 @@ def _check_target(channel: str, columns: set[str], where: str) -> None:
         )
 
 
-def _converted(table: Table, headers: list[tuple[str, str]], index: int, channel: str, unit: str = "") -> np.ndarray:
+def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, channel: str, unit: str = "") -> np.ndarray:
     """(N,) a column in SI. A unit may stand in the map or in the header; both must agree."""
     where = f"{table.source}: {table.column(index)}"
     if index in table.text:
@@ -142,7 +142,7 @@ def _converted(table: Table, headers: list[tuple[str, str]], index: int, channel
 
 
 def _add_extra(
-    table: Table,
+    table: RawTable,
     headers: list[tuple[str, str]],
     index: int,
     channels: dict[str, np.ndarray],

@@ -12,7 +12,7 @@ import numpy as np
 from casid.errors import InputError, unknown
 from casid.records.arrays import loaded, table_of
 from casid.records.clock import seconds_of
-from casid.records.table import Table
+from casid.records.table import RawTable
 
 # Channel -> (topic, field, factor) of a PX4 fixed wing; the attitude is a quaternion of its own topic.
 PX4 = {
@@ -37,7 +37,7 @@ _ATTITUDE = ("vehicle_attitude", tuple(f"q[{i}]" for i in range(4)))
 _GAP = 5.0  # median steps of a topic: a longer pause stays a gap
 
 
-def read_hdf5(path: Path, variable: str | None, time: str) -> Table:
+def read_hdf5(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of an HDF5 file or a MATLAB 7.3 one: one vector per channel, or one matrix; needs the extra `hdf5`."""
     h5py = _library("h5py", path, "hdf5")
 
@@ -57,7 +57,7 @@ def read_hdf5(path: Path, variable: str | None, time: str) -> Table:
     return table_of(path, loaded(path, load), variable, time)
 
 
-def read_excel(path: Path, variable: str | None, time: str) -> Table:
+def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a sheet of an .xlsx file, by default the first; needs the extra `excel`."""
     openpyxl = _library("openpyxl", path, "excel")
 
@@ -86,10 +86,10 @@ def read_excel(path: Path, variable: str | None, time: str) -> Table:
             else:
                 values[i, j] = number
     names = tuple("" if cell is None else str(cell).strip() for cell in head)
-    return Table(source=str(path), names=names, values=values, text=text)
+    return RawTable(source=str(path), names=names, values=values, text=text)
 
 
-def read_mdf(path: Path, variable: str | None, time: str) -> Table:
+def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of an MDF4 measurement on the clock of its fastest channel; needs the extra `mdf`."""
     asammdf = _library("asammdf", path, "mdf")
 
@@ -102,7 +102,7 @@ def read_mdf(path: Path, variable: str | None, time: str) -> Table:
     return _joined(path, loaded(path, load)["signals"])
 
 
-def read_ulog(path: Path, variable: str | None, time: str) -> Table:
+def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a PX4 ULog of a fixed wing, on the clock of its rates; needs the extra `ulog`.
 
     The attitude is made of its quaternion. Surfaces of PX4 are normalised commands, not angles. They are kept as
@@ -145,7 +145,7 @@ def euler_angles(quaternion: np.ndarray) -> np.ndarray:
     return np.stack([phi, theta, psi], axis=1)
 
 
-def _joined(path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Table:
+def _joined(path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> RawTable:
     """Channels of several rates on the clock of the fastest, by straight lines; pauses stay gaps."""
     whole = {name: (stamps, values) for name, (stamps, values) in series.items() if len(stamps) > 1}
     if not whole:
@@ -158,7 +158,7 @@ def _joined(path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> 
         steps = np.diff(stamps)
         pause = (steps > _GAP * np.median(steps))[before] & ~np.isin(clock, stamps)
         columns.append(np.where(pause, np.nan, column))
-    return Table(source=str(path), names=("t", *whole), values=np.stack(columns, axis=1))
+    return RawTable(source=str(path), names=("t", *whole), values=np.stack(columns, axis=1))
 
 
 def _number(cell: Any) -> float | None:

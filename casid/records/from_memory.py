@@ -13,7 +13,7 @@ from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.readers import record_of_table
 from casid.records.record import Record
-from casid.records.table import Table
+from casid.records.table import RawTable
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -63,7 +63,7 @@ def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, s
         if not isinstance(unit, str):
             raise InputError(f"{where}: units: '{channel}' is {given(unit)}; expected a unit in quotes, like 'deg'")
     headers = [_header(*bare[header], units, where) for header in columns]
-    table = Table(source=where, names=tuple(headers), values=np.stack(list(columns.values()), axis=1), hold=hold)
+    table = RawTable(source=where, names=tuple(headers), values=np.stack(list(columns.values()), axis=1), hold=hold)
     return record_of_table(table, name, ColumnMap())
 
 

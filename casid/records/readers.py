@@ -21,13 +21,13 @@ from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of, split_header
 from casid.records.foreign import read_excel, read_hdf5, read_mdf, read_ulog
 from casid.records.record import Record
-from casid.records.table import Table, read_columns, read_csv
+from casid.records.table import RawTable, read_columns, read_csv
 from casid.signals import CHANNELS
 
-_TEXT: Mapping[str, Callable[[Path], Table]] = MappingProxyType(
+_TEXT: Mapping[str, Callable[[Path], RawTable]] = MappingProxyType(
     {".csv": read_csv, ".tsv": read_csv, ".asc": read_columns, ".txt": read_columns, ".dat": read_columns}
 )
-_BINARY: Mapping[str, Callable[[Path, str | None, str], Table]] = MappingProxyType(
+_BINARY: Mapping[str, Callable[[Path, str | None, str], RawTable]] = MappingProxyType(
     {
         ".mat": read_mat,
         ".npz": read_npz,
@@ -151,7 +151,7 @@ def _stem(path: Path) -> str:
     return Path(path.stem).stem if path.suffix.lower() == ".gz" else path.stem
 
 
-def _read_table(path: Path, column_map: ColumnMap) -> Table:
+def _read_table(path: Path, column_map: ColumnMap) -> RawTable:
     ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if ending in _TEXT:
         return _TEXT[ending](path)
@@ -162,7 +162,7 @@ def _read_table(path: Path, column_map: ColumnMap) -> Table:
     return _BINARY[ending](path, column_map.variable, str(time))
 
 
-def record_of_table(table: Table, record_name: str, column_map: ColumnMap, own: Collection[str] = ()) -> Record:
+def record_of_table(table: RawTable, record_name: str, column_map: ColumnMap, own: Collection[str] = ()) -> Record:
     """The record of a table, checked: InputError for what cannot be used, notes for what a person should know."""
     columns = channels_of(table, column_map, own)
     channels = dict(columns.channels)

@@ -25,7 +25,7 @@ _HOLD = re.compile(r"#\s*hold\s*:\s*(\w+)\s*")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Table:
+class RawTable:
     """N rows of numbers.
 
     source    file, for messages
@@ -58,7 +58,7 @@ def shown(cell: str) -> str:
     return repr(cell if len(cell) <= 40 else cell[:37] + "...")
 
 
-def read_csv(path: Path) -> Table:
+def read_csv(path: Path) -> RawTable:
     """Table of a CSV file: comma, semicolon or tab, by what stands most often in its first row; UTF-8.
 
     A line ``sep=;`` on top is skipped. Decimal commas are read where semicolons or tabs part the columns and no number
@@ -85,7 +85,7 @@ def read_csv(path: Path) -> Table:
     return _table(path, rows(), hold, exact="_" not in content[len(first) :] and content.isascii())
 
 
-def read_columns(path: Path) -> Table:
+def read_columns(path: Path) -> RawTable:
     """Table of a text file with columns between blanks, with or without a row of names."""
     content, skipped, hold = _content(path, _raw(path))
     rows = ((number, line.split()) for number, line in enumerate(content.splitlines(), start=1 + skipped))
@@ -96,7 +96,7 @@ def _delimiter(first: str) -> str:
     return max(",;\t", key=first.count)
 
 
-def _plain_table(path: Path, raw: bytes) -> Table | None:
+def _plain_table(path: Path, raw: bytes) -> RawTable | None:
     """The table of a file that has names on top and plain numbers below; None for every other."""
     end = raw.find(b"\n")
     head = raw[: max(end, 0)].removeprefix(b"\xef\xbb\xbf")
@@ -110,7 +110,7 @@ def _plain_table(path: Path, raw: bytes) -> Table | None:
     values = plain_numbers(raw, end + 1, len(names), delimiter)
     if values is None:
         return None
-    return Table(source=str(path), names=names, values=values, lines=np.arange(2, len(values) + 2))
+    return RawTable(source=str(path), names=names, values=values, lines=np.arange(2, len(values) + 2))
 
 
 def _raw(path: Path) -> bytes:
@@ -141,7 +141,7 @@ def _content(path: Path, raw: bytes) -> tuple[str, int, str]:
     return content[start:], skipped, hold
 
 
-def _table(path: Path, rows: Iterator[tuple[int, list[str]]], hold: str, *, exact: bool) -> Table:
+def _table(path: Path, rows: Iterator[tuple[int, list[str]]], hold: str, *, exact: bool) -> RawTable:
     full = ((line, cells) for line, cells in rows if len(cells) > 1 or "".join(cells).strip())
     line, head = next(full, (0, []))
     if not head:
@@ -153,7 +153,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], hold: str, *, exac
     if not lines:
         raise InputError(f"{path}: no rows of numbers below the header")
     values = np.frombuffer(numbers, dtype=float).reshape(-1, len(head))
-    return Table(source=str(path), names=names, values=values, lines=np.array(lines), text=text, hold=hold)
+    return RawTable(source=str(path), names=names, values=values, lines=np.array(lines), text=text, hold=hold)
 
 
 def _chain(first: tuple[int, list[str]], rest: Iterable[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:

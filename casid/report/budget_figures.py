@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from casid.diagnosis.given.budget import Budget, Steps
+from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.report.style import ALERT, BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank
 from casid.signals import label_of
 
@@ -66,7 +66,7 @@ def budget(found: Budget) -> Picture:
     )
 
 
-def _waterfall(ax: Axes, y: int, steps: Steps) -> None:
+def _waterfall(ax: Axes, y: int, steps: BudgetSteps) -> None:
     """The four bars of a row, one below the other, and the error as given in figures."""
     for i, (before, after, colour) in enumerate(_DROPS.values()):
         high, low = _size(getattr(steps, before)), _size(getattr(steps, after))

@@ -8,7 +8,7 @@ from casid.diagnosis.data.check import DataFindings
 from casid.report import tables
 from casid.report.check_figures import check_figure
 from casid.report.claims import about_data
-from casid.report.table import Row, Table
+from casid.report.table import ReportTable, Row
 from casid.report.templating import drawn_into, figures_of, render
 from casid.report.words import digits, pretty, to_noise
 
@@ -32,7 +32,7 @@ def write_check(found: DataFindings, folder: str | Path) -> None:
     (Path(folder) / "check.html").write_text(render("check.html", context), encoding="utf-8")
 
 
-def _channels(found: DataFindings) -> Table:
+def _channels(found: DataFindings) -> ReportTable:
     suspected = {name: number for number, one in enumerate(found.findings, 1) for name in one.target.split("+")}
     rows = tuple(
         Row(
@@ -49,7 +49,7 @@ def _channels(found: DataFindings) -> Table:
         )
         for row in found.table
     )
-    return Table(
+    return ReportTable(
         head=("channel", "least", "median", "most", "noise 1σ", "rate [Hz]", "missing", "records"),
         rows=rows,
         caption="Every channel of all records; suspected ones are marked. Noise: what the high band shows as white.",

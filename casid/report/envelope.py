@@ -9,7 +9,7 @@ import numpy as np
 from casid.diagnosis.result import Diagnosis
 from casid.records.record import Record
 from casid.report.style import BASELINE, EXTENDED, Picture, blank, channel_axis, channel_scale, settings
-from casid.report.table import Row, Table
+from casid.report.table import ReportTable, Row
 from casid.report.words import digits
 from casid.signals import label_of
 
@@ -46,7 +46,7 @@ def _all(records: Sequence[Record], name: str) -> np.ndarray:
     return values[np.isfinite(values)]
 
 
-def envelope_table(diagnosis: Diagnosis) -> Table:
+def envelope_table(diagnosis: Diagnosis) -> ReportTable:
     """Ranges of what was flown, in fitted and in held-out records; what of the latter lies outside is marked."""
     fitted, held = _records(diagnosis)
     rows = []
@@ -62,7 +62,7 @@ def envelope_table(diagnosis: Diagnosis) -> Table:
             f"{100.0 * outside:.0f} % of its samples" if outside > _OUTSIDE else "–",
         )
         rows.append(Row(cells=cells, marked=outside > _OUTSIDE))
-    return Table(
+    return ReportTable(
         head=("quantity", "fitted records", "held-out records", "held out, beyond the fitted range"),
         rows=tuple(rows),
         caption="The verdict and the values hold for what was flown. Beyond these ranges they are an extrapolation.",

@@ -22,7 +22,7 @@ from casid.records.thinning import thinned
 from casid.report.claims import numbered
 from casid.report.design_figures import designed_histories, separated
 from casid.report.style import Picture, channel_scale
-from casid.report.table import Row, Table
+from casid.report.table import ReportTable, Row
 from casid.report.words import digits, effect_name, manoeuvre_in_words, odds_in_words, place, tells_apart
 from casid.signals import label_of
 
@@ -45,7 +45,7 @@ class Proposal:
     command: str
     picture: Picture
     record: Record
-    table: Table | None = None
+    table: ReportTable | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -227,7 +227,7 @@ def _untold(diagnosis: Diagnosis) -> Iterator[Untold]:
             yield Untold(name=name, given=value, stated=relative * abs(value), by_noise=np.inf, honest=np.inf)
 
 
-def limited(diagnosis: Diagnosis) -> Table:
+def limited(diagnosis: Diagnosis) -> ReportTable:
     """Numbers that the motion would tell, were noise the only thing that is unknown: flying more of it is no help."""
     least = diagnosis.criteria.given.from_records
     rows = tuple(
@@ -235,7 +235,7 @@ def limited(diagnosis: Diagnosis) -> Table:
         for one in _untold(diagnosis)
         if not one.unmoved(least)
     )
-    return Table(
+    return ReportTable(
         head=("number", "aircraft file", "its stated 1σ", "1σ by noise alone", "honest 1σ"),
         rows=rows,
         caption="Not told, though they were excited: small further terms of the structure, or stretches of record that "
@@ -290,7 +290,7 @@ def _exciting(number: int, wanted: Sequence[Untold], best: InputDesign, of: tupl
             caption="The standard 3-2-1-1 with the best unit, as large as the limits allow.",
         ),
         record=best.record,
-        table=Table(
+        table=ReportTable(
             head=("derivative", "aircraft file", "its stated 1σ", "1σ of these records", "1σ of the manoeuvre"),
             rows=rows,
             caption="What the manoeuvre would tell, by noise alone",

@@ -10,7 +10,7 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.screening import Screen
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
 from casid.model.causes import configuration_change
@@ -55,7 +55,7 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     )
 
 
-def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] | None:
+def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[FlightFit, Attached] | None:
     """The fit that did not have the cause yet, and the cause as it was named; None for one that was not named."""
     base = diagnosis.bare
     for round_ in diagnosis.rounds:
@@ -69,7 +69,7 @@ def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[Fit, Attached] |
     return None
 
 
-def onset_profiles(base: Fit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def onset_profiles(base: FlightFit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Record -> (times of onset [s], statistic of the cause if it began then), from a fit that does not have it."""
     effect = attached.effect
     if effect.members:

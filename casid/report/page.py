@@ -20,7 +20,7 @@ from casid.report.lead import pictures
 from casid.report.next_flight import limited, next_flights
 from casid.report.shares import shares
 from casid.report.style import Picture
-from casid.report.table import Table
+from casid.report.table import ReportTable
 from casid.report.templating import Figure, drawn_into, figures_of, render
 
 FIGURES = "report_figures"
@@ -157,7 +157,7 @@ def _sections(figures: Mapping[str, Figure]) -> list[Section]:
     return [one for one in every if one.figures or one.template != "figures.html"]
 
 
-def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, Table]:
+def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
     return {
         "held_out": tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, diagnosis.best),
         "fitted": tables.channels(diagnosis.as_given, diagnosis.extended, diagnosis.best),

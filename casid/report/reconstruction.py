@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, response
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.result import Diagnosis
 
 
@@ -26,7 +26,7 @@ def reconstruct(diagnosis: Diagnosis) -> Reconstruction:
     return Reconstruction(before=_by_station(diagnosis.missing_before), after=_by_station(diagnosis.missing_after))
 
 
-def derivatives_beside(fit: Fit, missing: MissingInput) -> dict[str, float]:
+def derivatives_beside(fit: FlightFit, missing: MissingInput) -> dict[str, float]:
     """Fitted derivatives as they are with the anonymous input in place: it frees them of what they had imitated.
 
     The mean of the joint posterior of derivatives and input, from the same linearisation as the input itself.

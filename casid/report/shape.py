@@ -8,7 +8,7 @@ import numpy as np
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.missing_input import MissingInput
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.kinematics.kinematics import WIND
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_of
@@ -182,11 +182,11 @@ def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
     return total
 
 
-def _series(fit: Fit, term: str) -> np.ndarray:
+def _series(fit: FlightFit, term: str) -> np.ndarray:
     return np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape)
 
 
-def _abscissa(fit: Fit, regressor: str) -> tuple[np.ndarray, str, float]:
+def _abscissa(fit: FlightFit, regressor: str) -> tuple[np.ndarray, str, float]:
     """(series, axis label, factor to what is shown): the one variable of the term, or the term itself."""
     term = parse_term(regressor)
     variables = [name for name, _ in term.factors] or [one.variable for one in term.stretches[:1]]
@@ -208,7 +208,7 @@ def _power(regressor: str, x: np.ndarray) -> np.ndarray:
     return x ** term.factors[0][1] if len(term.factors) == 1 else x
 
 
-def _at(fit: Fit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
+def _at(fit: FlightFit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
     """A time history as the nodes of an anonymous input see it: averaged over the triangle about each node."""
     record = fit.flight.records[r]
     weight = np.maximum(0.0, 1.0 - np.abs(record.t[:, None] - t) / (t[1] - t[0]))
@@ -231,7 +231,7 @@ def _binned(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, y, error
 
 
-def _liveliest(missing: MissingInput, fit: Fit) -> list[int]:
+def _liveliest(missing: MissingInput, fit: FlightFit) -> list[int]:
     """Up to three records in which the input is largest, in their own order."""
     size = {r: float(np.mean(missing.history[name][1] ** 2)) for r, name in enumerate(fit.batch.names)}
     return sorted(sorted(size, key=lambda r: -size[r])[:_MAX_RECORDS])

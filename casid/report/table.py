@@ -16,7 +16,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class ReportTable:
     """Rows under a `head`; `numeric`: short cells, none of which may break. A table without rows is not shown."""
 
     head: tuple[str, ...]

@@ -17,11 +17,11 @@ from casid.model.vocabulary import KINDS
 from casid.report.claims import about_cause, about_data, about_value
 from casid.report.derivatives import compared
 from casid.report.style import channel_scale
-from casid.report.table import Row, Table
+from casid.report.table import ReportTable, Row
 from casid.report.words import cause_name, digits, effect_name, pretty, probability_in_words, quantity, with_std
 
 
-def causes(diagnosis: Diagnosis) -> Table:
+def causes(diagnosis: Diagnosis) -> ReportTable:
     """The named causes, strongest first."""
     rows = tuple(
         Row(
@@ -46,7 +46,7 @@ def causes(diagnosis: Diagnosis) -> Table:
         "evidence per reading on held-out records",
         "cannot be told apart from",
     )
-    return Table(head=head, rows=rows, caption="Named causes, strongest first")
+    return ReportTable(head=head, rows=rows, caption="Named causes, strongest first")
 
 
 def _where(cause: Cause) -> str:
@@ -61,7 +61,7 @@ def _held(cause: Cause) -> str:
     return f"{2.0 * cause.held_out_gain:+.3f}".replace("-", "−")
 
 
-def channels(before: View, after: View, best: str) -> Table:
+def channels(before: View, after: View, best: str) -> ReportTable:
     """Quality of fit per channel, by the file as given and by the `best` model; r.m.s. in the unit that a person
     reads."""
     quantities = ("r.m.s. error", "Theil", "R²", "whiteness p")
@@ -78,7 +78,7 @@ def channels(before: View, after: View, best: str) -> Table:
         cells = [cell for a, b, show in pairs for cell in (show(a), show(b))]
         rows.append(Row(cells=(f"{name} [{unit}]", digits(factor * old.noise, 2), *cells)))
     short = {"extended model": "extended", "refitted file": "refitted"}[best]
-    return Table(
+    return ReportTable(
         head=("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short))),
         rows=tuple(rows),
         caption=f"Open-loop simulation of {', '.join(before.fit.flight.names)}. Theil: 0 perfect, 1 useless. R²: share "
@@ -96,7 +96,7 @@ def _p(value: float) -> str:
     return "< 0.001" if value < 1e-3 else f"{value:.2g}"
 
 
-def findings(found: Sequence[Finding]) -> Table:
+def findings(found: Sequence[Finding]) -> ReportTable:
     """Faults of the data, with what was done about them."""
     rows = tuple(
         Row(
@@ -111,20 +111,20 @@ def findings(found: Sequence[Finding]) -> Table:
         )
         for number, one in enumerate(found, 1)
     )
-    return Table(head=("fault", "records", "when", "handled", "what"), rows=rows, caption="Faults of the data")
+    return ReportTable(head=("fault", "records", "when", "handled", "what"), rows=rows, caption="Faults of the data")
 
 
 def _when(one: Finding) -> str:
     return "; ".join(f"{r} {a:.1f}–{b:.1f} s" for r, parts in one.intervals_s.items() for a, b in parts)
 
 
-def not_judged(diagnosis: Diagnosis) -> Table:
+def not_judged(diagnosis: Diagnosis) -> ReportTable:
     """What these records leave open, and why."""
     rows = tuple(Row(cells=(one.what, one.because)) for one in diagnosis.not_judged)
-    return Table(head=("not judged", "because"), rows=rows, caption="What these records leave open")
+    return ReportTable(head=("not judged", "because"), rows=rows, caption="What these records leave open")
 
 
-def alternatives(diagnosis: Diagnosis) -> Table:
+def alternatives(diagnosis: Diagnosis) -> ReportTable:
     """Every cause that was fitted and not named, and why it lost."""
     named = {(c.kind, c.target, c.term) for c in diagnosis.causes}
     rows = []
@@ -139,7 +139,7 @@ def alternatives(diagnosis: Diagnosis) -> Table:
             why = (doubted or _why(trial, winner, trial in round_.equivalents, diagnosis.criteria)) + later
             size = quantity(one.values["value"], one.effect.unit)
             rows.append(Row(cells=(effect_name(one.effect), str(number), size, digits(trial.gain.raw), why)))
-    return Table(
+    return ReportTable(
         head=("cause", "round", "fitted size", "evidence", "why it was not named"),
         rows=tuple(rows),
         caption="Alternatives that were fitted, and why they lost",
@@ -166,7 +166,7 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool, criteria: Criteri
     return "leaves unexplained what is missing" if enough else "explains too little to be named"
 
 
-def unseen(diagnosis: Diagnosis) -> Table:
+def unseen(diagnosis: Diagnosis) -> ReportTable:
     """Smallest effect of every kind that these records would have shown; what would have to be larger than anything
     plausible cannot be seen in them."""
     effects = {c.name: c.attached.effect for r in diagnosis.rounds for c in r.candidates}
@@ -192,7 +192,7 @@ def unseen(diagnosis: Diagnosis) -> Table:
         for kind in KINDS
         if kind in seen or kind in blind
     )
-    return Table(
+    return ReportTable(
         head=("kind", "smallest that would have been found", "not detectable in these records"),
         rows=rows,
         caption=f"What these records would have shown: sizes of {diagnosis.criteria.verdict.detectable:g}σ, after the "
@@ -200,15 +200,15 @@ def unseen(diagnosis: Diagnosis) -> Table:
     )
 
 
-def seconds(diagnosis: Diagnosis) -> Table:
+def seconds(diagnosis: Diagnosis) -> ReportTable:
     """Wall time per stage."""
     total = sum(diagnosis.seconds.values())
     rows = [Row(cells=(stage, f"{s:.1f}")) for stage, s in diagnosis.seconds.items()]
     rows.append(Row(cells=("together", f"{total:.1f}")))
-    return Table(head=("stage", "s"), rows=tuple(rows), caption="Wall time")
+    return ReportTable(head=("stage", "s"), rows=tuple(rows), caption="Wall time")
 
 
-def made_with(facts: Mapping[str, Any]) -> Table:
+def made_with(facts: Mapping[str, Any]) -> ReportTable:
     """Versions, seed, commit and command."""
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items() if number)
     rows = (
@@ -218,7 +218,7 @@ def made_with(facts: Mapping[str, Any]) -> Table:
         ("seed", str(facts["seed"])),
         ("command", " ".join(facts["command"])),
     )
-    return Table(head=("", ""), rows=tuple(Row(cells=cells) for cells in rows), caption="Made with")
+    return ReportTable(head=("", ""), rows=tuple(Row(cells=cells) for cells in rows), caption="Made with")
 
 
 def remarks(diagnosis: Diagnosis) -> list[str]:
@@ -228,7 +228,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     return [f"{r.name}: {note}" for r in records for note in r.notes]
 
 
-def derivatives(diagnosis: Diagnosis) -> Table:
+def derivatives(diagnosis: Diagnosis) -> ReportTable:
     """Every number of the aircraft file: there, by flight, and how far the two are apart; contradicted ones first."""
     rows = tuple(
         Row(
@@ -238,7 +238,7 @@ def derivatives(diagnosis: Diagnosis) -> Table:
         )
         for one in compared(diagnosis)
     )
-    return Table(
+    return ReportTable(
         head=("parameter", "aircraft file", "flight ± 1σ", "deviation", "in σ", ""),
         rows=rows,
         caption="Derivatives per rad. Flight: what the records say by themselves, beside the causes that were found. "

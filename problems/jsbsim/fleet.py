@@ -1,7 +1,7 @@
 """Further JSBSim aircraft, for blind tests: jets and propeller aircraft from 1 to 250 tonnes.
 
-Prepared as in `jsbsim_airframe`; their tables stay as bent as JSBSim delivers them, so a model with few terms leaves
-something over even when nothing is hidden. DEVELOPMENT aircraft may be looked at while the diagnosis is built,
+Prepared as in `jsbsim_airframe`; their tables stay as nonlinear as JSBSim delivers them, so a model with few terms
+leaves something over even when nothing is hidden. DEVELOPMENT aircraft may be looked at while the diagnosis is built,
 REPORTING aircraft only when it is judged.
 """
 

@@ -31,7 +31,7 @@ from casid.estimation import (
 from casid.estimation.cost import Cost
 from casid.model.dynamics import aircraft_model
 from casid.model.feedback import SampledFeedback
-from casid.model.system import EquationError as EquationForm
+from casid.model.system import EquationForm as EquationForm
 from casid.model.system import Model
 from problems.do328 import MOMENT_DERIVATIVES, do328
 from problems.paper.truth import CM_ALPHA_DESTABILISED, COEFFICIENTS, OUTPUTS, SURFACES, Flight, control_law

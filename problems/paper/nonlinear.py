@@ -64,8 +64,8 @@ def _polynomials(scale: float, x: Mapping[str, Any], derivatives: Mapping[str, f
     for coefficient, variables in _POLYNOMIAL.items():
         for v in variables:
             value = derivatives[f"{coefficient}_{v}"]
-            bent = SQUARE * abs(value) * x[v] ** 2 / EXCURSION[v]
-            found[f"{coefficient}_{v}"] = scale * (LINEAR * value * x[v] + bent)
+            nonlinear = SQUARE * abs(value) * x[v] ** 2 / EXCURSION[v]
+            found[f"{coefficient}_{v}"] = scale * (LINEAR * value * x[v] + nonlinear)
         for v, w in combinations(variables, 2):
             size = sqrt(abs(derivatives[f"{coefficient}_{v}"] * derivatives[f"{coefficient}_{w}"]))
             product = scale * PRODUCT * size / sqrt(EXCURSION[v] * EXCURSION[w]) * x[v] * x[w]

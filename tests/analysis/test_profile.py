@@ -119,11 +119,11 @@ def test_a_parameter_that_enters_as_its_exponential_has_the_exponential_of_the_i
     record = line_record()
     plain_fit = solve(Problem(line_model(), [record], free=["*"], noise={"q": 6.0}))
     plain = profile(plain_fit, ["a"])["a"]
-    bent_fit = solve(Problem(model, [record], free=["*"], noise={"q": 6.0}))
-    bent = profile(bent_fit, ["a"])["a"]
-    both_ends = np.exp([bent.lower, bent.upper])  # each found to half a per cent of a standard error
+    nonlinear_fit = solve(Problem(model, [record], free=["*"], noise={"q": 6.0}))
+    nonlinear = profile(nonlinear_fit, ["a"])["a"]
+    both_ends = np.exp([nonlinear.lower, nonlinear.upper])  # each found to half a per cent of a standard error
     np.testing.assert_allclose(both_ends, [plain.lower, plain.upper], atol=0.01 * plain_fit["a"].std)
-    assert bent_fit["a"].value - bent.lower > 1.3 * (bent.upper - bent_fit["a"].value)
+    assert nonlinear_fit["a"].value - nonlinear.lower > 1.3 * (nonlinear.upper - nonlinear_fit["a"].value)
 
 
 def test_a_side_without_an_end_is_infinite_and_a_limit_cuts_it_off():

@@ -127,7 +127,7 @@ def test_of_two_hidden_effects_both_are_named_and_nothing_else(hidden: tuple[Att
 
 
 def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missing() -> None:
-    """A bent CL takes up what alpha*delta_e does, and no anonymous input gains beside it: a further round finds it."""
+    """Nonlinear CL takes up what alpha*delta_e does, and no unknown input gains beside it: a further round finds it."""
     hidden = (
         Attached(effect=sensor_bias("p"), values={"value": 0.007}),
         Attached(effect=aero_term("CL", "alpha*delta_e"), values={"value": 14.0}),

@@ -48,7 +48,7 @@ def test_small_offsets_are_found_with_their_sizes():
         assert abs(found[rate].values["value"] - SMALL[rate]) < 0.15 * abs(SMALL[rate])
     aircraft = rough_file()
     for one in found.values():
-        assert one.slight and abs(one.values["value"]) < (one.effect.smallest_that_matters(aircraft) or 0.0)
+        assert one.nuisance and abs(one.values["value"]) < (one.effect.smallest_that_matters(aircraft) or 0.0)
 
 
 def test_what_matters_is_left_for_the_naming():
@@ -124,7 +124,7 @@ def test_offsets_that_a_fault_had_hidden_are_put_in_beside_it():
     beside = weigh(fit(flight, hidden, flight.noise(), iterations=20))
     assert not demanded_offsets(blind)
     (found,) = naming._beside_offsets(beside).fit.attached[1:]
-    assert found.effect.key == sensor_bias("q").key and found.slight
+    assert found.effect.key == sensor_bias("q").key and found.nuisance
     assert np.isclose(found.values["value"], 0.04 * DEG, rtol=0.2)
 
 

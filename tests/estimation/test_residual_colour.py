@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from casid.estimation.residual_colour import (
     ORDER,
     Colour,
-    Piece,
+    WhitePiece,
     _Filter,
     autoregression,
     coloured_score,
@@ -35,16 +35,16 @@ def drawn(count: int, a: np.ndarray, seed: int) -> np.ndarray:
     return np.asarray(lfilter([1.0], a, np.random.default_rng(seed).standard_normal(count + 500)))[500:]
 
 
-def pieces_of(rows: np.ndarray, residuals: np.ndarray, size: int) -> list[Piece]:
+def pieces_of(rows: np.ndarray, residuals: np.ndarray, size: int) -> list[WhitePiece]:
     """One channel of one record in pieces."""
     columns = np.arange(rows.shape[1])
     return [
-        Piece(channel=0, record=0, columns=columns, rows=rows[i : i + size], residuals=residuals[i : i + size])
+        WhitePiece(channel=0, record=0, columns=columns, rows=rows[i : i + size], residuals=residuals[i : i + size])
         for i in range(0, len(rows), size)
     ]
 
 
-def score_of(parts: list[Piece]) -> np.ndarray:
+def score_of(parts: list[WhitePiece]) -> np.ndarray:
     """Without a prior, all parameters free."""
     sums, count = gathered(parts), len(parts[0].columns)
     noise = noise_autocovariance(sums, np.zeros((count, count)), np.eye(count))

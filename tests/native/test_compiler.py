@@ -17,7 +17,7 @@ from casid.model.system import Model
 from casid.native import cache, compiler
 from casid.native import programme as compiled_programme
 from casid.native.cache import cache_folder
-from casid.native.compiler import Batch, Compilable, compile_function
+from casid.native.compiler import Compilable, PointBatch, compile_function
 
 
 def arguments(function, count: int, seed: int = 0) -> list[np.ndarray]:
@@ -31,7 +31,7 @@ def test_compiled_code_agrees_with_the_virtual_machine_to_rounding(own_cache):
         compiled = compile_function(function)
         assert compiled is not None
         given = arguments(function, 50)
-        machine = Batch(Compilable(function), lambda f: f.map(50))(*given)
+        machine = PointBatch(Compilable(function), lambda f: f.map(50))(*given)
         native = compiled.map(50).call([a.T for a in given])
         for ours, theirs in zip(native, machine, strict=True):
             np.testing.assert_allclose(np.asarray(ours).T, theirs, rtol=1e-13, atol=1e-15)

@@ -8,13 +8,13 @@ from itertools import pairwise
 import pytest
 from matplotlib.patches import Rectangle
 
-from casid.diagnosis.given.budget import Budget, Steps
+from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.report.budget_figures import budget
 from casid.report.style import settings
 
-Q = Steps(as_given=18.0, data_mended=12.0, values=4.0, structure=1.5)
-LOST = Steps(as_given=2.0, data_mended=2.0, values=5.0, structure=1.0)  # a refit that makes it worse
-GONE = Steps(as_given=math.inf, data_mended=math.inf, values=3.0, structure=1.2)
+Q = BudgetSteps(as_given=18.0, data_mended=12.0, values=4.0, structure=1.5)
+LOST = BudgetSteps(as_given=2.0, data_mended=2.0, values=5.0, structure=1.0)  # a refit that makes it worse
+GONE = BudgetSteps(as_given=math.inf, data_mended=math.inf, values=3.0, structure=1.2)
 
 
 def bars(row: int) -> list[Rectangle]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.model.path import aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
 
-def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
+def coefficient_series(fit: FlightFit) -> dict[str, np.ndarray]:
     """coefficient -> (N, R) its value along the records, by its own aerodynamics, the fitted derivatives and terms."""
     values, nothing = fit.derivatives, np.zeros(fit.batch.live.shape)
     series = {c: fit.regressors.get(f"given {c}", nothing) for c in coefficient_names(fit.flight.aircraft.force_axes)}
@@ -19,13 +19,13 @@ def coefficient_series(fit: Fit) -> dict[str, np.ndarray]:
     return series
 
 
-def variation(fit: Fit) -> dict[str, float]:
+def variation(fit: FlightFit) -> dict[str, float]:
     """Standard deviation of every coefficient along the records."""
     return {c: float(np.std(s[fit.batch.live])) for c, s in coefficient_series(fit).items()}
 
 
 def unlike_derivatives(
-    fit: Fit, coefficient: str, series: np.ndarray, regressors: dict[str, np.ndarray] | None = None
+    fit: FlightFit, coefficient: str, series: np.ndarray, regressors: dict[str, np.ndarray] | None = None
 ) -> np.ndarray:
     """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms, which are
     functions of the fit's `regressors` or of others."""

@@ -1,6 +1,6 @@
 """A fit with small structural errors of its aerodynamics marginalised: what screening and naming judge by.
 
-No linear aircraft model is exact: `small_terms` may be present in each coefficient, and how bent each one is, is
+No linear aircraft model is exact: `small_terms` may be present in each coefficient, and how nonlinear each one is, is
 estimated from the data. What they can explain is no evidence for any other cause; a term well beyond what is usual on
 this aircraft still shows.
 """
@@ -15,7 +15,7 @@ from scipy.linalg import get_blas_funcs
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
-from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.model import station
 from casid.native.processors import share_out, side_by_side
@@ -29,10 +29,10 @@ class Evidence:
     covariance  (k, k) of their joint posterior; `newton` (k,) posterior mean, zero for converged slots
     deviance    -2 log marginal likelihood up to a constant of the data: small terms integrated out
     terms       (coefficient, term) of the small terms, after the slots in `by_record`, in units of `factors`
-    scales      coefficient -> how bent it is: prior 1-sigma of its small terms in units of the smallest
+    scales      coefficient -> how nonlinear it is: prior 1-sigma of its small terms in units of the smallest
     """
 
-    fit: Fit
+    fit: FlightFit
     by_record: tuple[np.ndarray, ...]
     covariance: np.ndarray
     newton: np.ndarray
@@ -40,7 +40,7 @@ class Evidence:
     terms: tuple[tuple[str, str], ...]
     factors: np.ndarray
     scales: Mapping[str, float]
-    _sums: _Sums
+    _sums: _EvidenceSums
 
     @property
     def criteria(self) -> Criteria:
@@ -52,8 +52,8 @@ class Evidence:
         return self.fit.readings
 
     @property
-    def bent(self) -> bool:
-        """Whether a coefficient is more bent than usual."""
+    def nonlinear(self) -> bool:
+        """Whether a coefficient is more nonlinear than usual."""
         return max(self.scales.values(), default=1.0) > 1.0
 
     @property
@@ -61,13 +61,13 @@ class Evidence:
         """Inverse of the prior covariance of the small terms, in units of `factors`, at a scale of one."""
         return self._sums.alike
 
-    def deviance_as_bent(self, scales: Mapping[str, float]) -> float:
-        """The deviance if no coefficient were more bent than `scales` says."""
+    def deviance_at_scales(self, scales: Mapping[str, float]) -> float:
+        """The deviance if no coefficient were more nonlinear than `scales` says."""
         least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
         return self.fit.deviance + self._sums.posterior(least)[2]
 
 
-def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
+def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
     """Evidence of a fit; without `discrepancy` the model structure is taken as exact."""
     small = small_terms(fit) if discrepancy else no_terms(fit)
     stations = [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in small.names]
@@ -93,7 +93,7 @@ def weigh(fit: Fit, discrepancy: bool = True) -> Evidence:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Sums:
+class _EvidenceSums:
     """Normal equations `gram`, `slope` of slots (prior included) and small terms, whose prior information is `alike` at
     a scale of one, the coefficients that own the small terms, and the `scales` that are tried."""
 
@@ -132,14 +132,14 @@ class _Sums:
         return covariance, newton, deviance
 
 
-def _sums(fit: Fit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _Sums:
+def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _EvidenceSums:
     k, n = len(fit.slots), len(fit.slots) + len(small.names)
     gram = sum(side_by_side(gram_of, by_record)) + np.zeros((n, n))
     slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
     gram[range(k), range(k)] += fit.prior_weight
     slope[:k] -= fit.prior_pull
     owners = tuple(c for c, _ in small.names)
-    return _Sums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
+    return _EvidenceSums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
 
 
 def deviation(evidence: Evidence, name: str) -> float:

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from casid.diagnosis.evidence.evidence import Evidence, cross_of
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.innovations import linearise
 from casid.model.effect import Effect
@@ -94,7 +94,7 @@ def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -
     ]
 
 
-def symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """name -> (Y, F) of symbolic effects, from the Jacobians of a model that has them all at their null."""
     already = [a.effect for a in base.attached]
     effects = [e for e in effects if e.name not in {a.name for a in already}]
@@ -108,7 +108,7 @@ def symbolic_columns(base: Fit, effects: Sequence[Effect]) -> dict[str, tuple[np
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 
-def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
+def _white_histories(base: FlightFit, rows: Sequence[_Row]) -> np.ndarray:
     """`_whitened` responses to a unit of effects that are time histories."""
     histories, index = [], base.model.disturbances.index
     for effect, values, onset in rows:
@@ -121,7 +121,7 @@ def _white_histories(base: Fit, rows: Sequence[_Row]) -> np.ndarray:
     return _whitened(base, histories)
 
 
-def history(base: Fit, one: Attached) -> np.ndarray:
+def history(base: FlightFit, one: Attached) -> np.ndarray:
     """(N, R, nw) what an effect puts on the stations of a fit."""
     return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
 
@@ -132,7 +132,7 @@ def _by_station(W: np.ndarray) -> dict[int, np.ndarray]:
     return {int(s): W[..., s].copy() for s in (acting if len(acting) else [0])}
 
 
-def _whitened(base: Fit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
+def _whitened(base: FlightFit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
     """(last samples, R, ny, histories) whitened responses to time histories by station, from where the first of them
     begins."""
     stations = [station for one in histories for station in one]
@@ -150,13 +150,13 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
     return found
 
 
-def _together(base: Fit) -> int:
+def _together(base: FlightFit) -> int:
     """Responses that are in memory at a time."""
     numerics = base.criteria.numerics.screening
     return int(np.clip(numerics.responses / base.white.size, numerics.fewest_responses, numerics.most_responses))
 
 
-def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
+def _white_direct(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
     """(N, R, ny, rows) whitened responses to a unit of effects in the model's equations, from their Jacobians, and of
     effects on readings, to the whole of one that is not linear."""
     seen, shape = base.linear.seen, base.linear.defect.shape
@@ -178,7 +178,7 @@ def _white_direct(base: Fit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndar
     return base.filter.whiten(Y, F)
 
 
-def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: Fit) -> Attached:
+def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: FlightFit) -> Attached:
     """The effect at unit amplitude in every record, its onset counted from each record's first sample."""
     onsets = {r.name: r.t[0] + onset for r in base.flight.records} if onset is not None else {}
     return Attached(effect=effect, values={"value": 1.0} | dict(values), onsets=onsets)

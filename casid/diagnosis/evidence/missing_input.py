@@ -16,7 +16,7 @@ from scipy import special, stats
 
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.projection import Projection
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.dynamics import moved_coefficients
 from casid.model.station import Station, coefficient, reading, wind
@@ -53,7 +53,7 @@ class MissingInput:
         return max(float(np.max(np.abs(mean - np.mean(mean)))) for _, mean, _ in self.history.values())
 
 
-def stations(fit: Fit) -> list[str]:
+def stations(fit: FlightFit) -> list[str]:
     """Coefficients and wind axes that the axes of the flight know, as disturbances of the model."""
     moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
     winds = [wind(axis) for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
@@ -81,7 +81,7 @@ def drifts(evidence: Evidence) -> list[MissingInput]:
     return missing_at(evidence, _readings(evidence.fit))
 
 
-def _readings(fit: Fit) -> list[str]:
+def _readings(fit: FlightFit) -> list[str]:
     return [reading(name) for name in fit.model.outputs]
 
 
@@ -99,7 +99,7 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
     return sorted(found, key=lambda m: -m.gain)
 
 
-def _peak_frequency(fit: Fit) -> float | None:
+def _peak_frequency(fit: FlightFit) -> float | None:
     """Frequency [Hz] of the highest peak that white innovations hardly ever show by chance."""
     criteria, numerics = fit.criteria.screening, fit.criteria.numerics.missing_input
     steps = np.array([record.dt for record in fit.flight.records])
@@ -164,7 +164,7 @@ def _one_station(evidence: Evidence, station: str) -> MissingInput:
     return _most_likely(evidence, station, nodes, by_record, times)
 
 
-def response(fit: Fit, station: str, series: np.ndarray) -> np.ndarray:
+def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
     """(N, R, ny, k) whitened response to time histories (N, R, k) at a station."""
     place = Station.at(station)
     if place.kind != "reading":

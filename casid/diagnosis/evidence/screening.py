@@ -200,7 +200,7 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size."""
-    sets = grown_sets(R, _Sums(judge, prints).statistics, judge.criteria.numerics.screening.starts)
+    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.screening.starts)
     return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
 
 
@@ -230,7 +230,7 @@ def grown_sets(
             yield dict(chosen)
 
 
-class _Sums:
+class _ScreeningSums:
     """Sums of fingerprints of one effect over records, stacked: what `Screen.projected` does, for many sets at once."""
 
     def __init__(self, judge: Screen, prints: Sequence[Fingerprint]) -> None:

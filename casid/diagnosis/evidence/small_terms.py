@@ -2,7 +2,7 @@
 
 Of a coefficient every low-order term that symmetry allows and the model lacks may be present. What they make together
 is a function of the motion; of it, each of the orthogonal parts that the fitted terms leave has a prior 1-sigma of a
-small part of the variation of the coefficient, times a scale that says how bent it is (Zellner's g-prior).
+small part of the variation of the coefficient, times a scale that says how nonlinear it is (Zellner's g-prior).
 The prior is thus one of functions: no matter which terms are written down, and in what order, and a curve with a kink
 needs no large terms that cancel.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.model.dynamics import moved_coefficients
 from casid.model.path import MOMENTS, aerodynamic_parameters
 from casid.model.terms import parse_term
@@ -42,12 +42,12 @@ class SmallTerms:
     alike: np.ndarray
 
 
-def no_terms(fit: Fit) -> SmallTerms:
+def no_terms(fit: FlightFit) -> SmallTerms:
     """None: the structure of the model is exact."""
     return SmallTerms(names=(), series=np.zeros((*fit.batch.live.shape, 0)), factors=np.zeros(0), alike=np.eye(0))
 
 
-def small_terms(fit: Fit) -> SmallTerms:
+def small_terms(fit: FlightFit) -> SmallTerms:
     """All that symmetry allows and the model of the fit lacks."""
     aircraft, criteria = fit.flight.aircraft, fit.criteria.structure
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}

@@ -11,11 +11,17 @@ from scipy.sparse import csr_array
 from casid.diagnosis.evidence.coefficients import coefficient_series
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.missing_input import response, stations
-from casid.diagnosis.explanations.explanation import CauseColumn, Entrance, Innovations, Port, RecordColumns
+from casid.diagnosis.explanations.explanation import (
+    CauseColumn,
+    Entrance,
+    HistoryPort,
+    RecordColumns,
+    WhitenedInnovations,
+)
 from casid.diagnosis.explanations.pool import Competitor, unit_of
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.responses import responses
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.causes import input_delay, sensor_bias
@@ -30,8 +36,8 @@ WINDS = tuple(map(wind, "xyz"))
 class Asked:
     """The question, and what its columns stand for: of each the effect, at unit amplitude, or as it is attached."""
 
-    innovations: Innovations
-    fit: Fit
+    innovations: WhitenedInnovations
+    fit: FlightFit
     ones: tuple[Attached, ...]
 
 
@@ -70,7 +76,7 @@ def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Ma
             if r in column.shape:
                 one.residual[:] += _size(attached_one) * one.shapes[:, column.shape[r]]
     return Asked(
-        innovations=Innovations(
+        innovations=WhitenedInnovations(
             records=tuple(records),
             precision=np.append(
                 _precision(base, there, priors.numerics), [3.0] * len(late)
@@ -78,7 +84,7 @@ def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Ma
             pull=np.append(base.prior_pull[there], [0.0] * len(late)),
             small_information=evidence.small_information,
             owners=tuple(owner for owner, _ in evidence.terms),
-            ports=tuple(Port(name=name, matters=level) for name, level in levels.items()),
+            ports=tuple(HistoryPort(name=name, matters=level) for name, level in levels.items()),
             entrances=_entrances(base, list(levels), priors),
             causes=causes,
             log_determinant=base.data_deviance - float(np.sum(base.white**2)),
@@ -88,7 +94,7 @@ def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Ma
     )
 
 
-def _slots(base: Fit, attached: Sequence[Attached]) -> list[int]:
+def _slots(base: FlightFit, attached: Sequence[Attached]) -> list[int]:
     """The slots that the effects which compete have in the fit."""
     names = {one.name for one in attached}
     return [i for i, slot in enumerate(base.slots) if slot.name in names]
@@ -102,14 +108,14 @@ def _is_linear(one: Attached) -> bool:
     return one.effect.linear and not one.effect.members
 
 
-def _own_responses(base: Fit, attached: Sequence[Attached]) -> list[np.ndarray]:
+def _own_responses(base: FlightFit, attached: Sequence[Attached]) -> list[np.ndarray]:
     """Of what is linear the fitted sensitivity, of the rest the response to its whole."""
     whole = iter(responses(base, [one for one in attached if not _is_linear(one)]))
     names = [slot.name for slot in base.slots]
     return [base.columns[..., names.index(one.name)] if _is_linear(one) else next(whole) for one in attached]
 
 
-def _own_column(base: Fit, one: Attached, column: CauseColumn, priors: Priors) -> CauseColumn:
+def _own_column(base: FlightFit, one: Attached, column: CauseColumn, priors: Priors) -> CauseColumn:
     """The column of an effect that is in the fit, with the prior that it was found with."""
     matters = unit_of(base, one)["matters"]
     if _is_linear(one):
@@ -119,7 +125,7 @@ def _own_column(base: Fit, one: Attached, column: CauseColumn, priors: Priors) -
     return replace(column, mean=1.0, scales=(priors.grid,), matters=1.0 / max(share, 1e-12), value=one.values["value"])
 
 
-def _precision(base: Fit, there: Sequence[int], numerics: ScoreNumerics) -> np.ndarray:
+def _precision(base: FlightFit, there: Sequence[int], numerics: ScoreNumerics) -> np.ndarray:
     """Of the nuisance: of the further values of an attached effect, as loose as they are known."""
     precision = base.prior_weight[there].copy()
     for i, at in enumerate(there):
@@ -129,7 +135,7 @@ def _precision(base: Fit, there: Sequence[int], numerics: ScoreNumerics) -> np.n
     return precision
 
 
-def _late(base: Fit) -> list[np.ndarray]:
+def _late(base: FlightFit) -> list[np.ndarray]:
     """The response to all inputs acting half a sample late: how they run between samples is not known."""
     half = 0.5 * float(np.median(base.batch.dt))
     there = {a.name for a in base.attached}
@@ -139,7 +145,7 @@ def _late(base: Fit) -> list[np.ndarray]:
     return [np.sum(late, axis=0)] if late else []
 
 
-def _levels(base: Fit) -> dict[str, float]:
+def _levels(base: FlightFit) -> dict[str, float]:
     """Port -> level that matters there: a share of a coefficient's or reading's variation, or of a wind; of a reading,
     its smallest bias that matters, if that is more."""
     live, coefficients, found, size = base.batch.live, coefficient_series(base), {}, base.criteria.size
@@ -154,7 +160,7 @@ def _levels(base: Fit) -> dict[str, float]:
     return found
 
 
-def _entrances(base: Fit, ports: Sequence[str], priors: Priors) -> tuple[Entrance, ...]:
+def _entrances(base: FlightFit, ports: Sequence[str], priors: Priors) -> tuple[Entrance, ...]:
     """One at every port, and moving air along all axes, where the filter has none: that is a cause of the catalogue."""
     single = [Entrance(name=p, ports=(p,), log_prior=priors.unknown(len(ports))) for p in ports]
     winds = tuple(p for p in ports if p in WINDS)
@@ -201,7 +207,7 @@ def _records(
     return found
 
 
-def _steps(base: Fit, r: int, length: float) -> csr_array:
+def _steps(base: FlightFit, r: int, length: float) -> csr_array:
     """The steps in time of the readings of a record: of each channel those that were read within `length`, together."""
     seen = base.linear.seen[:, r]
     samples = max(1, int(length / base.flight.records[r].dt + 1e-6))

@@ -12,9 +12,9 @@ from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.explanations.predictive import predicted
 from casid.diagnosis.explanations.prior import Priors
-from casid.diagnosis.explanations.reading import Reading
+from casid.diagnosis.explanations.reading import PosteriorReading
 from casid.diagnosis.explanations.refit import Explained, explain
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.view import view_of
 from casid.diagnosis.given.as_given import AsGiven
@@ -38,10 +38,10 @@ class Begun:
     the air as it moves, `start`, where that is `turbulence`; the ranking of `kinematic` causes by kinematics alone, and
     the file as it is `given`, on the fitted and on the held-out records."""
 
-    calm: Fit
+    calm: FlightFit
     structure: Sequence[Attached]
-    structured: Fit
-    start: Fit
+    structured: FlightFit
+    start: FlightFit
     turbulence: Turbulence
     kinematic: tuple[Candidate, ...]
     given: AsGiven
@@ -54,7 +54,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     stages.begin("explanations, held-out records")
     lead, rivals = explained.lead, [one.fit for one in explained.rivals]
     explained = explained.beside(*predicted(lead.fit, lead.own.keys(), rivals, held, explained.worths))
-    reading = Reading(explained=explained, structure=tuple(begun.structure))
+    reading = PosteriorReading(explained=explained, structure=tuple(begun.structure))
     stages.begin("held-out records")
     final, first = reading.fit, explained.first
     held_refitted, held_extended = (judge_on(held, one) for one in (begun.calm, final))

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from casid.diagnosis.explanations.explanation import Explanation, Innovations, RecordColumns
+from casid.diagnosis.explanations.explanation import Explanation, RecordColumns, WhitenedInnovations
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import (
     Sums,
@@ -121,7 +121,7 @@ def worth(left: Sequence[np.ndarray], taken: Sequence[np.ndarray], numerics: Sco
     return float(min(1.0, free[enough] / max(power[enough], 1e-300)))
 
 
-def tempered(asked: Innovations, weights: Sequence[np.ndarray]) -> Innovations:
+def tempered(asked: WhitenedInnovations, weights: Sequence[np.ndarray]) -> WhitenedInnovations:
     """The question with the likelihood of every row raised to a power, `weights` per record (rows,), which does not
     change within a step of the histories."""
     records = []

@@ -4,7 +4,7 @@ A fit is linearised, and what is left of every reading is whitened, so that
 
     y  =  nuisance a  +  small b  +  sum of histories h at ports  +  causes  +  white noise of unit variance
 
-in every record. Whoever asks hands over `Innovations`: the columns of all that could be in y, with their priors.
+in every record. Whoever asks hands over `WhitenedInnovations`: the columns of all that could be in y, with priors.
 
     a        what is fitted anyhow (parameters, initial values, offsets): Gaussian, one precision each, 0 where flat
     b        small errors of structure: Gaussian, with the inverse covariance `small_information` at a scale of one; the
@@ -63,7 +63,7 @@ class RecordColumns:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Port:
+class HistoryPort:
     """A place where something unknown may enter; `matters`: the level, in the unit of its columns, that matters."""
 
     name: str
@@ -104,7 +104,7 @@ class CauseColumn:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Innovations:
+class WhitenedInnovations:
     """What is asked; see the head of this module.
 
     precision, pull    (k,) of the nuisance: its prior is N(-pull/precision, 1/precision), flat where that is 0
@@ -119,7 +119,7 @@ class Innovations:
     pull: np.ndarray
     small_information: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     owners: tuple[str, ...] = ()
-    ports: tuple[Port, ...] = ()
+    ports: tuple[HistoryPort, ...] = ()
     entrances: tuple[Entrance, ...] = ()
     causes: tuple[CauseColumn, ...] = ()
     log_determinant: float = 0.0

@@ -13,7 +13,7 @@ from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.screening import Candidate, Screen, rank
 from casid.diagnosis.explanations.explanation import CauseColumn
 from casid.diagnosis.explanations.prior import Priors
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming.events import configuration_changes
 from casid.diagnosis.naming.size import meaningful_share, plausible
@@ -64,7 +64,7 @@ def pool_of(evidence: Evidence, priors: Priors, banned: Collection[str] = ()) ->
     return Pool(competitors=tuple(found), ranking=tuple(ranking))
 
 
-def _column(base: Fit, one: Attached, matters: float, log_prior: float, priors: Priors) -> CauseColumn:
+def _column(base: FlightFit, one: Attached, matters: float, log_prior: float, priors: Priors) -> CauseColumn:
     """The column of a cause that is not in the fit; its shape is filled in with the responses."""
     linear = one.effect.linear and not one.effect.members
     return CauseColumn(
@@ -122,7 +122,7 @@ def _finely(evidence: Evidence, coarse: Candidate, numerics: ScoreNumerics) -> l
     return [replace(one, tries=coarse.tries) for one in found[:1]]
 
 
-def _shapes(base: Fit, candidate: Candidate) -> list[Attached]:
+def _shapes(base: FlightFit, candidate: Candidate) -> list[Attached]:
     """In the records that the ranking found and in all of them, at every point of the grid of a non-linear size."""
     one, effect = candidate.attached, candidate.attached.effect
     if effect.members:  # coefficients that switch together, at their joint sizes
@@ -135,7 +135,7 @@ def _shapes(base: Fit, candidate: Candidate) -> list[Attached]:
     ]
 
 
-def _shape_prior(base: Fit, candidate: Candidate, one: Attached, priors: Priors) -> float:
+def _shape_prior(base: FlightFit, candidate: Candidate, one: Attached, priors: Priors) -> float:
     """Log odds of this shape among those of its cause."""
     effect, records = one.effect, len(base.batch.names)
     log = float(np.log(priors.improbable)) if effect.improbable else 0.0
@@ -148,7 +148,7 @@ def _shape_prior(base: Fit, candidate: Candidate, one: Attached, priors: Priors)
     return log - (float(np.log(len(effect.grid))) if not effect.linear else 0.0)
 
 
-def unit_of(base: Fit, one: Attached) -> Mapping[str, float]:
+def unit_of(base: FlightFit, one: Attached) -> Mapping[str, float]:
     """Of an attached effect the smallest value that matters, and how many of it its value is."""
     share = meaningful_share(base, one)
     value = abs(one.values["value"])

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.judging.held_out import judge_on
@@ -20,7 +20,11 @@ from casid.records.record import Record
 
 
 def predicted(
-    lead: Fit, causes: Collection[str], rivals: Sequence[Fit], held: Sequence[Record], worths: Mapping[str, float]
+    lead: FlightFit,
+    causes: Collection[str],
+    rivals: Sequence[FlightFit],
+    held: Sequence[Record],
+    worths: Mapping[str, float],
 ) -> tuple[dict[str, float], list[float]]:
     """Logarithms of likelihood ratios of predictions, readings counted for what they are `worths`: name of a cause of
     the lead -> of the lead to it without that cause; and of each rival to the lead.
@@ -46,7 +50,7 @@ def _repeats(one: Attached) -> bool:
     return not one.effect.timed and not one.records
 
 
-def _deviance(held: Fit, worths: Mapping[str, float]) -> float:
+def _deviance(held: FlightFit, worths: Mapping[str, float]) -> float:
     """-2 log likelihood of records, each channel to the power of what its readings are worth."""
     power = np.array([worths.get(name, 1.0) for name in held.model.outputs])
     squares = np.sum(held.white**2, axis=(0, 1))

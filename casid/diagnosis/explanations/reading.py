@@ -16,7 +16,7 @@ from casid.diagnosis.explanations.asking import TURBULENCE
 from casid.diagnosis.explanations.posterior import Belief
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.refit import Explained
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.judging.verdict import onset_intervals
@@ -25,7 +25,7 @@ from casid.model.vocabulary import effect_sentence
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Reading:
+class PosteriorReading:
     """What a posterior says in words. `structure` was put into the model beforehand and did not compete."""
 
     explained: Explained
@@ -40,7 +40,7 @@ class Reading:
         return self.explained.posterior.named
 
     @cached_property
-    def fit(self) -> Fit:
+    def fit(self) -> FlightFit:
         """The model with the named causes and no others that competed, by its own noise."""
         lead = self.explained.lead
         own = {one.name: one for one in lead.fit.attached if one.name in lead.own}
@@ -65,12 +65,12 @@ class Reading:
     @cached_property
     def minor(self) -> tuple[Cause, ...]:
         """What is probably there and not of a size that matters, and structure that was put in."""
-        slight = [replace(self._cause(one), meaningful=False) for one in self.named if not self._still(one)]
+        nuisance = [replace(self._cause(one), meaningful=False) for one in self.named if not self._still(one)]
         stood_for = {name for one in self.named for name in (one.name, *(other for other, _ in one.alike))}
         there = {one.name for one in self.fit.attached}
         beliefs = [b for b in self.explained.posterior.causes if b.probability > 0.5 and b.name not in stood_for]
         found = [self._put_in(one) for one in self._standing if self._notable(one) < self.priors.named]
-        return (*slight, *(self._predicted(b) for b in beliefs if b.name not in there), *found)
+        return (*nuisance, *(self._predicted(b) for b in beliefs if b.name not in there), *found)
 
     def _still(self, belief: Belief) -> bool:
         """Whether the size of a named cause matters, as likely as a name needs, also where the fit has ended."""
@@ -92,7 +92,7 @@ class Reading:
 
     def _notable(self, one: Attached) -> float:
         """Probability that structure which is expected of any aircraft is large enough to be told as a cause."""
-        if one.slight or not is_sure(self.evidence, one.name):
+        if one.nuisance or not is_sure(self.evidence, one.name):
             return 0.0
         return self._larger(one, self.priors.expected)
 
@@ -212,7 +212,7 @@ def _sized(one: Attached, belief: Belief) -> Attached:
     return one.with_values({"value": belief.size})
 
 
-def _told(one: Attached, base: Fit, belief: Belief, std: float) -> Cause:
+def _told(one: Attached, base: FlightFit, belief: Belief, std: float) -> Cause:
     effect, values = one.effect, one.effect.in_words(one.values)
     value = values["value"]
     statistic = 2.0 * belief.log_odds

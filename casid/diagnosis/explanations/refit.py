@@ -20,7 +20,7 @@ from casid.diagnosis.explanations.pool import pool_of
 from casid.diagnosis.explanations.posterior import Posterior, posterior
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.search import Found, further, search
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming.events import Intervals, at_peak, further_records
@@ -29,7 +29,7 @@ from casid.errors import InputError
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Weighed:
+class WeighedFit:
     """A fit, what it asked, and what the search found about it; `own` the attached effects that compete, `intervals` of
     onsets by name, and the `ranking` of the catalogue by one cause at a time."""
 
@@ -40,18 +40,18 @@ class Weighed:
     ranking: tuple[Candidate, ...] = ()
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> FlightFit:
         return self.asked.fit
 
     @property
     def best(self) -> Explanation:
         return self.found.explanations[0]
 
-    def with_found(self, found: Found) -> Weighed:
+    def with_found(self, found: Found) -> WeighedFit:
         """With another search about the same fit, of the same causes."""
         return replace(self, asked=replace(self.asked, innovations=found.asked), found=found)
 
-    def in_other_air(self, beside: Fit, priors: Priors) -> float:
+    def in_other_air(self, beside: FlightFit, priors: Priors) -> float:
         """Log weight of the best explanation by the same causes under the noise of another fit of the records."""
         attached = [one for one in self.fit.attached if one.name in self.own]
         others = [one for one in beside.attached if one.name not in self.own]
@@ -73,10 +73,10 @@ class Explained:
     """
 
     posterior: Posterior
-    first: Fit
+    first: FlightFit
     ranking: tuple[Candidate, ...]
-    lead: Weighed
-    rivals: tuple[Weighed, ...]
+    lead: WeighedFit
+    rivals: tuple[WeighedFit, ...]
     worths: Mapping[str, float]
     predicted: Mapping[str, float] = field(default_factory=dict)
 
@@ -94,7 +94,9 @@ class Explained:
         raise ValueError(f"no fit has a column of '{column.name}'")
 
 
-def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing: Sequence[Attached] = ()) -> Explained:
+def explain(
+    start: FlightFit, priors: Priors, report: Callable[[str], None], competing: Sequence[Attached] = ()
+) -> Explained:
     """The posterior over explanations of a fit; the effects `competing` that it has are causes like any others."""
     banned: set[str] = set()
     own: dict[str, CauseColumn] = {one.name: _given(one, priors) for one in competing}
@@ -135,7 +137,7 @@ def explain(start: Fit, priors: Priors, report: Callable[[str], None], competing
     return Explained(posterior=believed, first=start, ranking=ranking, lead=lead, rivals=tuple(rivals), worths=worths)
 
 
-def _in_colour(lead: Weighed, rivals: Sequence[Weighed]) -> tuple[Weighed, list[Weighed], dict[str, float]]:
+def _in_colour(lead: WeighedFit, rivals: Sequence[WeighedFit]) -> tuple[WeighedFit, list[WeighedFit], dict[str, float]]:
     """The lead and its rivals with the colour allowed for that the lead leaves of each channel, and what its readings
     are worth."""
     seen = lead.fit.linear.seen
@@ -161,26 +163,26 @@ def _given(one: Attached, priors: Priors) -> CauseColumn:
     )
 
 
-def _weighed(now: Fit, priors: Priors, own: Mapping[str, CauseColumn], banned: set[str]) -> Weighed:
+def _weighed(now: FlightFit, priors: Priors, own: Mapping[str, CauseColumn], banned: set[str]) -> WeighedFit:
     evidence = weigh(now)
     pool = pool_of(evidence, priors, banned)
     asked = ask(evidence, pool.competitors, priors, own)
     found = search(asked.innovations, priors, settings=priors.numerics.first_settings)
-    one = Weighed(asked=asked, found=found, own=own, ranking=pool.ranking)
+    one = WeighedFit(asked=asked, found=found, own=own, ranking=pool.ranking)
     return one.with_found(further(found)) if _agrees(one, one.best) else one
 
 
-def _alone(now: Fit, priors: Priors, own: Mapping[str, CauseColumn], about: Explanation) -> Weighed:
+def _alone(now: FlightFit, priors: Priors, own: Mapping[str, CauseColumn], about: Explanation) -> WeighedFit:
     """The same with no cause offered but those in the fit."""
     asked = ask(weigh(now), [], priors, own)
-    return Weighed(asked=asked, found=search(asked.innovations, priors, about), own=own)
+    return WeighedFit(asked=asked, found=search(asked.innovations, priors, about), own=own)
 
 
-def _content(one: Weighed) -> frozenset[str]:
+def _content(one: WeighedFit) -> frozenset[str]:
     return frozenset(one.own)
 
 
-def _strongest(now: Weighed) -> Explanation:
+def _strongest(now: WeighedFit) -> Explanation:
     """The best explanation without causes that are nothing beside its strongest: they may be what linearisation is
     wrong by, of the strongest, and are found again if they are not. Those in the fit are judged as they stand."""
     best, columns = now.best, now.asked.innovations.causes
@@ -192,7 +194,7 @@ def _strongest(now: Weighed) -> Explanation:
     return replace(best, elements=elements, amplitudes=tuple(best.amplitudes[i] for i in kept))
 
 
-def _agrees(now: Weighed, best: Explanation) -> bool:
+def _agrees(now: WeighedFit, best: Explanation) -> bool:
     """Whether an explanation has the causes that are in the fit, and no others."""
     return {now.asked.innovations.causes[e.column].name for e in best.elements} == set(now.own)
 
@@ -202,14 +204,14 @@ class _Plan:
     """What is to be fitted: the effects of an explanation, from the fit at which it was weighed, and the columns that
     they compete as; `before` those of that fit, and `intervals` of their onsets."""
 
-    start: Fit
+    start: FlightFit
     before: Mapping[str, CauseColumn]
     attached: Sequence[Attached]
     own: Mapping[str, CauseColumn]
     intervals: Mapping[str, Intervals]
 
 
-def _plan(now: Weighed, best: Explanation, priors: Priors) -> _Plan:
+def _plan(now: WeighedFit, best: Explanation, priors: Priors) -> _Plan:
     """The causes of an explanation at the sizes that it gives them."""
     causes = now.asked.innovations.causes
     others = [one for one in now.fit.attached if one.name not in now.own]
@@ -223,7 +225,7 @@ def _plan(now: Weighed, best: Explanation, priors: Priors) -> _Plan:
     return _Plan(start=now.fit, before=now.own, attached=[*others, *chosen], own=own, intervals=now.intervals)
 
 
-def _fitted(plan: _Plan, priors: Priors, banned: set[str]) -> tuple[Fit, Mapping[str, Intervals]] | None:
+def _fitted(plan: _Plan, priors: Priors, banned: set[str]) -> tuple[FlightFit, Mapping[str, Intervals]] | None:
     """The fit, and where the onsets of its new events may be; None, and a name more that is `banned`, when a cause is
     impossible in it."""
     start, own, before = plan.start, plan.own, plan.before
@@ -241,11 +243,13 @@ def _fitted(plan: _Plan, priors: Priors, banned: set[str]) -> tuple[Fit, Mapping
     return fitted, {**plan.intervals, **intervals}
 
 
-def _planned(plan: _Plan, found: tuple[Fit, Mapping[str, Intervals]], priors: Priors, banned: set[str]) -> Weighed:
+def _planned(
+    plan: _Plan, found: tuple[FlightFit, Mapping[str, Intervals]], priors: Priors, banned: set[str]
+) -> WeighedFit:
     return replace(_weighed(found[0], priors, plan.own, banned), intervals=found[1])
 
 
-def _refitted(now: Weighed, best: Explanation, priors: Priors, banned: set[str]) -> Weighed | None:
+def _refitted(now: WeighedFit, best: Explanation, priors: Priors, banned: set[str]) -> WeighedFit | None:
     """The fit with the causes of an explanation, weighed; None when it cannot be."""
     plan = _plan(now, best, priors)
     found = _fitted(plan, priors, banned)
@@ -260,7 +264,7 @@ def _sized(one: Attached, amplitude: float, priors: Priors) -> Attached:
     return one.with_values({"value": one.values["value"] * float(np.clip(amplitude, *priors.numerics.amplitudes))})
 
 
-def _events(fitted: Fit, new: set[str], moves: int) -> tuple[Fit, dict[str, Intervals]]:
+def _events(fitted: FlightFit, new: set[str], moves: int) -> tuple[FlightFit, dict[str, Intervals]]:
     """The fit with onsets of new events moved to where they belong, and in further records where they recur."""
     intervals: dict[str, Intervals] = {}
     for name in sorted(new):
@@ -278,7 +282,7 @@ def _events(fitted: Fit, new: set[str], moves: int) -> tuple[Fit, dict[str, Inte
     return fitted, intervals
 
 
-def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[str], None]) -> list[Weighed]:
+def _rivals(lead: WeighedFit, priors: Priors, banned: set[str], report: Callable[[str], None]) -> list[WeighedFit]:
     """The best other explanations, each fitted as a whole: as far behind as linearisation may be wrong."""
     numerics = priors.numerics
     within = max(numerics.near, numerics.linear * (lead.best.log - lead.found.nothing))
@@ -289,7 +293,7 @@ def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[s
         names = frozenset(causes[e.column].name for e in one.elements)
         if names and lead.best.log - one.log < within and not names >= lead.own.keys():
             ranked.setdefault(names, one)
-    found: list[Weighed] = []
+    found: list[WeighedFit] = []
     plans = [(_plan(lead, one, priors), one) for one in list(ranked.values())[: numerics.rivals]]
     for plan, one in [*plans, *((plan, lead.best) for plan in _elsewhere(lead, priors))]:
         report("explanations, rivals")
@@ -299,7 +303,7 @@ def _rivals(lead: Weighed, priors: Priors, banned: set[str], report: Callable[[s
     return found
 
 
-def _elsewhere(lead: Weighed, priors: Priors) -> list[_Plan]:
+def _elsewhere(lead: WeighedFit, priors: Priors) -> list[_Plan]:
     """A cause of some records as one of the opposite size of all the others. But for what is fitted the two differ by a
     cause of all records, and another cause beside the wrong one may make up for that."""
     plans, plan = [], _plan(lead, lead.best, priors)

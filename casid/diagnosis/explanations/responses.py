@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from casid.diagnosis.evidence.fingerprints import symbolic_columns
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, readings, station_series
 from casid.model.station import coefficient
 from casid.model.terms import parse_term
 
 
-def responses(base: Fit, ones: Sequence[Attached]) -> list[np.ndarray]:
+def responses(base: FlightFit, ones: Sequence[Attached]) -> list[np.ndarray]:
     """(N, R, ny) of each: to its whole where it is not linear, in every record that it concerns."""
     found: dict[int, np.ndarray] = {}
     histories = {i: history for i, one in enumerate(ones) if (history := _history(base, one)) is not None}
@@ -29,12 +29,12 @@ def responses(base: Fit, ones: Sequence[Attached]) -> list[np.ndarray]:
     return [found[i] for i in range(len(ones))]
 
 
-def _parts(base: Fit, of: Sequence[int]) -> Iterator[Sequence[int]]:
+def _parts(base: FlightFit, of: Sequence[int]) -> Iterator[Sequence[int]]:
     together = base.flight.criteria.priors.numerics.responses
     return (of[first : first + together] for first in range(0, len(of), together))
 
 
-def _history(base: Fit, one: Attached) -> Mapping[str, np.ndarray] | None:
+def _history(base: FlightFit, one: Attached) -> Mapping[str, np.ndarray] | None:
     """Disturbance station -> (N, R) time history; None for what is none."""
     effect = one.effect
     if effect.quasi_steady:
@@ -46,7 +46,7 @@ def _history(base: Fit, one: Attached) -> Mapping[str, np.ndarray] | None:
     return station_series(one, base.batch.names, base.batch.t, base.known)
 
 
-def _of_histories(base: Fit, histories: Sequence[Mapping[str, np.ndarray]]) -> list[np.ndarray]:
+def _of_histories(base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]) -> list[np.ndarray]:
     index, nothing = base.model.disturbances.index, np.zeros(base.batch.live.shape)
     acting = [{s: h for s, h in one.items() if h.any()} for one in histories]
     acting = [one or {next(iter(base.model.disturbances)): nothing} for one in acting]
@@ -58,7 +58,7 @@ def _of_histories(base: Fit, histories: Sequence[Mapping[str, np.ndarray]]) -> l
 
 
 def _direct(
-    base: Fit, one: Attached, symbolic: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    base: FlightFit, one: Attached, symbolic: Mapping[str, tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(Y, F) of an effect in the model's equations, or on readings."""
     still = np.zeros(base.linear.defect.shape)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag, get_blas_funcs, solve_triangular
 from scipy.special import ndtr
 
-from casid.diagnosis.explanations.explanation import Entrance, Innovations, RecordColumns, Setting, Unknown
+from casid.diagnosis.explanations.explanation import Entrance, RecordColumns, Setting, Unknown, WhitenedInnovations
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.numerics import DIED_AWAY, RIDGE, ROWS_AT_A_TIME
 
@@ -41,7 +41,7 @@ class Sums:
     """All that the score needs of the innovations. `square` y'y; `common` number of nuisance and small terms; `picked`
     per record (causes,) column of x of each, -1 where it has none."""
 
-    asked: Innovations
+    asked: WhitenedInnovations
     records: tuple[RecordSums, ...]
     square: float
     common: int
@@ -57,7 +57,7 @@ class Sums:
         return np.concatenate([np.arange(p * n, (p + 1) * n) for p in ports])
 
 
-def sums_of(asked: Innovations) -> Sums:
+def sums_of(asked: WhitenedInnovations) -> Sums:
     """The normal equations of everything that could be in the innovations."""
     records = tuple(_record_sums(asked, one) for one in asked.records)
     common = len(asked.precision) + len(asked.owners)
@@ -69,7 +69,7 @@ def sums_of(asked: Innovations) -> Sums:
     return Sums(asked=asked, records=records, square=square, common=common, picked=picked)
 
 
-def _record_sums(asked: Innovations, record: RecordColumns) -> RecordSums:
+def _record_sums(asked: WhitenedInnovations, record: RecordColumns) -> RecordSums:
     n = len(record.nodes) * len(asked.ports)
     X = np.column_stack([record.nuisance, record.small, record.shapes, record.residual])
     stepped, square = record.in_steps(X), _gram(X)
@@ -308,7 +308,7 @@ def background(sums: Sums, priors: Priors, held: Held, scales: Mapping[str, floa
     )
 
 
-def with_priors(asked: Innovations, held: Held) -> tuple[np.ndarray, np.ndarray]:
+def with_priors(asked: WhitenedInnovations, held: Held) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations of nuisance, its prior included, and of small terms, without theirs."""
     common, match, k = held.common.copy(), held.match.copy(), len(asked.precision)
     common[range(k), range(k)] += asked.precision
@@ -316,7 +316,7 @@ def with_priors(asked: Innovations, held: Held) -> tuple[np.ndarray, np.ndarray]
     return common, match
 
 
-def small_information(asked: Innovations, scales: Mapping[str, float]) -> np.ndarray:
+def small_information(asked: WhitenedInnovations, scales: Mapping[str, float]) -> np.ndarray:
     """Inverse prior covariance of the small terms at scales by owner."""
     scale = np.array([scales[owner] for owner in asked.owners])
     return asked.small_information / scale[:, None] / scale if len(scale) else np.zeros((0, 0))

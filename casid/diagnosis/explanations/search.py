@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from casid.diagnosis.explanations.explanation import Element, Explanation, Innovations, Unknown
+from casid.diagnosis.explanations.explanation import Element, Explanation, Unknown, WhitenedInnovations
 from casid.diagnosis.explanations.growth import Growth
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import (
@@ -50,7 +50,7 @@ class Found:
     gone: _Gone
 
     @property
-    def asked(self) -> Innovations:
+    def asked(self) -> WhitenedInnovations:
         return self.sums.asked
 
     def cosine(self, one: str, other: str) -> float:
@@ -68,7 +68,9 @@ class Found:
         return found
 
 
-def search(asked: Innovations, priors: Priors, about: Explanation | None = None, settings: int | None = None) -> Found:
+def search(
+    asked: WhitenedInnovations, priors: Priors, about: Explanation | None = None, settings: int | None = None
+) -> Found:
     """The explanations of these innovations that are worth their weight.
 
     about     an explanation of nearly the same innovations, in whose setting it begins

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit, Free
+from casid.diagnosis.flight.evaluation import FlightFit, Free
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.statistics import free_simulation
@@ -19,7 +19,7 @@ from casid.filtering.colour import most_likely
 from casid.filtering.kalman import residual_about
 
 
-def in_colour(fitted: Fit, free: Free = "all") -> Fit:
+def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
     """The fit with the noise of doubted outputs as it leaves it: first how strong it is, by a free simulation, then how
     slowly it moves, by its innovations; each until it stays. With forces free, which no simulation flies, only that."""
     numerics = fitted.criteria.numerics.fit
@@ -38,7 +38,7 @@ def in_colour(fitted: Fit, free: Free = "all") -> Fit:
     return fitted
 
 
-def is_far(fitted: Fit, most: float) -> bool:
+def is_far(fitted: FlightFit, most: float) -> bool:
     """Whether what is left per reading is `most` times the noise or more, in squares, though that was read: then it is
     no noise of the instruments, nor what a single cause could explain."""
     return not fitted.flight.noise_by_fit and float(np.sum(fitted.white**2)) > most * fitted.readings
@@ -50,14 +50,14 @@ def unread(flight: Flight) -> Flight:
     return replace(flight, doubted=unsure).within_the_motion()
 
 
-def _under(fitted: Fit, sigma: dict[str, float], colour: dict[str, tuple[float, float]], free: Free) -> Fit:
+def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[float, float]], free: Free) -> FlightFit:
     """The fit under other noise of its outputs."""
     flight = replace(fitted.flight, sigma=sigma, colour=colour)
     noise = replace(fitted.noise, measurement=sigma, colour=colour)
     return fit(flight, fitted.attached, noise, fitted, free=free, iterations=15)
 
 
-def level_of(fitted: Fit) -> dict[str, float]:
+def level_of(fitted: FlightFit) -> dict[str, float]:
     """Output -> r.m.s. of what a free simulation leaves of every doubted one, and no more than it varies by."""
     residual, found = free_simulation(fitted).residual, {}
     for name in fitted.flight.doubted:
@@ -69,7 +69,7 @@ def level_of(fitted: Fit) -> dict[str, float]:
     return found
 
 
-def colour_of(fitted: Fit) -> dict[str, tuple[float, float]]:
+def colour_of(fitted: FlightFit) -> dict[str, tuple[float, float]]:
     """Output -> (1-sigma, correlation time [s]) of the innovations of every doubted one that is measured."""
     plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
     through = fitted.filter.through

@@ -51,7 +51,7 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Fit:
+class FlightFit:
     """A fitted hypothesis.
 
     parameters   (R, np) parameters of the model in every record
@@ -182,10 +182,10 @@ class Work:
         )
         names = [slot.name if slot.attached is None else None for slot in self.slots]
         self.mean, self.weight = prior(flight, self.model, names)
-        slight = {a.name: a.effect.smallest_that_matters(flight.aircraft) or np.inf for a in attached if a.slight}
+        nuisance = {a.name: a.effect.smallest_that_matters(flight.aircraft) or np.inf for a in attached if a.nuisance}
         for i, slot in enumerate(self.slots):
-            if slot.name in slight:
-                self.weight[i] = slight[slot.name] ** -2.0
+            if slot.name in nuisance:
+                self.weight[i] = nuisance[slot.name] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
 
@@ -230,7 +230,7 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
-def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> Fit:
+def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
     """The hypothesis at values of its slots, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
@@ -260,7 +260,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
     flat = columns.reshape(white.size, len(work.slots))
     information = flat.T @ flat + np.diag(work.weight)
-    return Fit(
+    return FlightFit(
         flight=work.flight,
         attached=attached,
         model=model,
@@ -312,7 +312,7 @@ def _earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
     return moved
 
 
-def as_read(fit: Fit, series: np.ndarray) -> np.ndarray:
+def as_read(fit: FlightFit, series: np.ndarray) -> np.ndarray:
     """(N, R, ny, ...) series of a fit, in which late readings stand at the time of what they speak of, with each
     reading at the time at which it was made."""
     late = _lateness(fit.attached, fit.flight, fit.model)
@@ -377,7 +377,7 @@ def _columns(
     return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
 
 
-def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
+def gauss_newton_step(work: Work, now: FlightFit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
@@ -388,7 +388,7 @@ def gauss_newton_step(work: Work, now: Fit) -> tuple[np.ndarray, Motion]:
     return change, smoothed(now, Y - by_slot[0] @ change[:, None], F, first)
 
 
-def smoothed(now: Fit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
+def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
     """Change to the most likely motion, given a residual."""
     moved, noise = now.filter.smooth(Y, F, first)
     most, nx = now.criteria.noise.largest_input * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
+from casid.diagnosis.flight.evaluation import FlightFit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise
 from casid.errors import InputError
@@ -20,14 +20,14 @@ def fit(
     flight: Flight,
     attached: Sequence[Attached],
     noise: NoiseModel,
-    start: Fit | None = None,
+    start: FlightFit | None = None,
     *,
     free: Free = "all",
     iterations: int = 10,
     tolerance: float = 0.5,
     give_up: float = np.inf,
     anew: bool = False,
-) -> Fit:
+) -> FlightFit:
     """Maximum likelihood of derivatives, effects and trajectory under `noise`; `free` may leave out the derivatives, or
     all but the trajectory.
 
@@ -77,7 +77,7 @@ def fit(
     return best.fit
 
 
-def from_elsewhere(fitted: Fit) -> Fit | None:
+def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
     """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
     something large: it begins from a fit under wider noise, for which there are fewer minima. None of other fits."""
     numerics = fitted.criteria.numerics.fit
@@ -88,13 +88,13 @@ def from_elsewhere(fitted: Fit) -> Fit | None:
     return fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
 
 
-def without(fitted: Fit, names: Collection[str]) -> Fit:
+def without(fitted: FlightFit, names: Collection[str]) -> FlightFit:
     """The fit without some of its effects, to the end."""
     others = [a for a in fitted.attached if a.name not in names]
     return fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
 
 
-def relaxed(fitted: Fit) -> Fit:
+def relaxed(fitted: FlightFit) -> FlightFit:
     """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
     numerics = fitted.criteria.numerics.fit
     for _ in range(numerics.relaxations if fitted.filter_held else 1):
@@ -120,12 +120,12 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
 class _Point:
     """A point on the way to the maximum: `squares` that steps lower, and what the next full step promises to."""
 
-    fit: Fit
+    fit: FlightFit
     squares: float
     promise: float
 
     @classmethod
-    def of(cls, work: Work, fit: Fit) -> _Point:
+    def of(cls, work: Work, fit: FlightFit) -> _Point:
         return cls(fit, _squares(work, fit), float(fit.gradient @ fit.covariance @ fit.gradient))
 
     @property
@@ -149,7 +149,7 @@ class _Point:
         return full and nearer and not now.fit.noise.coloured
 
 
-def _squares(work: Work, now: Fit) -> float:
+def _squares(work: Work, now: FlightFit) -> float:
     """What Gauss-Newton steps lower: the sum of squares, prior included, with noise of inputs as strong as the fit's
     own effectiveness makes it, and without the logarithm of its covariance.
 
@@ -168,7 +168,7 @@ def _squares(work: Work, now: Fit) -> float:
     return float(by_channel.sum()) + now.deviance - now.data_deviance
 
 
-def _start_motion(work: Work, attached: tuple[Attached, ...], start: Fit | None, values: np.ndarray) -> Motion:
+def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit | None, values: np.ndarray) -> Motion:
     """The motion to begin with.
 
     Without a start, what the filter makes of the measured motion: the deviance of a model linearised about noise cannot
@@ -201,7 +201,7 @@ def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, oth
     return found
 
 
-def _start_values(work: Work, attached: Sequence[Attached], start: Fit | None) -> np.ndarray:
+def _start_values(work: Work, attached: Sequence[Attached], start: FlightFit | None) -> np.ndarray:
     before = {} if start is None else {s.name: v for s, v in zip(start.slots, start.values, strict=True)}
     own = {a.name: a for a in attached}
     values = []

@@ -21,7 +21,7 @@ class Attached:
     records  names of the records that have it; empty: all
     passes   whether noise of the recorded input passes through it. Not while it is tried: what smooths the record
              predicts with less noise, whether it is the cause or not
-    slight   whether it was put in beforehand as too small to matter, and is known to be about that small at most
+    nuisance   whether it was put in beforehand as too small to matter, and is known to be about that small at most
     """
 
     effect: Effect
@@ -29,7 +29,7 @@ class Attached:
     onsets: Mapping[str, float] = field(default_factory=dict)
     records: tuple[str, ...] = ()
     passes: bool = True
-    slight: bool = False
+    nuisance: bool = False
 
     @property
     def name(self) -> str:

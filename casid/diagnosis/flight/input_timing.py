@@ -9,13 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.model.station import control
 from casid.signals import SURFACES
 
 
-def as_inputs_run(fitted: Fit, *, named: bool = False) -> Fit:
+def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     """The fit with inputs that run between samples as the surfaces agree that they do, if that is another way and gains
     enough; and, beside causes that are `named` already, if it is worth another naming."""
     criteria, share = fitted.criteria.input_timing, held_share(fitted, named=named)
@@ -28,7 +28,7 @@ def as_inputs_run(fitted: Fit, *, named: bool = False) -> Fit:
     return other if other.deviance < fitted.deviance - criteria.gain else fitted
 
 
-def held_share(fitted: Fit, *, named: bool = False) -> float:
+def held_share(fitted: FlightFit, *, named: bool = False) -> float:
     """Share of a sample interval over which inputs are held (`Batch.held`), in steps, on which two surfaces agree that
     move enough to tell; as it is where they do not. One that tells alone may be late for other reasons: it does so of
     inputs that are wholly held, and beside causes that are `named` already."""
@@ -46,7 +46,7 @@ def held_share(fitted: Fit, *, named: bool = False) -> float:
     return share
 
 
-def surface_shares(fitted: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of each surface that moves and acts the share that linearisation predicts, its 1-sigma, and the deviance's drop.
 
     What the fit leaves of each channel is taken as a first-order autoregressive process, whitened once more: timing

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal, stats
 
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import readings
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChannelFit:
+class ChannelStatistics:
     """One channel over all records.
 
     rms          of measured minus simulated, the simulation running freely from each record's fitted initial state
@@ -30,14 +30,14 @@ class ChannelFit:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Simulated:
+class SimulatedRecords:
     """Free simulation of a fit: `output` (N, R, ny), `residual` measured minus simulated with NaN where not seen."""
 
     output: np.ndarray
     residual: np.ndarray
 
 
-def free_simulation(fit: Fit, start: np.ndarray | None = None) -> Simulated:
+def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> SimulatedRecords:
     """Fly every record from its fitted initial state, or from `start` (R, states), open loop on the recorded inputs.
 
     What leaves the range of numbers is infinite.
@@ -57,10 +57,10 @@ def free_simulation(fit: Fit, start: np.ndarray | None = None) -> Simulated:
     output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
     output = np.where(np.isfinite(output), output, np.inf)
     seen = np.isfinite(batch.Z) & batch.live[..., None]
-    return Simulated(output=output, residual=np.where(seen, batch.Z - output, np.nan))
+    return SimulatedRecords(output=output, residual=np.where(seen, batch.Z - output, np.nan))
 
 
-def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
+def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, ChannelStatistics]:
     """Statistics of every output that some record measures, over all records."""
     table, lags = {}, fit.criteria.numerics.fit.whiteness_lags
     for i, name in enumerate(fit.model.outputs):
@@ -69,7 +69,7 @@ def channel_fits(fit: Fit, simulated: Simulated) -> dict[str, ChannelFit]:
         error, measured = simulated.residual[..., i], np.where(fit.linear.seen[..., i], fit.batch.Z[..., i], np.nan)
         predicted = measured - error
         rms = _rms(error)
-        table[name] = ChannelFit(
+        table[name] = ChannelStatistics(
             rms=rms,
             noise=fit.noise.measurement[name],
             whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i], lags),
@@ -99,7 +99,7 @@ def whiteness(white: np.ndarray, seen: np.ndarray, lags: int = 20) -> float:
     return float(stats.chi2.sf(statistic, dof)) if dof else 1.0
 
 
-def band_energy(fit: Fit, simulated: Simulated, edges_hz: np.ndarray) -> np.ndarray:
+def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarray) -> np.ndarray:
     """(ny, bands) energy of the free-simulation residual over that of the instrument's noise, per frequency band."""
     ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
     for i, name in enumerate(fit.model.outputs):

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit
-from casid.diagnosis.flight.statistics import ChannelFit, Simulated, channel_fits, free_simulation
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.statistics import ChannelStatistics, SimulatedRecords, channel_fits, free_simulation
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
     """A fitted model and how it explains a set of records."""
 
-    fit: Fit
-    simulated: Simulated
-    channels: Mapping[str, ChannelFit]
+    fit: FlightFit
+    simulated: SimulatedRecords
+    channels: Mapping[str, ChannelStatistics]
 
     @property
     def log_likelihood(self) -> float:
@@ -45,7 +45,7 @@ class View:
         return {"channels": channels, "log_likelihood": self.log_likelihood}
 
 
-def view_of(fit: Fit, start: np.ndarray | None = None) -> View:
+def view_of(fit: FlightFit, start: np.ndarray | None = None) -> View:
     """The view of a fit; its simulation begins at the fitted initial states, or at `start` (R, states)."""
     simulated = free_simulation(fit, start)
     return View(fit=fit, simulated=simulated, channels=channel_fits(fit, simulated))

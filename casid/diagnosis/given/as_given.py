@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
@@ -62,7 +62,7 @@ def _flown(flight: Flight, known: Sequence[Attached]) -> View:
     return view_of(_states(flight, known), _start(flight, known))
 
 
-def _states(flight: Flight, known: Sequence[Attached]) -> Fit:
+def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
     by = flight.criteria.numerics.fit
     tolerance, iterations = by.states_tolerance, by.states_iterations
     return fit(flight, known, flight.noise(), free="states", iterations=iterations, tolerance=tolerance)

@@ -16,7 +16,7 @@ from casid.diagnosis.given.as_given import AsGiven
 
 
 @dataclass(frozen=True, kw_only=True)
-class Steps:
+class BudgetSteps:
     """r.m.s. of measured minus simulated that is left after each step, in units of the channel's noise, whose own share
     is 1. What stands between `structure` and `noise` is unexplained. Infinite where a simulation diverges."""
 
@@ -38,8 +38,8 @@ class Budget:
     together, root mean square over the channels."""
 
     records: tuple[str, ...]
-    channels: Mapping[str, Steps]
-    together: Steps
+    channels: Mapping[str, BudgetSteps]
+    together: BudgetSteps
 
     def to_dict(self) -> dict[str, Any]:
         """`budget` of diagnosis.json."""
@@ -56,13 +56,13 @@ def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
     views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
     channels = {
-        name: Steps(**{step: _in_noise(view, name, structure) for step, view in views.items()}) for name in shared
+        name: BudgetSteps(**{step: _in_noise(view, name, structure) for step, view in views.items()}) for name in shared
     }
     together = {
         one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
-        for one in fields(Steps)
+        for one in fields(BudgetSteps)
     }
-    return Budget(records=given.held.records, channels=channels, together=Steps(**together))
+    return Budget(records=given.held.records, channels=channels, together=BudgetSteps(**together))
 
 
 def _in_noise(view: View, channel: str, best: View) -> float:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from casid.diagnosis.evidence.evidence import Evidence, deviation
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.estimation.residual_colour import (
-    Piece,
+    WhitePiece,
     coloured_score,
     estimated,
     gathered,
@@ -53,7 +53,7 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     return found
 
 
-def coloured_deviation(fit: Fit) -> np.ndarray:
+def coloured_deviation(fit: FlightFit) -> np.ndarray:
     """(slots,) 1-sigma of what is fitted with the colour that its residuals show; zero where nothing can be said."""
     found = np.zeros(len(fit.slots))
     flat = fit.columns.reshape(fit.white.size, len(fit.slots))
@@ -76,14 +76,14 @@ def coloured_deviation(fit: Fit) -> np.ndarray:
     return found
 
 
-def _pieces(fit: Fit, known: np.ndarray) -> Iterator[Piece]:
+def _pieces(fit: FlightFit, known: np.ndarray) -> Iterator[WhitePiece]:
     """Whitened sensitivities and innovations, one record after the other."""
     seen, columns = fit.filter.linear.seen, np.arange(len(known))
     for record in range(fit.white.shape[1]):
         for channel in range(fit.white.shape[2]):
             here = seen[:, record, channel]
             if here.any():
-                yield Piece(
+                yield WhitePiece(
                     channel=channel,
                     record=record,
                     columns=columns,

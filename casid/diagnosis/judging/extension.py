@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effects import effect_of
 
 
-def extended_aircraft(aircraft: Aircraft, fit: Fit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
+def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
     """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects or
     in its tables, and what is `minor` but stands in the fit beside them, terms of the aerodynamics as such."""
     known = {(e.kind, e.target, e.term) for e in aircraft.effects}
@@ -61,7 +61,7 @@ def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
     )
 
 
-def _as_fitted(effect: EffectValue, fit: Fit) -> EffectValue:
+def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:
     """An effect of the file with its onsets as they were fitted, their intervals as wide as they were."""
     onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
     moved = dict(effect.onset_s or {})

@@ -13,7 +13,7 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.colour import in_colour
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
@@ -46,7 +46,7 @@ def split(
     return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
 
 
-def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
+def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
     """The fitted model on other records, derivatives and effects fixed; noise that is what a fit leaves is what it
     leaves there."""
     held = fitted.flight.with_records(with_estimates(fitted.flight.aircraft, fitted.derivatives, {}), records)
@@ -62,7 +62,7 @@ def judge_on(records: Sequence[Record], fitted: Fit) -> Fit:
     return base
 
 
-def with_events(held: Fit, fitted: Fit) -> Fit:
+def with_events(held: FlightFit, fitted: FlightFit) -> FlightFit:
     """The fit of held-out records with those events too that need not repeat, where they do."""
     for one in fitted.attached:
         if one.effect.timed and not one.effect.recurring:
@@ -70,7 +70,7 @@ def with_events(held: Fit, fitted: Fit) -> Fit:
     return held
 
 
-def _recurred(base: Fit, one: Attached) -> Fit:
+def _recurred(base: FlightFit, one: Attached) -> FlightFit:
     """The fit with the event where it helps most, or without it, whichever is better."""
     others = [a for a in base.attached if a.name != one.name]
     without = base if len(others) == len(base.attached) else _states(base, others)
@@ -82,7 +82,7 @@ def _recurred(base: Fit, one: Attached) -> Fit:
     return min(found, key=lambda f: f.deviance)
 
 
-def _states(base: Fit, attached: Sequence[Attached]) -> Fit:
+def _states(base: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     return fit(base.flight, attached, base.noise, base, free="states", iterations=4, tolerance=1.0)
 
 
@@ -90,7 +90,7 @@ def _everywhere(one: Attached) -> Attached:
     return replace(one, records=())
 
 
-def _onsets(base: Fit, one: Attached) -> dict[str, float]:
+def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
     """Where the event, at its known size, helps most in each record; a record that it does not help is left out."""
     judge, found = Screen(weigh(base, discrepancy=False)), {}
     size = one.values["value"]
@@ -113,11 +113,11 @@ def steps_to_keep(gains: Sequence[float | None]) -> int:
 
 def best_on_held(
     held: Sequence[Record],
-    steps: Sequence[Fit],
-    on_held: Sequence[Fit],
+    steps: Sequence[FlightFit],
+    on_held: Sequence[FlightFit],
     gains: Sequence[float | None],
     on_fitted: Sequence[float],
-) -> tuple[Fit, Fit]:
+) -> tuple[FlightFit, FlightFit]:
     """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
     of them that lost there and are still no help beside the later ones. A loss that is nothing beside what the step
     gains `on_fitted` records, in 2 ln L, is none: the held-out ones may hardly move what the cause is about."""
@@ -140,7 +140,11 @@ def best_on_held(
 
 
 def kinematic_gain(
-    flight: Flight, held: Sequence[Record], before: Fit, after: Fit, moving: Mapping[str, tuple[float, float]]
+    flight: Flight,
+    held: Sequence[Record],
+    before: FlightFit,
+    after: FlightFit,
+    moving: Mapping[str, tuple[float, float]],
 ) -> float:
     """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
     is wrong with the aerodynamics of the held-out records cannot refuse it."""
@@ -156,7 +160,7 @@ def kinematic_gain(
 def gains_by_kinematics(
     flight: Flight,
     held: Sequence[Record],
-    steps: Sequence[Fit],
+    steps: Sequence[FlightFit],
     gains: Sequence[float | None],
     trials: Sequence[Trial],
     moving: Mapping[str, tuple[float, float]],
@@ -170,12 +174,12 @@ def gains_by_kinematics(
     return found
 
 
-def held_gains(on_held: Sequence[Fit]) -> list[float | None]:
+def held_gains(on_held: Sequence[FlightFit]) -> list[float | None]:
     """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat,
-    whatever slight errors of instruments were put in beside it."""
+    whatever nuisance errors of instruments were put in beside it."""
     gains: list[float | None] = []
     for before, after in pairwise(on_held):
-        new = {a.name for a in after.attached if not a.slight} - {a.name for a in before.attached}
+        new = {a.name for a in after.attached if not a.nuisance} - {a.name for a in before.attached}
         gain = 0.5 * (before.data_deviance - after.data_deviance) / after.readings
         gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
     return gains

@@ -13,7 +13,7 @@ from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.comparing import sine
@@ -94,7 +94,7 @@ def causes_of(
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
-def _still_matters(fit: Fit, name: str) -> bool:
+def _still_matters(fit: FlightFit, name: str) -> bool:
     """Whether a named cause is of a size that matters, and is possible, beside those that were named after it."""
     one = next(a for a in fit.attached if a.name == name)
     return plausible(one) and meaningful_share(fit, one) >= 1.0
@@ -183,7 +183,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     notable = by.structure * (by.structure_beside if strongest > statistic else 1.0)
     clear = statistic > least and matters(share, statistic, clear_gain(evidence.fit)) and is_sure(evidence, name)
-    meaningful = share > notable and clear and not one.slight and (held is None or held >= 0.0)
+    meaningful = share > notable and clear and not one.nuisance and (held is None or held >= 0.0)
     meaningful = meaningful and mostly_gone(statistic, left, criteria.doubt)
     return Cause(
         kind=effect.kind,
@@ -201,7 +201,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, least: float, l
         parameters={},
         meaningful=meaningful,
         share=share,
-        sentence=sentence if meaningful or one.slight else f"Expected of any aircraft, and added: {sentence}",
+        sentence=sentence if meaningful or one.nuisance else f"Expected of any aircraft, and added: {sentence}",
     )
 
 
@@ -308,7 +308,7 @@ def still_missing(
 
 
 def verdict_of(
-    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, fit: Fit
+    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, fit: FlightFit
 ) -> tuple[str, str]:
     """(verdict, the sentence that opens the report)."""
     if causes:

@@ -10,7 +10,7 @@ from casid.diagnosis.criteria import KinematicCriteria
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
 from casid.diagnosis.evidence.screening import Screen
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.errors import InputError
@@ -95,7 +95,7 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
     )
 
 
-def _fitted_check(without: Fit, one: Attached) -> KinematicCheck:
+def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
     on: a long delay does to a reading what no tangent at zero tells."""
     try:

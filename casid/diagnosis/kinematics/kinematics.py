@@ -15,7 +15,7 @@ import numpy as np
 from casid.diagnosis.criteria import KinematicCriteria, TurbulenceCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import moving_air
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
@@ -172,7 +172,7 @@ def gusts(
     return processes
 
 
-def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
+def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence. The sense of the air's pitching and yawing by the gradient of its
     velocity, about which simulators do not agree, and the size of its own rolling are by maximum likelihood on a grid;
     so is what turns the aircraft besides, where that explains more than a rough model of moving air leaves."""
@@ -184,12 +184,12 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: Fit) -> Fit:
         """The air's rotation with the other sign about some axes."""
         return {axis: -sign if axis in axes else sign for axis, sign in signs.items()}
 
-    def at(moments: Sequence[str], scale: float, start: Fit, turning: Mapping[str, float]) -> Fit:
+    def at(moments: Sequence[str], scale: float, start: FlightFit, turning: Mapping[str, float]) -> FlightFit:
         noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(moments, scale), turbulent.length))
         air = start.flight if start.flight.turning == turning else flight.turned_by_air(turning)
         return fit(air, start.attached, noise, start, tolerance=2.0)
 
-    def larger(moments: Sequence[str], least: Fit) -> Fit:
+    def larger(moments: Sequence[str], least: FlightFit) -> FlightFit:
         best = least
         for trial in side_by_side(lambda scale: at(moments, scale, least, least.flight.turning), scales[1:]):
             if trial.deviance > best.deviance:
@@ -211,9 +211,9 @@ def reconstruct(
     flight: Flight,
     attached: Sequence[Attached] = (),
     moving: Mapping[str, tuple[float, float]] = _CALM,
-    start: Fit | None = None,
+    start: FlightFit | None = None,
     iterations: int = 5,
-) -> Fit:
+) -> FlightFit:
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
     return fit(
         flight, attached, forceless_noise(flight, moving), start, free="effects", iterations=iterations, tolerance=2.0
@@ -226,14 +226,14 @@ def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = 
     return replace(flight.noise(free_forces(flight) | dict(moving)), colour={})
 
 
-def beside_offsets(reconstructed: Fit) -> Fit:
+def beside_offsets(reconstructed: FlightFit) -> FlightFit:
     """The same with small offsets of all instruments fitted too. Not for judging instruments: a bias would share its
     evidence with the offset."""
     given = reconstructed
     return fit(given.flight, given.attached, given.noise, given, free="offsets", iterations=2, tolerance=2.0)
 
 
-def again(before: Fit, attached: Sequence[Attached]) -> Fit:
+def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """A reconstruction with other effects, in the same air, their values fitted anew."""
     return fit(before.flight, attached, before.noise, before, free="effects", iterations=5, tolerance=2.0)
 
@@ -243,16 +243,16 @@ def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
     return weigh(again(kinematic.fit, [one for one in attached if one.effect.kinematic]), discrepancy=False)
 
 
-def turbulence(flight: Flight, calm: Fit) -> Turbulence:
+def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
     by parabolas through the deviance."""
     criteria, numerics = flight.criteria.turbulence, flight.criteria.numerics.turbulence
     begin, unknown = numerics.first_velocity, criteria.scale_length
 
-    def at(sigma: float, length: float, start: Fit, axes: Sequence[str] = WIND, iterations: int = 2) -> Fit:
+    def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, iterations: int = 2) -> FlightFit:
         return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
 
-    def best_along(sigmas: Sequence[float]) -> tuple[Fit, float]:
+    def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
         """The best of the first fit and of one velocity after the other, until one is clearly worse."""
         last = best = first
         best_sigma = begin

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import drifts
 from casid.diagnosis.evidence.screening import Candidate, screen
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
@@ -26,14 +26,14 @@ class KinematicFindings:
     evidence, ranked  with forces free, in the air as it moves, and its ranking of instrument and air causes; None where
                       the records cannot free the forces
     turbulence        whether the air moves
-    slight            errors of instruments that are too small to matter, to be put in beforehand. None in turbulence,
+    nuisance            errors of instruments that are too small to matter, to be put in beforehand. None in turbulence,
                       where they stand for what the air does
     """
 
     evidence: Evidence | None
     ranked: list[Candidate]
     turbulence: Turbulence
-    slight: list[Attached]
+    nuisance: list[Attached]
 
 
 def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]) -> KinematicFindings:
@@ -41,9 +41,9 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequenc
     and beside the skews that the kinematics ask for themselves."""
     if not kinematics.available(flight):
         return KinematicFindings(
-            evidence=None, ranked=[], turbulence=kinematics.still_air(flight), slight=list(offsets)
+            evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
         )
-    of_the_file, slight = [one for one in known if one.effect.kinematic], list[Attached]()
+    of_the_file, nuisance = [one for one in known if one.effect.kinematic], list[Attached]()
     calm = kinematics.reconstruct(flight, of_the_file)
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named:
@@ -55,13 +55,13 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequenc
         found = kinematics.again(calm, [*of_the_file, *offsets]) if offsets else calm
         skews = _leading_skews(flight, found)
         found = kinematics.again(found, [*found.attached, *skews]) if skews else found
-        slight = [*offsets, *skews]
+        nuisance = [*offsets, *skews]
     evidence = weigh(found, discrepancy=False)
     ranked = screen(evidence, _observable(flight, found.attached))
-    return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, slight=slight)
+    return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, nuisance=nuisance)
 
 
-def _leading_skews(flight: Flight, found: Fit) -> list[Attached]:
+def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
     """Skews that explain more than any cause elsewhere does: a vane that stands metres off has some of them, too."""
     skews, gained = demanded_skews(found)
     if not skews:
@@ -93,7 +93,7 @@ def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
     return [e for e in flight.effects if e.kinematic and e.key not in taken]
 
 
-def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Sequence[Effect]) -> Turbulence:
+def _beside_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
     """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
 
     Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
@@ -103,7 +103,7 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: Fit, effects: Se
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
     criteria = flight.criteria
 
-    def moved(faulty: Fit) -> float:
+    def moved(faulty: FlightFit) -> float:
         air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
         return kinematics.beside_offsets(air).deviance
 

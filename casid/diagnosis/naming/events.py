@@ -14,7 +14,7 @@ from casid.diagnosis.evidence.fingerprints import fingerprints, history, onset_g
 from casid.diagnosis.evidence.missing_input import missing_at
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
-from casid.diagnosis.flight.evaluation import Fit, Free, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model import operators
@@ -299,7 +299,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
     return replace(one, onsets=onsets)
 
 
-def weak_members(fit: Fit, attached: Attached) -> Sequence[str]:
+def weak_members(fit: FlightFit, attached: Attached) -> Sequence[str]:
     """Coefficients of a fitted configuration change that are not significant."""
     sigmas = fit.criteria.events.member_sigmas
     names = attached.effect.members

@@ -13,7 +13,7 @@ from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
 from casid.diagnosis.flight.colour import in_colour
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed, without
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import kinematics
@@ -61,7 +61,7 @@ def name_causes(
     """Greedy naming from the fitted baseline, under its noise, with the evidence of `kinematic` and their ranking
     `observed`; stops when nothing in the catalogue gains what is asked (`least`, if that is more) and matters. When
     nothing is missing by any measure, instruments are still looked at, whose faults have a shape that no anonymous
-    input has, and what small terms of a bent coefficient explain as well, but no events."""
+    input has, and what small terms of a nonlinear coefficient explain as well, but no events."""
     firm = state = _standing(baseline, kinematic, observed, (), {})
     criteria, numerics = baseline.criteria.naming, baseline.criteria.numerics.naming
     for number in range(1, numerics.rounds + 1):
@@ -78,8 +78,8 @@ def name_causes(
         elif len(state.rounds) - len(firm.rounds) >= numerics.tentative:
             break
         if state.missing[0].gain < criteria.nothing_left:
-            bent = state.evidence.bent
-            catalogue = [one for one in catalogue if one.of_an_instrument or (bent and not one.timed)]
+            nonlinear = state.evidence.nonlinear
+            catalogue = [one for one in catalogue if one.of_an_instrument or (nonlinear and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
     firm = all_reconsidered(firm, least)
     return replace(firm, rounds=(*firm.rounds, *refused))
@@ -150,15 +150,15 @@ def one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Namin
 
 def _tried(
     state: Naming, candidates: Sequence[Candidate], least: float
-) -> tuple[list[Trial], dict[Trial, Fit], dict[str, Intervals]]:
+) -> tuple[list[Trial], dict[Trial, FlightFit], dict[str, Intervals]]:
     """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
     by cause name. A few are fitted side by side on however many processors, so that the answer does not depend on
     them: those that come later are given up when they are unlikely to come near the best before."""
     trials: list[Trial] = []
-    fits: dict[Trial, Fit] = {}
+    fits: dict[Trial, FlightFit] = {}
     intervals, give_up = dict(state.intervals), np.inf
 
-    def run(candidate: Candidate) -> tuple[Trial, Fit, Intervals]:
+    def run(candidate: Candidate) -> tuple[Trial, FlightFit, Intervals]:
         trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
         return trial, beside.fit, interval
 
@@ -278,7 +278,7 @@ def _of_one_shape(round_: Round, other: Effect) -> bool:
     return one.target == other.target and one.target in SURFACES
 
 
-def _acts(event: Attached, fit: Fit) -> np.ndarray:
+def _acts(event: Attached, fit: FlightFit) -> np.ndarray:
     """(N, R) whether an event acts, or has just done so."""
     t, names, stations, by = fit.batch.t, fit.batch.names, fit.model.disturbances, fit.criteria.naming
     acting = disturbance_series([event], names, t, fit.known, stations)
@@ -360,7 +360,7 @@ def with_best_of(state: Naming, at: int, trials: Sequence[Trial], least: float) 
     return _standing(evidence, kinematic, state.observed, tuple(rounds), intervals | moved)
 
 
-def _kinematics_beside(kinematic: Evidence | None, model: Fit, changed: Effect) -> Evidence | None:
+def _kinematics_beside(kinematic: Evidence | None, model: FlightFit, changed: Effect) -> Evidence | None:
     """Evidence of the kinematics beside the instrument and air causes of a model, of which one has `changed`."""
     if kinematic is None or not changed.kinematic:
         return kinematic

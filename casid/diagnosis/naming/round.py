@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.effect import Effect
 
@@ -72,7 +72,7 @@ class Trial:
 
     candidate: Candidate
     std: float
-    fit: Fit | None
+    fit: FlightFit | None
     fingerprint: np.ndarray
     gain: Gain
     where: np.ndarray
@@ -120,7 +120,7 @@ class Round:
         return self.trials[1:]
 
     @property
-    def fitted(self) -> Fit:
+    def fitted(self) -> FlightFit:
         """The fit with the named cause. Raises ValueError for a round that named none."""
         if self.leader.fit is None:
             raise ValueError("this round named no cause")

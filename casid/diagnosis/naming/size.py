@@ -7,7 +7,7 @@ import numpy as np
 from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.evidence.coefficients import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import MissingInput
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.model import station
 from casid.model.causes import sensor_bias
@@ -29,7 +29,7 @@ def is_artefact(one: Attached, share: float, criteria: SizeCriteria) -> bool:
     return one.effect.regressor is not None and share > criteria.largest_share / criteria.share
 
 
-def meaningful_share(fitted: Fit, one: Attached) -> float:
+def meaningful_share(fitted: FlightFit, one: Attached) -> float:
     """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
     coefficient a share of that coefficient's variation, as far as derivatives cannot imitate it, a larger one when it
     sets in in mid-record.
@@ -49,7 +49,7 @@ def meaningful_share(fitted: Fit, one: Attached) -> float:
     return max(share, 1.0) if effect.expected else share
 
 
-def _consequence(fitted: Fit, one: Attached) -> float:
+def _consequence(fitted: FlightFit, one: Attached) -> float:
     """Largest r.m.s. difference that an operator on a surface makes to a coefficient, or one on a reading to a channel,
     over the part of its variation that is of consequence, or of a channel over its noise; infinite for others."""
     least = fitted.criteria.size.consequence
@@ -72,7 +72,7 @@ def _consequence(fitted: Fit, one: Attached) -> float:
     return max(shares)
 
 
-def _lateness(fitted: Fit, one: Attached) -> float:
+def _lateness(fitted: FlightFit, one: Attached) -> float:
     """By how much a surface comes late at most, in sampling intervals; infinite for what does not make it late."""
     size = max(abs(one.values["value"]), 1e-12)
     if one.effect.target not in SURFACES or one.effect.unit not in ("s", "rad/s"):
@@ -81,13 +81,13 @@ def _lateness(fitted: Fit, one: Attached) -> float:
     return late / float(np.median(fitted.batch.dt))
 
 
-def _moved(fitted: Fit, one: Attached) -> np.ndarray:
+def _moved(fitted: FlightFit, one: Attached) -> np.ndarray:
     """(N, R) by how much an operator moves its surface from the record."""
     W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
     return W[..., fitted.model.disturbances.index(station.control(one.effect.target))]
 
 
-def _coefficient_share(fitted: Fit, one: Attached) -> float:
+def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
     """r.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
     size, live = variation(fitted), fitted.batch.live
     if one.effect.series is not None:
@@ -102,7 +102,7 @@ def _coefficient_share(fitted: Fit, one: Attached) -> float:
     return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
 
 
-def missing_share(fitted: Fit, missing: MissingInput) -> float:
+def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
     """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over a velocity. A drift
     of a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
     place, criteria = missing.place, fitted.criteria.size

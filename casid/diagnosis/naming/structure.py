@@ -16,7 +16,7 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.evidence.screening import Screen
-from casid.diagnosis.flight.evaluation import Fit, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.model.causes import aero_term, sensor_bias, sensor_delay
 from casid.model.effect import Effect
@@ -32,7 +32,7 @@ _UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
 SKEWED = (*_UNIT, *_ATTITUDES)  # what may come milliseconds late without being at fault
 
 
-def demanded_structure(base: Fit) -> list[Attached]:
+def demanded_structure(base: FlightFit) -> list[Attached]:
     """Expected terms that the aircraft file lacks and the data of the fitted baseline ask for, ready to be fitted."""
     aircraft = base.flight.aircraft
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
@@ -52,7 +52,7 @@ def demanded_structure(base: Fit) -> list[Attached]:
     return found
 
 
-def demanded_offsets(base: Fit) -> list[Attached]:
+def demanded_offsets(base: FlightFit) -> list[Attached]:
     """Offsets of instruments that the data of the fitted baseline ask for and that are too small to matter, ready to be
     fitted."""
     channels = base.model.outputs
@@ -60,7 +60,7 @@ def demanded_offsets(base: Fit) -> list[Attached]:
     return _demanded(base, [sensor_bias(c) for c in channels], enter)[0]
 
 
-def demanded_skews(reconstructed: Fit) -> tuple[list[Attached], float]:
+def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
     """The same of milliseconds by which kinematics find the inertial unit late behind all else, or attitudes behind the
     rates of which they are the integrals, whichever explains more; and the drop of the deviance. Without attitudes
     nothing tells them from vanes that stand elsewhere: then there are none."""
@@ -76,7 +76,7 @@ def demanded_skews(reconstructed: Fit) -> tuple[list[Attached], float]:
     return max(found, key=lambda one: one[1])
 
 
-def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[list[Attached], float]:
+def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[list[Attached], float]:
     """Those of `effects`, which add `enter` (N, R, ny, effects) to the readings, that the data ask for and that are too
     small to matter, and what all that they ask for gain; by forward selection, because some of them can hardly be told
     from each other. Those that matter are chosen as well, so that small ones do not imitate them, and left for the
@@ -97,7 +97,7 @@ def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[
         chosen.append(others[int(np.argmax(gains))])
         sizes, gained = _sizes(information, match, chosen), max(gains)
     found = [
-        Attached(effect=effects[offered[i]], values={"value": float(size)}, slight=True)
+        Attached(effect=effects[offered[i]], values={"value": float(size)}, nuisance=True)
         for i, size in zip(chosen, sizes, strict=True)
     ]
     aircraft = base.flight.aircraft
@@ -105,7 +105,7 @@ def _demanded(base: Fit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[
     return small, gained
 
 
-def _projected(base: Fit, enter: np.ndarray) -> Projection:
+def _projected(base: FlightFit, enter: np.ndarray) -> Projection:
     """Of what `enter`s the readings, the fitted slots eliminated."""
     evidence, n = weigh(base, discrepancy=False), enter.shape[-1]
     white = base.filter.whiten(enter * base.linear.seen[..., None], np.zeros((*base.linear.defect.shape, n)))

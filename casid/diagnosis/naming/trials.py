@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.screening import Candidate, equivalence
-from casid.diagnosis.flight.evaluation import Fit, as_read
+from casid.diagnosis.flight.evaluation import FlightFit, as_read
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import hopeless, kinematic_check
@@ -24,7 +24,7 @@ from casid.native.processors import side_by_side
 
 
 def worth_trying(
-    base: Fit,
+    base: FlightFit,
     candidates: Sequence[Candidate],
     cautious: Sequence[Candidate],
     observed: Sequence[Candidate],
@@ -54,7 +54,7 @@ def is_same(one: Attached, other: Attached, apart: float) -> bool:
     return near and one.values["value"] * other.values["value"] > 0.0
 
 
-def _best_few(base: Fit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
     """`count` of them, no more than two terms of one coefficient; and beside these such as promise the same, for
     they may be one set."""
     criteria, numerics = base.criteria.naming, base.criteria.numerics.naming
@@ -120,8 +120,8 @@ def try_cause(
     fitted = beside.fit
     one = fitted.attached[-1]
     raw = evidence.deviance - beside.deviance
-    spared = evidence.deviance_as_bent(beside.scales) - evidence.deviance
-    # a term is one of those that bend the coefficient, and makes it look more bent: it is judged by the others
+    spared = evidence.deviance_at_scales(beside.scales) - evidence.deviance
+    # a term is one of those that bend the coefficient, and makes it look more nonlinear: it is judged by the others
     clear = raw + spared if one.effect.regressor else raw
     share = meaningful_share(fitted, one)
     check = kinematic_check(kinematic, one)
@@ -148,13 +148,13 @@ def try_cause(
     return trial, beside, interval
 
 
-def _where(base: Fit, fitted: Fit) -> np.ndarray:
+def _where(base: FlightFit, fitted: FlightFit) -> np.ndarray:
     """(N, R) part of the likelihood gained at each sample."""
     gained = base.deviance_by_sample - fitted.deviance_by_sample
     return gained / gained.sum() if gained.sum() > 0.0 else np.zeros((0, 0))
 
 
-def _given_up(base: Fit, candidate: Candidate) -> Trial:
+def _given_up(base: FlightFit, candidate: Candidate) -> Trial:
     return Trial(
         candidate=candidate,
         std=candidate.std,
@@ -178,7 +178,7 @@ def gain_asked(effect: Effect, criteria: Criteria) -> float:
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
-def clear_gain(base: Fit) -> float:
+def clear_gain(base: FlightFit) -> float:
     """Gain at which a cause that just matters is clear: misfit of the structure, where it is not in the noise, makes
     many sigmas of nothing."""
     by = base.criteria.naming
@@ -191,19 +191,19 @@ def matters(share: float, gain: float, clear: float, unlike_aerodynamics: bool =
     return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > clear)
 
 
-def _from_the_start(fitted: Fit, one: Attached) -> bool:
+def _from_the_start(fitted: FlightFit, one: Attached) -> bool:
     """Whether an event sets in as early in every record as events are looked for: then it is none."""
     edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
     first = {record.name: record.t[0] + edge for record in fitted.flight.records}
     return bool(one.onsets) and all(onset < first[record] + within for record, onset in one.onsets.items())
 
 
-def _std(fitted: Fit, one: Attached) -> float:
+def _std(fitted: FlightFit, one: Attached) -> float:
     """1-sigma of the value; of a value that is not fitted itself, none."""
     return fitted.std(one.name) if any(slot.name == one.name for slot in fitted.slots) else float("nan")
 
 
-def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
+def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarray:
     """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
     flat = as_read(fitted, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
     own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
@@ -213,7 +213,7 @@ def _fingerprint(fitted: Fit, base: Fit, one: Attached) -> np.ndarray:
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
-def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Intervals]]:
+def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, Evidence, dict[str, Intervals]]:
     """The winner fitted to the end, its evidence, and intervals of onsets by cause: what a half-converged cause leaves
     behind looks like another cause. Events that were named before it move to where they belong beside it."""
     before, intervals = fitted.deviance, {}
@@ -240,7 +240,7 @@ def settled(trial: Trial, fitted: Fit) -> tuple[Trial, Evidence, dict[str, Inter
     return trial, evidence, intervals
 
 
-def _ended(fitted: Fit) -> Fit:
+def _ended(fitted: FlightFit) -> FlightFit:
     """The fit with its last effect ending inside the records, where that is better: an end that lies behind all of them
     is nowhere to be found by steps."""
     one, longest = fitted.attached[-1], max(record.duration for record in fitted.flight.records)
@@ -250,13 +250,13 @@ def _ended(fitted: Fit) -> Fit:
     shapes = [shape for shape in one.effect.grid if all(shape[name] < longest for name in endless)]
     shorter = [replace(one, values={**one.values, **shape}) for shape in shapes]
 
-    def ending(other: Attached) -> Fit:
+    def ending(other: Attached) -> FlightFit:
         return fit(fitted.flight, [*fitted.attached[:-1], other], fitted.noise, fitted, iterations=8, tolerance=3.0)
 
     return min([fitted, *side_by_side(ending, shorter)], key=lambda one: one.deviance)
 
 
-def _without_weak(base: Fit, evidence: Evidence) -> Evidence:
+def _without_weak(base: FlightFit, evidence: Evidence) -> Evidence:
     """A configuration change fitted again without the coefficients that do not take part."""
     fitted = evidence.fit
     one = fitted.attached[-1]

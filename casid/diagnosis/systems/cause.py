@@ -1,8 +1,8 @@
 """What a cause of any dynamic system is, and a cause with its value: how it changes a model and its records.
 
-A cause enters a model in symbols (`Cause.change`), so that the engine fits it like any parameter. An operator on an
-input has no symbols: the record gets the input as the operator leaves it and its slope with the value, and the fit goes
-back and forth until the value stays.
+A cause enters a model in symbols (`CandidateCause.change`), so that the engine fits it like any parameter. An operator
+on an input has no symbols: the record gets the input as the operator leaves it and its slope with the value, and the
+fit goes back and forth until the value stays.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Cause:
+class CandidateCause:
     """One thing that may be wrong with a simulation.
 
     port       disturbance at which its history enters; None: it enters as the parameter `target` does
@@ -69,7 +69,7 @@ class Cause:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Attached:
+class PartOfModel:
     """A cause in a model.
 
     value          where the fit begins
@@ -81,7 +81,7 @@ class Attached:
     log_prior      of the odds that it is there in this shape
     """
 
-    cause: Cause
+    cause: CandidateCause
     value: float
     spread: float
     centre: float
@@ -115,7 +115,7 @@ class Attached:
         """Channel with the slope of its operator."""
         return f"slope[{self.name}]" if self.cause.operator else None
 
-    def at(self, value: float) -> Attached:
+    def at(self, value: float) -> PartOfModel:
         """The same with another value."""
         return replace(self, value=float(value))
 

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.explanations.explanation import CauseColumn, Entrance, Innovations, RecordColumns
-from casid.diagnosis.explanations.explanation import Port as Place
+from casid.diagnosis.explanations.explanation import CauseColumn, Entrance, RecordColumns, WhitenedInnovations
+from casid.diagnosis.explanations.explanation import HistoryPort as Place
 from casid.diagnosis.explanations.prior import Priors
-from casid.diagnosis.systems.cause import Attached, Cause, Run
+from casid.diagnosis.systems.cause import CandidateCause, PartOfModel, Run
 from casid.diagnosis.systems.fit import Fitted, Question
 from casid.diagnosis.systems.library import Library, onsets
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, at_points, linearise, make_batch
@@ -23,14 +23,14 @@ from casid.records.record import Record
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Asked:
+class SystemEvidence:
     """The innovations of a fitted model, and of each cause's column what it would be as a part of the model.
 
-    matters  disturbance -> size that matters there;  log_determinant  see `Innovations`
+    matters  disturbance -> size that matters there;  log_determinant  see `WhitenedInnovations`
     """
 
-    innovations: Innovations
-    attachable: tuple[Attached, ...]
+    innovations: WhitenedInnovations
+    attachable: tuple[PartOfModel, ...]
     matters: dict[str, float]
     runs: tuple[Run, ...]
     priors: Priors
@@ -51,8 +51,8 @@ class _Along:
 
 
 def columns_of(
-    found: Fitted, asked: Question, ports: Sequence[Port], causes: Sequence[Cause], library: Library
-) -> Asked:
+    found: Fitted, asked: Question, ports: Sequence[Port], causes: Sequence[CandidateCause], library: Library
+) -> SystemEvidence:
     """Linearise a fit, whiten everything, and state the priors."""
     along = _along(found, asked, tuple(ports), library)
     span = float(np.median([r.duration for r in along.records]))
@@ -80,7 +80,7 @@ def columns_of(
                 nodes=nodes[r],
             )
         )
-    innovations = Innovations(
+    innovations = WhitenedInnovations(
         records=tuple(records),
         precision=prior_std**-2.0,
         pull=(value - nominal) * prior_std**-2.0,
@@ -91,7 +91,9 @@ def columns_of(
         causes=columns,
         log_determinant=float(np.sum(along.filter.log_determinant * along.batch.live)),
     )
-    return Asked(innovations=innovations, attachable=attachable, matters=along.matters, runs=along.runs, priors=priors)
+    return SystemEvidence(
+        innovations=innovations, attachable=attachable, matters=along.matters, runs=along.runs, priors=priors
+    )
 
 
 def _along(found: Fitted, asked: Question, ports: tuple[Port, ...], library: Library) -> _Along:
@@ -181,7 +183,7 @@ def _histories(along: _Along) -> tuple[list[np.ndarray], list[np.ndarray]]:
 class _Shape:
     """A column, and what its cause would be in the model: amplitude mean and scales, size at unit amplitude."""
 
-    attached: Attached
+    attached: PartOfModel
     histories: dict[int, np.ndarray]
     mean: float
     scales: tuple[float, ...]
@@ -190,8 +192,8 @@ class _Shape:
 
 
 def _causes(
-    along: _Along, found: Fitted, causes: Sequence[Cause], priors: Priors
-) -> tuple[tuple[CauseColumn, ...], tuple[Attached, ...], np.ndarray]:
+    along: _Along, found: Fitted, causes: Sequence[CandidateCause], priors: Priors
+) -> tuple[tuple[CauseColumn, ...], tuple[PartOfModel, ...], np.ndarray]:
     """The columns of all causes, and their whitened responses (N, R, ny, columns)."""
     kinds = {cause.kind for cause in causes}
     shapes: list[_Shape] = []
@@ -235,7 +237,7 @@ def _causes(
     return columns, tuple(one.attached for one in shapes), white
 
 
-def _subsets(cause: Cause, records: Sequence[Record]) -> list[tuple[int, ...]]:
+def _subsets(cause: CandidateCause, records: Sequence[Record]) -> list[tuple[int, ...]]:
     """Sets of records that may have a cause: all, each, and all from one on."""
     every = tuple(range(len(records)))
     found = [every] if cause.everywhere else []
@@ -244,7 +246,7 @@ def _subsets(cause: Cause, records: Sequence[Record]) -> list[tuple[int, ...]]:
     return found
 
 
-def _shapes(along: _Along, found: Fitted, cause: Cause, priors: Priors):
+def _shapes(along: _Along, found: Fitted, cause: CandidateCause, priors: Priors):
     records = along.records
     if cause.onset:
         yield from _stuck(along, cause, priors)
@@ -266,7 +268,7 @@ def _shapes(along: _Along, found: Fitted, cause: Cause, priors: Priors):
             for value, spread in cause.grid:
                 histories = {r: cause.history(along.runs[r], value) for r in subset}
                 if (size := _rms(histories)) > 0.0:
-                    attached = Attached(
+                    attached = PartOfModel(
                         cause=cause, value=value, centre=value, spread=spread, records=names, log_prior=0.0
                     )
                     yield _Shape(
@@ -280,15 +282,17 @@ def _shapes(along: _Along, found: Fitted, cause: Cause, priors: Priors):
 
 
 def _linear(
-    cause: Cause, names: tuple[str, ...], histories: dict[int, np.ndarray], least: float, priors: Priors
+    cause: CandidateCause, names: tuple[str, ...], histories: dict[int, np.ndarray], least: float, priors: Priors
 ) -> _Shape:
     """Amplitudes are in units of what matters; its spread as a part of the model is set when it is put there."""
-    attached = Attached(cause=cause, value=0.0, centre=0.0, spread=least, matters=least, records=names, log_prior=0.0)
+    attached = PartOfModel(
+        cause=cause, value=0.0, centre=0.0, spread=least, matters=least, records=names, log_prior=0.0
+    )
     scales = tuple(s * least for s in priors.sizes)
     return _Shape(attached=attached, histories=histories, mean=0.0, scales=scales, matters=least, value=1.0)
 
 
-def _stuck(along: _Along, cause: Cause, priors: Priors):
+def _stuck(along: _Along, cause: CandidateCause, priors: Priors):
     """A reading that stays where it was, from each of some times on, in one record."""
     for r, record in enumerate(along.records):
         if cause.target not in record:
@@ -300,7 +304,7 @@ def _stuck(along: _Along, cause: Cause, priors: Priors):
             if not (size := _rms({r: history})) > 0.0:
                 continue
             spread = cause.grid[0][1]
-            attached = Attached(
+            attached = PartOfModel(
                 cause=cause,
                 value=float(reads[begin]),
                 centre=cause.grid[0][0],

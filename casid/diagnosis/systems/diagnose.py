@@ -10,14 +10,14 @@ from dataclasses import fields, replace
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.given.budget import Budget, Steps
+from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown, Question, fly, motions, noise_of
 from casid.diagnosis.systems.library import Library, causes_for
-from casid.diagnosis.systems.naming import Naming, Searching, share_of
-from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis, Unexplained, Value
+from casid.diagnosis.systems.naming import Searching, SystemNaming, share_of
+from casid.diagnosis.systems.result import ParameterValue, SystemCause, SystemDiagnosis, Unexplained
 from casid.errors import EstimationError, InputError
 from casid.model.port import Port, check_ports, ports_of
 from casid.model.system import Model
@@ -135,8 +135,8 @@ def _question(model: Model, records: Sequence[Record], criteria: Criteria) -> tu
 
 
 def _that_recurs(
-    naming: Naming, asked: Question, held: Sequence[Record]
-) -> tuple[Naming, Flown, dict[str, float | None]]:
+    naming: SystemNaming, asked: Question, held: Sequence[Record]
+) -> tuple[SystemNaming, Flown, dict[str, float | None]]:
     """The naming without causes that help only where they were fitted, its best model on the held-out records, and what
     each of its causes gains there: log likelihood per reading against the best without it, None for what is in some
     records only, of which others say nothing."""
@@ -152,11 +152,13 @@ def _that_recurs(
         gain = gains.get(worst)
         if gain is None or gain > 0.0:
             return naming, extended, gains
-        naming = Naming(wholes=tuple(one for one in naming.wholes if worst not in one.names), criteria=naming.criteria)
+        naming = SystemNaming(
+            wholes=tuple(one for one in naming.wholes if worst not in one.names), criteria=naming.criteria
+        )
 
 
 def _named(
-    naming: Naming, asked: Question, gains: Mapping[str, float | None]
+    naming: SystemNaming, asked: Question, gains: Mapping[str, float | None]
 ) -> tuple[tuple[SystemCause, ...], tuple[SystemCause, ...]]:
     """Causes of the best whole that are worth their names, those that matter and those that do not."""
     causes, minor = [], []
@@ -190,7 +192,7 @@ def _named(
     return tuple(sorted(causes, key=lambda c: -c.log_odds)), tuple(sorted(minor, key=lambda c: -c.log_odds))
 
 
-def _unexplained(naming: Naming, ports: Sequence[Port], criteria: SystemCriteria) -> tuple[Unexplained, ...]:
+def _unexplained(naming: SystemNaming, ports: Sequence[Port], criteria: SystemCriteria) -> tuple[Unexplained, ...]:
     """Ports at which something enters; where none alone is likely but one of them is, the likeliest."""
     unknown, by_name = naming.unknown(), {port.disturbance: port for port in ports}
     found = [Unexplained(port=by_name[name], probability=p) for name, p in unknown.items() if p > criteria.unexplained]
@@ -200,10 +202,10 @@ def _unexplained(naming: Naming, ports: Sequence[Port], criteria: SystemCriteria
     return tuple(found)
 
 
-def _values(model: Model, naming: Naming, asked: Question) -> tuple[Value, ...]:
+def _values(model: Model, naming: SystemNaming, asked: Question) -> tuple[ParameterValue, ...]:
     first, best = naming.wholes[0].found, naming.best.found
     return tuple(
-        Value(
+        ParameterValue(
             name=name,
             unit=model.units.get(name, ""),
             nominal=model.nominal[name],
@@ -221,7 +223,7 @@ def _verdict(
     causes: Sequence[SystemCause],
     minor: Sequence[SystemCause],
     unexplained: Sequence[Unexplained],
-    values: Sequence[Value],
+    values: Sequence[ParameterValue],
 ) -> tuple[str, str]:
     wrong = [one.name for one in values if one.contradicted]
     if causes and unexplained:
@@ -236,7 +238,7 @@ def _verdict(
     return "adequate", f"The model explains the records to within their noise.{small}"
 
 
-def _explanations(naming: Naming) -> dict[frozenset[str], float]:
+def _explanations(naming: SystemNaming) -> dict[frozenset[str], float]:
     found: dict[frozenset[str], float] = {}
     for weight, whole in zip(naming.weights, naming.wholes, strict=True):
         found[whole.names] = found.get(whole.names, 0.0) + float(weight)
@@ -246,11 +248,11 @@ def _explanations(naming: Naming) -> dict[frozenset[str], float]:
 def _budget(given: Flown, refitted: Flown, extended: Flown) -> Budget:
     """r.m.s. over noise on the held-out records; no step mends the data of a system that casid does not know."""
     channels = {
-        name: Steps(as_given=rms, data_mended=rms, values=refitted.rms[name], structure=extended.rms[name])
+        name: BudgetSteps(as_given=rms, data_mended=rms, values=refitted.rms[name], structure=extended.rms[name])
         for name, rms in given.rms.items()
     }
     together = {
         one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
-        for one in fields(Steps)
+        for one in fields(BudgetSteps)
     }
-    return Budget(records=given.records, channels=channels, together=Steps(**together))
+    return Budget(records=given.records, channels=channels, together=BudgetSteps(**together))

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from casid.diagnosis.systems.cause import Attached
+from casid.diagnosis.systems.cause import PartOfModel
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -73,7 +73,7 @@ class Extended:
     """
 
     base: Model
-    attached: tuple[Attached, ...] = ()
+    attached: tuple[PartOfModel, ...] = ()
     sizes: Mapping[str, float]
     shortest: float
     paths: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -146,7 +146,7 @@ class Extended:
             record = one.prepared(record)
         return record
 
-    def with_cause(self, one: Attached) -> Extended:
+    def with_cause(self, one: PartOfModel) -> Extended:
         """The same with one cause more."""
         return replace(self, attached=(*self.attached, one))
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.systems.cause import Attached
+from casid.diagnosis.systems.cause import PartOfModel
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.errors import CasidError, EstimationError, InputError
@@ -128,7 +128,7 @@ def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> F
     return Fitted(extended=now, values={**fixed, **fit.values}, fit=fit, records=records)
 
 
-def _moved(one: Attached, value: float, fit: Fit, criteria: SystemCriteria) -> Attached:
+def _moved(one: PartOfModel, value: float, fit: Fit, criteria: SystemCriteria) -> PartOfModel:
     """A cause where the fit has it, an onset where the residuals have it."""
     if one.cause.operator is not None and one.centre > 0.0 and min(v for v, _ in one.cause.grid) > 0.0:
         value = float(np.clip(value, one.value / criteria.factor, criteria.factor * one.value))
@@ -141,7 +141,7 @@ def _moved(one: Attached, value: float, fit: Fit, criteria: SystemCriteria) -> A
     return replace(one.at(value), onset_s=found)
 
 
-def _onset(one: Attached, value: float, fit: Fit, record: Record) -> float:
+def _onset(one: PartOfModel, value: float, fit: Fit, record: Record) -> float:
     """Time [s] from which a reading is stuck: where the squares about the model before it and the value after it are
     least. The motion is that of the fit, in which the reading takes no part from the present onset on."""
     model, i = fit.problem.model, fit.problem.model.outputs.index(one.cause.target)
@@ -155,7 +155,7 @@ def _onset(one: Attached, value: float, fit: Fit, record: Record) -> float:
     return float(record.t[min(int(np.argmin(squares)), len(record) - 2)])
 
 
-def _same(one: Attached, other: Attached, asked: Question) -> bool:
+def _same(one: PartOfModel, other: PartOfModel, asked: Question) -> bool:
     criteria = asked.criteria.systems
     if one.cause.late:
         return all(

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, table_of, whole
-from casid.diagnosis.systems.cause import Cause, Operator, Run
+from casid.diagnosis.systems.cause import CandidateCause, Operator, Run
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.fit import Question
 from casid.errors import InputError, unknown
@@ -95,10 +95,10 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
 
-def causes_for(library: Library, model: Model, ports: Sequence[Port], asked: Question) -> tuple[Cause, ...]:
+def causes_for(library: Library, model: Model, ports: Sequence[Port], asked: Question) -> tuple[CandidateCause, ...]:
     """All that the library knows for this model: at its ports, and for its free parameters."""
     records, criteria = asked.records, asked.criteria.systems
-    found: list[Cause] = []
+    found: list[CandidateCause] = []
     for port in ports:
         if port.kind == "input":
             found += _of_input(port, records, criteria)
@@ -111,7 +111,7 @@ def causes_for(library: Library, model: Model, ports: Sequence[Port], asked: Que
     return tuple(cause for cause in found if cause.kind in library.kinds)
 
 
-def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Cause]:
+def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[CandidateCause]:
     name = port.name
     series = [record[name] for record in records]
     low, high = min(s.min() for s in series), max(s.max() for s in series)
@@ -162,7 +162,7 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
 
 def _operators(
     port: Port, records: Sequence[Record], criteria: SystemCriteria, rows: Iterable[tuple]
-) -> Iterator[Cause]:
+) -> Iterator[CandidateCause]:
     variation = _variation([record[port.name] for record in records])
     for kind, operator, values, spread, sentence in rows:
         grid = []
@@ -172,7 +172,7 @@ def _operators(
             if criteria.seen < part < criteria.whole:
                 grid.append((float(value), spread or criteria.near * abs(value)))
         if grid:
-            yield Cause(
+            yield CandidateCause(
                 kind=kind,
                 target=port.name,
                 unit="s" if kind in ("input_delay", "actuator_lag") else port.unit,
@@ -189,13 +189,13 @@ def _change_of_input(operator: Operator, name: str) -> Callable[[Run, float], np
     return lambda run, value: operator(run.t, run.inputs[name], value) - run.inputs[name]
 
 
-def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Cause]:
+def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[CandidateCause]:
     name, disturbance = port.name, port.disturbance
     measured = [r[name][np.isfinite(r[name])] for r in records if name in r]
     measured = [values for values in measured if len(values)]
     if not measured:
         return
-    yield Cause(
+    yield CandidateCause(
         kind="sensor_bias",
         target=name,
         unit=port.unit,
@@ -205,7 +205,7 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
         change=lambda draft, value, flag: draft.reads(name, lambda y: y + value * flag),
         sentence="The reading of {target} is off by {size}{where}.",
     )
-    yield Cause(
+    yield CandidateCause(
         kind="sensor_scale",
         target=name,
         port=disturbance,
@@ -217,7 +217,7 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
     variation = _variation(measured)
     yield from _behind(port, records, variation, criteria)
     mean = float(np.mean(np.concatenate(measured)))
-    yield Cause(
+    yield CandidateCause(
         kind="sensor_stuck",
         target=name,
         unit=port.unit,
@@ -230,7 +230,9 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
     )
 
 
-def _behind(port: Port, records: Sequence[Record], variation: float, criteria: SystemCriteria) -> Iterator[Cause]:
+def _behind(
+    port: Port, records: Sequence[Record], variation: float, criteria: SystemCriteria
+) -> Iterator[CandidateCause]:
     """Readings of a port that come late or lag, by steps that make a part of its `variation`."""
     name = port.name
     having = [r for r in records if name in r]
@@ -248,7 +250,7 @@ def _behind(port: Port, records: Sequence[Record], variation: float, criteria: S
             (step, criteria.near * step) for step, share in part.items() if criteria.seen < share < criteria.whole
         )
         if grid:
-            yield Cause(
+            yield CandidateCause(
                 kind=kind,
                 target=name,
                 unit="s",
@@ -269,8 +271,8 @@ def _through(how: str, name: str) -> Callable[[Any, Any, Any], None]:
     return lambda draft, value, flag: getattr(draft, how)(name, value)
 
 
-def _parameter(name: str, unit: str) -> Cause:
-    return Cause(
+def _parameter(name: str, unit: str) -> CandidateCause:
+    return CandidateCause(
         kind="parameter_change",
         target=name,
         unit=unit,
@@ -282,8 +284,8 @@ def _parameter(name: str, unit: str) -> Cause:
     )
 
 
-def _term(port: Port, name: str, term: ca.SX) -> Cause:
-    return Cause(
+def _term(port: Port, name: str, term: ca.SX) -> CandidateCause:
+    return CandidateCause(
         kind="missing_term",
         target=port.name,
         term=name,

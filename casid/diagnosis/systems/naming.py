@@ -17,8 +17,8 @@ from casid.diagnosis.explanations.posterior import Posterior, posterior
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import Sums, background, gain, hold, sums_of
 from casid.diagnosis.explanations.search import search_sums
-from casid.diagnosis.systems.cause import Attached, Cause, Run
-from casid.diagnosis.systems.columns import Asked, columns_of
+from casid.diagnosis.systems.cause import CandidateCause, PartOfModel, Run
+from casid.diagnosis.systems.columns import SystemEvidence, columns_of
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Fitted, Question, fitted
@@ -31,7 +31,7 @@ class Whole:
     """An extended model, fitted and scored; `total` log of its weight with whatever unknown may enter beside it."""
 
     found: Fitted
-    asked: Asked
+    asked: SystemEvidence
     sums: Sums
     total: float
     criteria: SystemCriteria
@@ -50,7 +50,7 @@ class Whole:
         return posterior(search_sums(sums, self.asked.priors))
 
     @property
-    def attached(self) -> tuple[Attached, ...]:
+    def attached(self) -> tuple[PartOfModel, ...]:
         return self.found.extended.attached
 
     @property
@@ -63,7 +63,7 @@ class Whole:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Naming:
+class SystemNaming:
     """All wholes that were fitted; the best of them, and what they say together."""
 
     wholes: tuple[Whole, ...]
@@ -111,7 +111,7 @@ class Naming:
         return max(others, key=lambda one: one.total, default=None)
 
 
-def share_of(whole: Whole, one: Attached, asked: Question) -> tuple[float, float]:
+def share_of(whole: Whole, one: PartOfModel, asked: Question) -> tuple[float, float]:
     """Size of a cause of a whole in units of what matters, and its 1-sigma."""
     value, std = whole.found.values[one.name], whole.std(one.name)
     if one.cause.onset:
@@ -139,10 +139,10 @@ class Searching:
 
     asked: Question
     ports: tuple[Port, ...]
-    causes: tuple[Cause, ...]
+    causes: tuple[CandidateCause, ...]
     library: Library
 
-    def naming(self, base: Extended, start: Mapping[str, float], say: Callable[[str], None]) -> Naming | None:
+    def naming(self, base: Extended, start: Mapping[str, float], say: Callable[[str], None]) -> SystemNaming | None:
         """Causes added one by one while that makes a better whole, then dropped; None when nothing can be fitted."""
         say("refit")
         criteria = self.asked.criteria.systems
@@ -171,7 +171,7 @@ class Searching:
             current = best
         for one in current.attached if len(current.attached) > 1 else ():
             tried(current.found.extended.without(one.name), current.found.values)
-        return Naming(wholes=tuple(wholes.values()), criteria=criteria)
+        return SystemNaming(wholes=tuple(wholes.values()), criteria=criteria)
 
     def whole(self, extended: Extended, start: Mapping[str, float], most: float = np.inf) -> Whole | None:
         """An extended model fitted and scored; None when it cannot be fitted to a cost of `most`, or its motion
@@ -192,7 +192,7 @@ class Searching:
         return Whole(found=found, asked=asked, sums=sums, total=total, criteria=self.asked.criteria.systems)
 
 
-def _alone(sums: Sums, asked: Asked) -> float:
+def _alone(sums: Sums, asked: SystemEvidence) -> float:
     """Log weight of a whole by itself and with something unknown at its ports, but with no further cause."""
     none = replace(asked.innovations, causes=())
     bare = replace(sums, asked=none, picked=tuple(np.zeros(0, dtype=int) for _ in sums.picked))
@@ -241,9 +241,9 @@ def _promises(sums: Sums, priors: Priors) -> Promises:
     return Promises(column=at, alone=alone, beside=beside, unknown=unknown, sizes=sizes)
 
 
-def _leaders(whole: Whole) -> list[Attached]:
+def _leaders(whole: Whole) -> list[PartOfModel]:
     """The causes that promise most by themselves, with something unknown at one of the ports and without."""
-    said, found = whole.promises, dict[str, Attached]()
+    said, found = whole.promises, dict[str, PartOfModel]()
     for promise, least in ((said.alone, 0.0), (said.beside, said.unknown)):
         names: set[str] = set()
         for k in np.argsort(-promise, kind="stable").tolist():
@@ -256,14 +256,14 @@ def _leaders(whole: Whole) -> list[Attached]:
     return list(found.values())
 
 
-def _beside(whole: Whole) -> list[Attached]:
+def _beside(whole: Whole) -> list[PartOfModel]:
     """The causes that a search of all that may be wrong besides believes in."""
     believed = [b for b in whole.beyond.causes if b.probability > whole.criteria.worth][: whole.criteria.tried]
     number = {id(column): i for i, column in enumerate(whole.asked.innovations.causes)}
     return [_part(whole.asked.attachable[number[id(b.column)]], b.size, whole.asked.priors) for b in believed]
 
 
-def _part(one: Attached, size: float, priors: Priors) -> Attached:
+def _part(one: PartOfModel, size: float, priors: Priors) -> PartOfModel:
     """A cause as a part of the model: one that enters linearly with the prior of its size nearest to it."""
     if one.cause.grid:
         return one

@@ -92,7 +92,7 @@ class Unexplained:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Value:
+class ParameterValue:
     """A parameter of the model: nominal, fitted and in the extended model, each fit with its 1-sigma."""
 
     name: str
@@ -171,7 +171,7 @@ class SystemDiagnosis:
     minor: tuple[SystemCause, ...]
     unexplained: tuple[Unexplained, ...]
     explanations: Mapping[frozenset[str], float]
-    parameters: tuple[Value, ...]
+    parameters: tuple[ParameterValue, ...]
     as_given: Flown
     refitted: Flown
     extension: Flown
@@ -180,7 +180,7 @@ class SystemDiagnosis:
     seconds: float
 
     @property
-    def contradicted(self) -> tuple[Value, ...]:
+    def contradicted(self) -> tuple[ParameterValue, ...]:
         """Values of the model that the records stand against."""
         return tuple(one for one in self.parameters if one.contradicted)
 

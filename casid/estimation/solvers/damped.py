@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome
 
 _FIRST, _MOST = 1e-3, 1e30  # damping
@@ -81,14 +81,14 @@ class DampedIteration:
         rounding = last is not None and objective.negligible(last, self.value, _ROUNDED)
         return "converged" if rounding and self.value.worst() < _DEFECT else "failed: no descent"
 
-    def _step(self, linear: Linearised, damping: float) -> Step | None:
+    def _step(self, linear: Linearised, damping: float) -> SolverStep | None:
         diagonal = np.maximum(self.largest, 1e-14 * self.largest.max(initial=0.0))
         try:
             return self.objective.step_by(self.point, linear, linear.hessian + damping * np.diag(diagonal))
         except np.linalg.LinAlgError:
             return None
 
-    def _tried(self, linear: Linearised) -> tuple[Point, Value] | None:
+    def _tried(self, linear: Linearised) -> tuple[Point, ObjectiveValue] | None:
         """The point after the damped step, when it is better."""
         step = self._step(linear, self.damping)
         if step is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.errors import EstimationError
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Point, Step, Value, moved
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome, check_limits
 
 
@@ -112,7 +112,7 @@ class _Iteration:
         except np.linalg.LinAlgError as error:
             return f"failed: {error}"
         self.value = objective.reweighed(self.point, self.value, linear.noise)
-        undamped: Step | None = None
+        undamped: SolverStep | None = None
         while True:
             try:
                 step = objective.step(self.point, self.value, linear, self.damping, self.relaxing)
@@ -153,7 +153,7 @@ class _Iteration:
         self.damping = max(10 * self.damping, 1e-8)
         return self.damping < 1e6
 
-    def _judge(self, step: Step) -> bool:
+    def _judge(self, step: SolverStep) -> bool:
         """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
         length = np.sqrt(max(step.curvature, 0.0))
         self.stationarity = self.objective.length(step, self.value)
@@ -169,7 +169,7 @@ class _Iteration:
             return True
         return False
 
-    def _search(self, step: Step) -> tuple[Point, Value, float] | None:
+    def _search(self, step: SolverStep) -> tuple[Point, ObjectiveValue, float] | None:
         """The longest of the halved steps that the filter accepts, and its share of the whole.
 
         The filter is that of Waechter and Biegler (Math. Program. 106, 2006). Cost and violation are not added up: a
@@ -198,7 +198,7 @@ class _Iteration:
             length *= 0.5
         return None
 
-    def _cost(self, value: Value) -> float:
+    def _cost(self, value: ObjectiveValue) -> float:
         return self.objective.likelihood_cost(value) if self.relaxing else value.cost
 
     def _passes(self, violation: float, cost: float) -> bool:

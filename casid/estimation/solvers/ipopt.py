@@ -19,7 +19,7 @@ from casid.estimation.solvers.fixed_point import FixedPoint
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import NoiseState, Point, Step, Value
+from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.transcriptions.steps import cached
 from casid.native.programme import CompilableProgramme
@@ -133,7 +133,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
 
 
 def _outcome(
-    point: Point, value: Value, status: str, iterations: int, stationarity: float, multipliers: np.ndarray
+    point: Point, value: ObjectiveValue, status: str, iterations: int, stationarity: float, multipliers: np.ndarray
 ) -> Outcome:
     return Outcome(
         point=point,
@@ -200,7 +200,7 @@ def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
     return shapes, layout, lengths, problem.parameters, limits, type(problem.cost)
 
 
-def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.ndarray:
+def _parameter_scale(objective: Objective, point: Point, value: ObjectiveValue) -> np.ndarray:
     """A hundred conditional standard deviations of each parameter: its curvature is then that of the whole cost."""
     try:
         curvature = np.diagonal(objective.linearise(point, value).hessian)
@@ -211,7 +211,9 @@ def _parameter_scale(objective: Objective, point: Point, value: Value) -> np.nda
         return np.where(curvature > 0, np.minimum(100.0 / np.sqrt(np.abs(curvature)), 10 * usual), usual)
 
 
-def _relaxed(objective: Objective, point: Point, value: Value, settling: FixedPoint) -> tuple[NoiseState, float]:
+def _relaxed(
+    objective: Objective, point: Point, value: ObjectiveValue, settling: FixedPoint
+) -> tuple[NoiseState, float]:
     """Noise where it is expected to settle, soft-defect covariance as the present point says; the largest change, of
     the noise in units of its standard deviations, of the covariance relative to it."""
     noise, change = value.noise, 0.0
@@ -241,7 +243,7 @@ def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
     return bool(lost(objective, linear, outcome.limit_multipliers))
 
 
-def _is_solution(objective: Objective, point: Point, value: Value) -> bool:
+def _is_solution(objective: Objective, point: Point, value: ObjectiveValue) -> bool:
     """Whether a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
     if objective.problem.path_constraints or value.worst() > 1e-8:
         return False
@@ -249,7 +251,7 @@ def _is_solution(objective: Objective, point: Point, value: Value) -> bool:
     return step is not None and objective.negligible(step, value, _SOLVED)
 
 
-def _gauss_newton_step(objective: Objective, point: Point, value: Value) -> Step | None:
+def _gauss_newton_step(objective: Objective, point: Point, value: ObjectiveValue) -> SolverStep | None:
     if not np.isfinite(value.cost):
         return None
     try:
@@ -258,7 +260,7 @@ def _gauss_newton_step(objective: Objective, point: Point, value: Value) -> Step
         return None
 
 
-def _stationarity(objective: Objective, point: Point, value: Value) -> float:
+def _stationarity(objective: Objective, point: Point, value: ObjectiveValue) -> float:
     """Length of a further Gauss-Newton step in standard deviations; not a number where there is none."""
     step = _gauss_newton_step(objective, point, value)
     return np.nan if step is None else objective.length(step, value)

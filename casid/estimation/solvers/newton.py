@@ -18,7 +18,7 @@ from casid.estimation.solvers.gauss_newton import CREEPS, GaussNewton
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, NoiseState, Point, Step, Value, moved
+from casid.estimation.solvers.point import Linearised, NoiseState, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
 from casid.estimation.solvers.solver import Outcome, check_limits
 
@@ -126,7 +126,7 @@ class _Settled:
     """A point whose states and noise are at their optimum for its parameters."""
 
     point: Point
-    value: Value
+    value: ObjectiveValue
     linear: Linearised
     cost: float
 
@@ -180,7 +180,7 @@ class _Newton:
             return at, self._judged(root, exact, first)
         return at, "failed: no descent from a point that is not stationary"
 
-    def _step(self, at: _Settled, root: np.ndarray, exact: np.ndarray, damping: float) -> Step:
+    def _step(self, at: _Settled, root: np.ndarray, exact: np.ndarray, damping: float) -> SolverStep:
         """Downhill also where the curvature is negative: its absolute value, plus `damping` times Gauss-Newton's."""
         objective = self.objective
         values, vectors = np.linalg.eigh(exact)
@@ -190,7 +190,7 @@ class _Newton:
         z, multipliers = parameter_step(curvature, root.T @ at.linear.gradient, objective.rows @ root, *limits)
         return objective.step_along(at.point, at.linear, root @ z, multipliers)
 
-    def _judged(self, root: np.ndarray, exact: np.ndarray, step: Step) -> str:
+    def _judged(self, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> str:
         """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""
         self.multipliers = step.limit_multipliers
         basis = np.linalg.qr(np.linalg.inv(root) @ self.objective.free_directions(step.limit_multipliers))[0]
@@ -199,7 +199,7 @@ class _Newton:
             return "converged"
         return _NO_MINIMUM if least < -_FLAT else TOLD_APART
 
-    def _tried(self, at: _Settled, step: Step) -> _Settled | None:
+    def _tried(self, at: _Settled, step: SolverStep) -> _Settled | None:
         """The point after the step, when it is lower or the first within the limits."""
         slope = float(at.linear.gradient @ step.theta)
         found = self._settled(moved(at.point, step, 1.0), at.value.noise)

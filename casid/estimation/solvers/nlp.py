@@ -13,7 +13,7 @@ import numpy as np
 
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Levels, NoiseState, Point
-from casid.estimation.transcriptions.dynamics import Symbols
+from casid.estimation.transcriptions.dynamics import ProblemSymbols
 from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.symbolic import SampleSymbols, with_data
 
@@ -146,7 +146,7 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
         given = {name: s[name] for name in ("u0", "u1", "dt")}
         base, own = s["base"][:, records], ca.horzcat(*[free[r] for r in records])
-        found = objective.dynamics.symbolic(Symbols(nodes=nodes, points=points, base=base, free=own, **given))
+        found = objective.dynamics.symbolic(ProblemSymbols(nodes=nodes, points=points, base=base, free=own, **given))
         residuals.append(ca.vec(_whitened(found.y - s["z"], s)))
         defect = _defects(objective, nodes, found.end, v, s)
         if "noise" in v:

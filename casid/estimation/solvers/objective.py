@@ -16,7 +16,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels
-from casid.estimation.solvers.point import Levels, Linearised, NoiseState, Point, Step, Value
+from casid.estimation.solvers.point import Levels, Linearised, NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
 from casid.estimation.transcriptions.equation import EquationPart, EquationValue
@@ -109,7 +109,7 @@ class Objective:
             found.append(np.nansum(np.concatenate(equations.residuals) ** 2, axis=0))
         return np.concatenate(found)
 
-    def likelihood_cost(self, value: Value) -> float:
+    def likelihood_cost(self, value: ObjectiveValue) -> float:
         """The cost with the noise at its optimum instead of its present value, up to a constant."""
         return value.rest + value.noise.levels.concentrated(value.squares)
 
@@ -131,7 +131,7 @@ class Objective:
         """(K, model parameters) per segment."""
         return self.problem.model_parameters(theta)[self.layout.record]
 
-    def value(self, point: Point, noise: NoiseState | None = None) -> Value:
+    def value(self, point: Point, noise: NoiseState | None = None) -> ObjectiveValue:
         """Simulate and weigh with `noise`, that of the start if None; not finite where the simulation departs."""
         trajectory = None
         if self.dynamics is not None:
@@ -139,11 +139,11 @@ class Objective:
         equations = self.equations.value(point.theta) if self.equations is not None else None
         return self._weighed(point, trajectory, equations, noise or self.noise)
 
-    def reweighed(self, point: Point, value: Value, noise: NoiseState) -> Value:
+    def reweighed(self, point: Point, value: ObjectiveValue, noise: NoiseState) -> ObjectiveValue:
         """The value at the same point with another noise; nothing is simulated."""
         return value if noise is value.noise else self._weighed(point, value.trajectory, value.equations, noise)
 
-    def relaxed(self, point: Point, value: Value) -> tuple[Value, float]:
+    def relaxed(self, point: Point, value: ObjectiveValue) -> tuple[ObjectiveValue, float]:
         """The value with the levels at what its residuals say, maximum likelihood for the present parameters, and the
         largest relative change of a level."""
         levels, change = value.noise.levels.relaxed(value.squares)
@@ -153,7 +153,7 @@ class Objective:
 
     def _weighed(
         self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None, noise: NoiseState
-    ) -> Value:
+    ) -> ObjectiveValue:
         prior = (point.theta - self.problem.nominal) / self.problem.prior_std
         rest = float(prior @ prior)
         defects = gap = np.zeros((0, 0))
@@ -170,7 +170,7 @@ class Objective:
         squares = self._squares(trajectory, equations)
         at = self.rows @ point.theta
         beyond = np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)
-        return Value(
+        return ObjectiveValue(
             cost=0.5 * rest + noise.levels.cost(squares),
             rest=0.5 * rest,
             squares=squares,
@@ -184,7 +184,7 @@ class Objective:
 
     # ---- linearisation
 
-    def linearise(self, point: Point, value: Value) -> Linearised:
+    def linearise(self, point: Point, value: ObjectiveValue) -> Linearised:
         """Blocks, the reduced system of each record, and the information matrix of all parameters, with the noise of
         the value; the covariance of random defects is that at the point.
 
@@ -267,7 +267,9 @@ class Objective:
             self.dynamics.kernel if self.dynamics is not None else None,
         )
 
-    def step(self, point: Point, value: Value, linear: Linearised, damping: float, concentrated: bool = False) -> Step:
+    def step(
+        self, point: Point, value: ObjectiveValue, linear: Linearised, damping: float, concentrated: bool = False
+    ) -> SolverStep:
         """The Gauss-Newton step, with `damping` times the diagonal added to the information of the parameters.
 
         concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
@@ -276,14 +278,16 @@ class Objective:
         curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
         return self.step_by(point, linear, curved + damping * np.diag(np.diagonal(linear.hessian)))
 
-    def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> Step:
+    def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
         """The step whose parameters minimise the gradient's line with a curvature (parameters, parameters) of their
         own within the linear limits. Raises numpy.linalg.LinAlgError when it is not positive definite."""
         at = self.rows @ point.theta
         theta, limits = parameter_step(curvature, linear.gradient, self.rows, self.lower - at, self.upper - at)
         return self.step_along(point, linear, theta, limits)
 
-    def step_along(self, point: Point, linear: Linearised, theta: np.ndarray, limit_multipliers: np.ndarray) -> Step:
+    def step_along(
+        self, point: Point, linear: Linearised, theta: np.ndarray, limit_multipliers: np.ndarray
+    ) -> SolverStep:
         """The step that changes the parameters by `theta` and everything else as the linearisation then wants it."""
         precision = 1.0 / self.problem.prior_std**2
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
@@ -309,7 +313,7 @@ class Objective:
         if self.equations is not None:
             slope += float(linear.channel_gradients[-len(self.equations.names) :].sum(axis=0) @ theta)
             curvature += float(theta @ linear.equation_hessian @ theta)
-        return Step(
+        return SolverStep(
             theta=theta,
             nodes=nodes,
             noise=noise,
@@ -324,12 +328,12 @@ class Objective:
         """(parameters, directions) that the linear limits leave free: those with a multiplier hold, and equalities."""
         return free_directions(self.rows, np.where(self.lower == self.upper, 1.0, limit_multipliers))
 
-    def length(self, step: Step, value: Value) -> float:
+    def length(self, step: SolverStep, value: ObjectiveValue) -> float:
         """Length of a step in standard deviations of the solution."""
         noise = np.sqrt(2 * value.cost / value.noise.levels.count)
         return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
 
-    def negligible(self, step: Step, value: Value, tolerance: float) -> bool:
+    def negligible(self, step: SolverStep, value: ObjectiveValue, tolerance: float) -> bool:
         """Whether a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""
         levels = value.noise.levels
         noise = np.sqrt(2 * value.cost / levels.count)

@@ -36,7 +36,7 @@ class NoiseState:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Value:
+class ObjectiveValue:
     """cost at a point, weighed with `noise`: `rest` of priors and process noise, and what `squares` (channels,), the
     sums of squared residuals (with a full covariance their moments, see full_noise), cost; constraint residuals:
     defects (T, n), limits (rows,) beyond the linear limits, gap of collocation."""
@@ -62,7 +62,7 @@ class Value:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Step:
+class SolverStep:
     """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints."""
 
     theta: np.ndarray
@@ -92,7 +92,7 @@ class Linearised:
     noise: NoiseState
 
 
-def moved(point: Point, step: Step, length: float) -> Point:
+def moved(point: Point, step: SolverStep, length: float) -> Point:
     """The point after `length` times the step."""
     points = None if point.points is None or step.points is None else point.points + length * step.points
     return replace(

@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.arguments import number, whole
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, Point, Value
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,7 +25,7 @@ class Outcome:
     """
 
     point: Point
-    value: Value
+    value: ObjectiveValue
     status: str
     iterations: int
     stationarity: float

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.transcriptions.dynamics import Blocks, Simulated, Slab, Symbols, Trajectory
+from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.kernel import whitened
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.steps import cached, dynamics_function, output_function, quiet
@@ -35,7 +35,7 @@ def radau(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Lift:
+class CollocationLift:
     """How interior states follow a step: correction (K, d*n) and gain (K, d*n, n+f) on [node step; parameter step];
     matrix (K, d*n, d*n) derivative of the equations in the interior states."""
 
@@ -150,7 +150,7 @@ class LiftedCollocation:
         rows = self._rows(trajectory, repeated, weights)[segments, None]
         yield Slab(segments=segments, samples=slice(0, 1), rows=rows)
 
-    def symbolic(self, at: Symbols) -> Simulated:
+    def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The polynomials as expressions."""
         return collocated(self._model, self._free, self.layout, self.tau, self.c, at)
 
@@ -164,7 +164,7 @@ class LiftedCollocation:
         jacobian = np.concatenate([r.reshape(count, degree, o, r.shape[1])[:, 0] for r in (hx, hp)], axis=2)
         return whitened(jacobian, weights, self.layout.pattern[:, 0])
 
-    def _lift(self, fx: np.ndarray, fp: np.ndarray, gap: np.ndarray) -> Lift:
+    def _lift(self, fx: np.ndarray, fp: np.ndarray, gap: np.ndarray) -> CollocationLift:
         count, degree, n = self.shape
         dt = self.layout.dt[:, :, None, None]
         matrix = np.zeros((count, degree, n, degree, n))
@@ -176,7 +176,7 @@ class LiftedCollocation:
         by_node = np.broadcast_to(self.c[0][:, None, None] * np.eye(n), (count, degree, n, n))
         right = np.concatenate([gap.reshape(count, degree, n, 1), by_node, -dt * fp], axis=3)
         solved = -np.linalg.solve(matrix, right.reshape(count, degree * n, -1))
-        return Lift(correction=solved[..., 0], gain=solved[..., 1:], matrix=matrix)
+        return CollocationLift(correction=solved[..., 0], gain=solved[..., 1:], matrix=matrix)
 
 
 def _derivative_function(model: Model, free: np.ndarray) -> ca.Function:

@@ -73,7 +73,7 @@ class Slab:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Symbols:
+class ProblemSymbols:
     """The unknowns and data of a nonlinear programme, one column per segment or sample (CasADi MX):
 
     nodes   (n, K) start states; points (n, K*d) interior states of collocation, None without
@@ -136,6 +136,6 @@ class Dynamics(Protocol):
         """The rows of some segments in the order of time."""
         ...
 
-    def symbolic(self, at: Symbols) -> Simulated:
+    def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The same motion as expressions, for solvers that take a nonlinear programme."""
         ...

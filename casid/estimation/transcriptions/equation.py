@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 from casid.errors import EstimationError
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.steps import cached, quiet
-from casid.model.system import EquationError as EquationForm
+from casid.model.system import EquationForm as EquationForm
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 from casid.records.record import Record

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.transcriptions.dynamics import Blocks, Simulated, Slab, Symbols, Trajectory
+from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, whitened
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.steps import (
@@ -28,7 +28,7 @@ from casid.estimation.transcriptions.steps import (
 from casid.estimation.transcriptions.symbolic import shot
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
-from casid.native.compiler import Batch, Compilable
+from casid.native.compiler import Compilable, PointBatch
 
 _SLAB_SAMPLES = 4096  # of which the derivatives are held at once
 
@@ -65,7 +65,7 @@ class Shooting:
         )
 
     @cached_property
-    def _mapped(self) -> tuple[Batch, Batch, Batch]:
+    def _mapped(self) -> tuple[PointBatch, PointBatch, PointBatch]:
         """Simulation, outputs of all samples, derivatives over a slab, by CasADi."""
         model, feedback = self._model, self._feedback
         count, length = self.shape
@@ -153,7 +153,7 @@ class Shooting:
             before = after
             yield Slab(segments=own, samples=samples, rows=rows)
 
-    def symbolic(self, at: Symbols) -> Simulated:
+    def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The simulation as expressions. Raises EstimationError for a control law in the loop."""
         if self._feedback is not None:
             raise EstimationError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from casid.estimation.transcriptions.dynamics import Simulated, Symbols
+from casid.estimation.transcriptions.dynamics import ProblemSymbols, Simulated
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.steps import dynamics_function, output_function, step_function
 from casid.model.system import Model
@@ -29,7 +29,7 @@ def with_data(name: str, inputs: list, outputs: list, variable: tuple[int, ...])
     return ca.Function(name, inputs, outputs, {"is_diff_in": [i in variable for i in range(len(inputs))]})
 
 
-def shot(model: Model, free: np.ndarray, layout: Layout, at: Symbols) -> Simulated:
+def shot(model: Model, free: np.ndarray, layout: Layout, at: ProblemSymbols) -> Simulated:
     """By Runge-Kutta steps from every node."""
     count, length = layout.segments, layout.length
     of = SampleSymbols(model, free)
@@ -50,7 +50,7 @@ def shot(model: Model, free: np.ndarray, layout: Layout, at: Symbols) -> Simulat
 
 
 def collocated(
-    model: Model, free: np.ndarray, layout: Layout, tau: np.ndarray, c: np.ndarray, at: Symbols
+    model: Model, free: np.ndarray, layout: Layout, tau: np.ndarray, c: np.ndarray, at: ProblemSymbols
 ) -> Simulated:
     """By polynomials through a node and the interior states after it; tau and c as `radau` gives them."""
     degree, scale = len(tau), ca.DM(model.scale_vector())

@@ -64,7 +64,7 @@ def over_variable(
     truth: Mapping[str, np.ndarray],
     estimates: Mapping[str, Mapping[str, np.ndarray]],
 ) -> Picture:
-    """Each term over its own variable: what is bent in truth is straight in the model. x, truth, estimates by term."""
+    """Each term over its own variable: what is nonlinear in truth is straight in the model; by term."""
     columns = 3
     rows = -(-len(truth) // columns)
     with settings():

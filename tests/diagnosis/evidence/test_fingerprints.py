@@ -11,7 +11,7 @@ from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.screening import Screen
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -57,7 +57,7 @@ def flights(effect: EffectValue, seed: int) -> list[Record]:
     return found
 
 
-def baseline(effect: EffectValue, seed: int = 21) -> tuple[Fit, Evidence]:
+def baseline(effect: EffectValue, seed: int = 21) -> tuple[FlightFit, Evidence]:
     flight = prepare(do328(), flights(effect, seed))
     base = fit(flight, (), flight.noise())
     return base, weigh(base, discrepancy=False)

@@ -86,8 +86,8 @@ def test_an_event_that_takes_longer_keeps_its_middle() -> None:
     assert flap.with_values({"value": 0.2}).onsets == flap.onsets
 
 
-def test_a_bent_lift_curve_hides_no_term_of_the_pitching_moment() -> None:
-    """Lift bent by more than is usual, in a way that is too small to matter, and 8 % of Cm from r^2."""
+def test_a_nonlinear_lift_curve_hides_no_term_of_the_pitching_moment() -> None:
+    """Lift nonlinear by more than is usual, in a way that is too small to matter, and 8 % of Cm from r^2."""
     bends = [("CL", "alpha^2", 8.0), ("CL", "beta^2", -1.4), ("CL", "delta_e^2", 5.0)]
     hidden = [Attached(effect=aero_term(c, term), values={"value": value}) for c, term, value in bends]
     hidden.append(Attached(effect=aero_term("Cm", "r^2"), values={"value": -33.0}))

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from score_questions import a_question, moments, with_response
 
 from casid.diagnosis.explanations.colour import left_by, searched_in_colour, worth
-from casid.diagnosis.explanations.explanation import CauseColumn, Innovations, RecordColumns
+from casid.diagnosis.explanations.explanation import CauseColumn, RecordColumns, WhitenedInnovations
 from casid.diagnosis.explanations.posterior import posterior
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.search import search
@@ -55,7 +55,7 @@ def test_white_readings_are_worth_all_of_them() -> None:
     assert np.mean(np.array(found) < Priors().white) < 0.02
 
 
-def coloured(seed: int) -> Innovations:
+def coloured(seed: int) -> WhitenedInnovations:
     """Slow causes, none of them there, and noise with a lag-1 correlation of 0.95."""
     rng = np.random.default_rng(seed)
     slow = lfilter([0.2], [1.0, -0.98], rng.standard_normal((400, 8)), axis=0)
@@ -72,7 +72,7 @@ def coloured(seed: int) -> Innovations:
         CauseColumn(name=f"cause{i}", kind="slow", shape={0: i}, scales=(0.3, 1.0), log_prior=-2.5, matters=0.05)
         for i in range(8)
     ]
-    return Innovations(records=(record,), precision=np.ones(1), pull=np.zeros(1), causes=tuple(causes))
+    return WhitenedInnovations(records=(record,), precision=np.ones(1), pull=np.zeros(1), causes=tuple(causes))
 
 
 def test_coloured_noise_names_nothing_once_tempered() -> None:

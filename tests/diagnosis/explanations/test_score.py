@@ -9,7 +9,7 @@ import pytest
 from scipy.sparse import csr_array
 from score_questions import ROWS, a_question, density, with_response
 
-from casid.diagnosis.explanations.explanation import Innovations
+from casid.diagnosis.explanations.explanation import WhitenedInnovations
 from casid.diagnosis.explanations.posterior import Posterior, posterior
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.search import search
@@ -85,7 +85,7 @@ def test_sizes_are_those_of_regression() -> None:
     assert std == pytest.approx(np.sqrt(np.linalg.inv(A.T @ A)[-1, -1]), rel=1e-6)
 
 
-def believed(asked: Innovations) -> Posterior:
+def believed(asked: WhitenedInnovations) -> Posterior:
     return posterior(search(asked, Priors()))
 
 

@@ -9,7 +9,7 @@ import pytest
 from diagnosis_flights import flights, rough_file
 
 from casid.diagnosis import diagnose as stages
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -21,7 +21,7 @@ from casid.records.record import Record
 SURFACES = ("delta_e", "delta_a", "delta_r")
 
 
-def fitted(records: list[Record]) -> Fit:
+def fitted(records: list[Record]) -> FlightFit:
     """The baseline of records that say nothing of how their inputs run."""
     flight = prepare(rough_file(), records)
     return fit(flight, [], flight.noise(), iterations=20)

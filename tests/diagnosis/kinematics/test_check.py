@@ -85,7 +85,7 @@ def test_what_kinematics_find_is_tried_whatever_ranks_before_it() -> None:
 
 def test_what_kinematics_confirm_goes_before_what_they_find_otherwise() -> None:
     """Figures of the ATTAS records: an accelerometer 10 m behind its place gains most in a model whose coefficients
-    are all bent, but kinematics put it at 14 m; the vane ahead is the same to both."""
+    are all nonlinear, but kinematics put it at 14 m; the vane ahead is the same to both."""
 
     def trial(effect: Effect, total: float, predicted: float = 0.0, achieved: float = 0.0) -> Trial:
         check = KinematicCheck(predicted=predicted, achieved=achieved)

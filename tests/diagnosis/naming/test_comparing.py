@@ -12,7 +12,7 @@ from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.flight.evaluation import Fit
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -42,14 +42,14 @@ BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
 
 
 @pytest.fixture(scope="module")
-def late() -> Fit:
+def late() -> FlightFit:
     """The baseline of a flight in which nothing is wrong but that a noisily recorded elevator moves late."""
     hidden = replace(LATE, values={"value": 0.04})
     flight = prepare(do328(), flights([hidden], 2, rate_hz=50.0, surface_noise=2 * SURFACE_NOISE, size=0.4))
     return fit(flight, (), flight.noise(), iterations=20)
 
 
-def test_a_lag_gains_nothing_by_smoothing_the_record(late: Fit) -> None:
+def test_a_lag_gains_nothing_by_smoothing_the_record(late: FlightFit) -> None:
     """Truth: a delay. What smooths a noisy record predicts with less noise, whatever is true: counted, that would put a
     lag before the delay."""
     (delay, _, _), (lag, beside, _) = (
@@ -126,13 +126,13 @@ def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attac
 @pytest.mark.parametrize(("ahead", "first"), [(500.0, "sensor_delay(psi)"), (5.0, "sensor_scale(ay)")])
 def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: float, first: str) -> None:
     """Left out, it would make a cause of something else; as good as another, it is no reason to pass that over."""
-    late, steep, bent = (
+    late, steep, nonlinear = (
         Attached(effect=effect, values={"value": value})
         for effect, value in ((sensor_delay("psi"), 0.04), (sensor_scale("ay"), 0.1), (aero_term("Cm", "alpha^2"), 1.0))
     )
     delay, term = (
         replace(trial_of(one, gain), meaningful=False, share=0.8)
-        for one, gain in ((late, 1000.0 + ahead), (bent, 5000.0))
+        for one, gain in ((late, 1000.0 + ahead), (nonlinear, 5000.0))
     )
     scale = trial_of(steep, 1000.0)
     assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)

@@ -118,8 +118,8 @@ def test_a_cause_in_half_of_many_records_is_found_among_all_sets() -> None:
 
 
 def test_causes_compare_in_the_structure_that_they_leave() -> None:
-    """A lag that gains more beside a bent coefficient stands behind a delay that leaves it straight; a term too. What
-    only straightens, and is no term, is not named for that."""
+    """A lag that gains more beside a nonlinear coefficient stands behind a delay that leaves it straight; a term too.
+    What only straightens, and is no term, is not named for that."""
 
     def trial(effect, net: float, excess: float) -> Trial:
         return trial_of(Attached(effect=effect, values={"value": 1.0}), net, excess)
@@ -187,7 +187,7 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
 @pytest.mark.parametrize(("loss", "kept"), [(17.0, ["cause"]), (60.0, [])])
 def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float, kept: list[str]) -> None:
     """A cause that gains 600 in the fitted records and loses less than a twentieth of it, 30, in the others stays."""
-    cause = SimpleNamespace(name="cause", slight=False)
+    cause = SimpleNamespace(name="cause", nuisance=False)
     noise = SimpleNamespace(coloured={})
     bare = SimpleNamespace(attached=[], data_deviance=0.0, readings=1000, noise=noise, criteria=Criteria())
     more = SimpleNamespace(attached=[cause], data_deviance=loss, readings=1000, noise=noise)
@@ -198,7 +198,7 @@ def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(loss: float,
 
 def test_an_event_that_is_not_in_the_held_out_records_is_not_judged_there() -> None:
     """Nor by the offset that was put in beside it: a shear in other records, and a bias that loses with it."""
-    bias, scale = SimpleNamespace(name="bias", slight=True), SimpleNamespace(name="scale", slight=False)
+    bias, scale = SimpleNamespace(name="bias", nuisance=True), SimpleNamespace(name="scale", nuisance=False)
     noise = SimpleNamespace(coloured={})
     bare, event, cause = (
         SimpleNamespace(attached=attached, data_deviance=deviance, readings=1000, noise=noise)
@@ -209,8 +209,8 @@ def test_an_event_that_is_not_in_the_held_out_records_is_not_judged_there() -> N
 
 @pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (60.0, False)])
 def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
-    """Fingerprints at an angle x, gains of 700 and 6700 besides when the coefficient is no more bent than beside them:
-    the difference of their gains scatters by 2 sqrt(7400) sin x, 25 for a sine of 0.146, and two of that are 50."""
+    """Fingerprints at an angle x, gains of 700 and 6700 besides when the coefficient is no more nonlinear than beside
+    them: the difference of their gains scatters by 2 sqrt(7400) sin x, 25 for a sine of 0.146; two of that are 50."""
 
     def trial(term: str, total: float, fingerprint: list[float]) -> Trial:
         one = Attached(effect=aero_term("Cm", term), values={"value": 1.0})

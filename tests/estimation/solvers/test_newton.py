@@ -20,14 +20,14 @@ from problems.paper.truth import fly
 U = np.random.default_rng(0).standard_normal(50)
 
 
-def bent(bend: float, limited: bool = False) -> Problem:
+def nonlinear(bend: float, limited: bool = False) -> Problem:
     """Residuals (a + 1) u, (bend a^2 + a - 1) u and (b - 1) u.
 
     The cost has the slope zero and the curvature (2 - 2 bend) sum u^2 in a at a = 0, Gauss-Newton takes it for
     2 sum u^2: its error shrinks by |bend| a step.
     """
     model = define_model(
-        "bent",
+        "nonlinear",
         states=("theta",),
         inputs=("u",),
         parameters={"a": 0.3, "b": 0.0},
@@ -43,7 +43,7 @@ def bent(bend: float, limited: bool = False) -> Problem:
 
 @pytest.mark.parametrize("limited", [False, True])
 def test_what_gauss_newton_creeps_towards_is_reached(limited):
-    alone, fit = solve(bent(0.97, limited), solver=GaussNewton()), solve(bent(0.97, limited))
+    alone, fit = solve(nonlinear(0.97, limited), solver=GaussNewton()), solve(nonlinear(0.97, limited))
     assert alone.solver == "GaussNewton" and not alone.converged and alone.iterations == 100
     assert fit.solver == "Newton" and fit.converged and fit.iterations < 50
     assert fit.values == pytest.approx({"a": 0.0, "b": 0.5 if limited else 1.0}, abs=1e-6)
@@ -56,7 +56,7 @@ def test_what_gauss_newton_creeps_towards_is_reached(limited):
 def test_a_maximum_is_no_solution():
     """With a bend above 1 the cost has a maximum at a = 0 and minima where 2 bend^2 a^2 + 3 bend a + 2 = 2 bend."""
     bend = 1.5
-    fit = solve(bent(bend), solver=Automatic(tolerance=1e-9))
+    fit = solve(nonlinear(bend), solver=Automatic(tolerance=1e-9))
     a = fit.values["a"]
     assert fit.converged and 2 * bend**2 * a**2 + 3 * bend * a + 2 == pytest.approx(2 * bend)
 

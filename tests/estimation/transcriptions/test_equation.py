@@ -21,7 +21,7 @@ from casid.estimation import (
     solve,
 )
 from casid.estimation.transcriptions.equation import smoothed_derivative
-from casid.model.system import EquationError as EquationForm
+from casid.model.system import EquationForm as EquationForm
 from casid.model.system import define_model
 from casid.records.record import Record
 
