@@ -57,7 +57,8 @@ def columns_of(
     along = _along(found, asked, tuple(ports), library)
     span = float(np.median([r.duration for r in along.records]))
     criteria = asked.criteria
-    priors = replace(criteria.priors, times=tuple(share * span for share in criteria.systems.times))
+    times = tuple(share * span for share in criteria.systems.times)
+    priors = replace(criteria.priors, times=times, base=criteria.systems.base)
     free = along.linear.free
     prior_std = np.array([found.model.prior_std.get(name, np.inf) for name in free])
     nominal = np.array([found.model.nominal[name] for name in free])

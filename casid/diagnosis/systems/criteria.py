@@ -26,6 +26,11 @@ class SystemCriteria:
     onsets: int = number(12, "times in a record at which something may begin")
     nodes: int = number(40, "intervals of an unknown history in a record")
     times: tuple[float, ...] = number((0.02, 0.075, 0.3), "correlation times of it, of the length of a record")
+    base: tuple[float, ...] = number(
+        (0.0, 0.02),
+        "levels of histories at all ports at once, in units of what matters, with equal odds",
+        "measured: with higher ones a voltage that wanders was told as two changed parameters",
+    )
     most: int = number(4, "causes of a whole")
     tried: int = number(3, "causes of each ranking that are put into the model in a round")
     member: float = number(0.005, "probability from which a rival is a member of a set")
