@@ -64,9 +64,11 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
     """Statistics of every output that some record measures, over all records."""
     table, lags = {}, fit.criteria.numerics.fit.whiteness_lags
     for i, name in enumerate(fit.model.outputs):
-        if not fit.linear.seen[..., i].any():
+        error = simulated.residual[..., i]
+        if not fit.linear.seen[..., i].any() or np.isnan(error).all():
             continue
-        error, measured = simulated.residual[..., i], np.where(fit.linear.seen[..., i], fit.batch.Z[..., i], np.nan)
+        # where it was measured: the samples that a late reading is compared at stand elsewhere
+        measured = np.where(np.isnan(error), np.nan, fit.batch.Z[..., i])
         predicted = measured - error
         rms = _rms(error)
         table[name] = ChannelStatistics(

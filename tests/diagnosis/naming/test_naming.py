@@ -40,6 +40,7 @@ from casid.model.causes import (
     unsteady_aero,
 )
 from casid.model.effect import Effect
+from casid.model.station import Station
 from problems.do328 import do328
 
 
@@ -348,7 +349,9 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
     before = [
         SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": 3000.0, "reading_V": 0.0}.items()
     ]
-    drifting = SimpleNamespace(station="reading_V", gain=500.0, rms=0.5 * largest, largest=largest)
+    drifting = SimpleNamespace(
+        station="reading_V", place=Station.at("reading_V"), gain=500.0, rms=0.5 * largest, largest=largest
+    )
     read, live = np.linspace(-0.9, 0.9, 200)[:, None, None], np.ones((200, 1), dtype=bool)
     model, batch, flight = (
         SimpleNamespace(outputs=("V",)),
