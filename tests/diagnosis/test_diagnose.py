@@ -312,9 +312,8 @@ def test_what_is_gained_while_an_event_does_not_act_owes_it_no_more_than_any_oth
         return trial_of(Attached(effect=effect, values={"value": 1.0, "length": 2.0}, onsets=onsets), **made)
 
     event = trial(gust("z"), {"m1": 4.0}, gain=1e5)
-    state = SimpleNamespace(
-        named=[SimpleNamespace(trials=[event])], evidence=SimpleNamespace(fit=fitted), criteria=fitted.criteria
-    )
+    earlier = Round(candidates=(), trials=(event,), equivalents=(), named=True)
+    state = SimpleNamespace(named=[earlier], evidence=SimpleNamespace(fit=fitted), criteria=fitted.criteria)
     assert naming.price(trial(thrust_line(), {}, where=where), state, 40.0) == pytest.approx(price)
     assert naming.price(trial(gust("y"), {"m2": 3.0}, where=where), state, 40.0) == pytest.approx(2000.0)
 
