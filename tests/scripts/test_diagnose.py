@@ -81,7 +81,8 @@ def test_whole_run(run_script: Callable, flight: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"diagnosis.json", "extended.toml", "report.html", "report_figures", "run.json"}
+    proposed = {name for name in written if name.startswith("next_flight")}  # where something stayed ambiguous
+    assert written - proposed == {"diagnosis.json", "extended.toml", "report.html", "report_figures", "run.json"}
     document = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert document["sentence"] in done.stdout and str(tmp_path / "out" / "report.html") in done.stdout
     assert all(stage in done.stdout for stage in document["seconds"])

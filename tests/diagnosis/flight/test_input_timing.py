@@ -14,6 +14,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run, held_share
+from casid.diagnosis.naming import baseline
 from casid.filtering.innovations import Batch
 from casid.model.causes import actuator_lag, input_delay, sensor_delay
 from casid.records.record import Record
@@ -80,7 +81,8 @@ def test_held_inputs_are_no_fault_and_hide_none(monkeypatch):
     found = stages.diagnose(rough_file(), records)
     assert [(c.kind, c.target) for c in found.causes] == [("actuator_lag", "delta_e")]
     assert abs(found.causes[0].value - 0.15) < 3.0 * found.causes[0].std
-    monkeypatch.setattr(stages, "as_inputs_run", lambda fit, named=False: fit)
+    for module in (stages, baseline):
+        monkeypatch.setattr(module, "as_inputs_run", lambda fit, named=False: fit)
     without = stages.diagnose(rough_file(), records)
     assert without.verdict == "partly explained"
     assert abs(without.causes[0].value - 0.15) > 0.03
