@@ -23,8 +23,8 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "stall_break": "wing that drops when the flow separates above an angle of attack, until below a lower one",
     }
 )
-# kinds of which `problems.faults` has the generator: they are put into records of any flight
-IN_RECORDS = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale")
+# kinds of which `problems.faults` has the generator, put into records of any flight; and what needs a table in the file
+NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -41,7 +41,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "position_error",
             "clock_drift",
         ),
-        "aerodynamics": ("aero_term", "unsteady_aero", "configuration_change"),
+        "aerodynamics": ("aero_term", "unsteady_aero", "configuration_change", "table_increment"),
         "mass and propulsion": ("cg_offset", "mass", "inertia", "thrust_asymmetry", "thrust_line", "thrust_scale"),
         "air": ("wind_shear", "gust", "turbulence"),
     }

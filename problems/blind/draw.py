@@ -13,7 +13,7 @@ from casid.model.terms import parse_term
 from casid.model.vocabulary import KINDS
 from casid.records.record import Record
 from casid.signals import SURFACES
-from problems.blind.case import IN_RECORDS, RECORDS, Hidden, family
+from problems.blind.case import NOT_DRAWN, RECORDS, Hidden, family
 from problems.blind.scene import LATERAL, Scene, even_products
 
 Rng = np.random.Generator
@@ -58,7 +58,7 @@ def draw_effect(rng: Rng, kind: str, scene: Scene) -> Hidden:
 def draw_two(rng: Rng, scene: Scene) -> tuple[Hidden, Hidden]:
     """Two effects of different families at once, of kinds that each can be seen alone."""
     hard = ("mass", "inertia", "turbulence", *(() if scene.free_steps or scene.configuration else _NEEDS_DEVICE))
-    kinds = [k for k in KINDS if k not in hard and k not in IN_RECORDS]
+    kinds = [k for k in KINDS if k not in hard and k not in NOT_DRAWN]
     while True:
         first, second = (draw_effect(rng, str(k), scene) for k in rng.choice(kinds, 2, replace=False))
         apart = family(first.kind, first.target) != family(second.kind, second.target)

@@ -29,7 +29,7 @@ from casid.records.record import Record
 from casid.signals import SURFACES
 from problems.blind import do328 as blind_do328
 from problems.blind import jsbsim as blind_jsbsim
-from problems.blind.case import IN_RECORDS, OUTSIDE, RECORDS, Answer, Hidden
+from problems.blind.case import NOT_DRAWN, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
 from problems.blind.instruments import Instruments
 from problems.blind.manoeuvres import Segment, draw_segments, histories
@@ -46,7 +46,7 @@ WITH_INSTRUMENTS = "_instruments"
 SETS = ("do328", "jsbsim", "do328" + WITH_INSTRUMENTS, "jsbsim" + WITH_INSTRUMENTS)
 CASES: tuple[str, ...] = (
     *(f"clean-{i}" for i in range(1, 11)),
-    *(kind for kind in KINDS if kind not in IN_RECORDS),
+    *(kind for kind in KINDS if kind not in NOT_DRAWN),
     *(f"two-{i}" for i in range(1, 6)),
     *OUTSIDE,
 )
