@@ -256,7 +256,7 @@ def _ends(kind: str, fit: Fit, flown: Flown, task: Mapping[str, Any]) -> dict[st
     if kind == "input_noise":
         return _normal(fit.values, input_noise_errors(fit, flown.input_noise).std)
     if kind == "profile":
-        ends = profile(fit, flown.truth, level=LEVEL)
+        ends = profile(fit, list(flown.truth), level=LEVEL)
         found = all(p.status == "found" for p in ends.values())
         return {n: [p.value, p.lower, p.upper] for n, p in ends.items()} if found else None
     if kind == "filter":
