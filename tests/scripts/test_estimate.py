@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from casid.cli.app import COMMANDS
 from casid.cli.run import call, script
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
@@ -62,11 +64,10 @@ def run_in_process(load_script, monkeypatch, capsys):
     def run(name: str, *arguments: object) -> str:
         words = [str(argument) for argument in arguments]
         monkeypatch.setattr(sys, "argv", [f"{name}.py", *words])
-        module = load_script(name)
-        if name in ("estimate", "simulate"):
-            call(script(getattr(module, name)), words)
+        if name in ("estimate", "simulate"):  # scripts of one command
+            call(script(resolve_name(COMMANDS[name])), words)
         else:
-            module.main()
+            load_script(name).main()
         return capsys.readouterr().out
 
     return run
