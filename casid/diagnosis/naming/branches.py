@@ -18,8 +18,10 @@ from casid.model.effect import Effect
 
 def best_branch(naming: Naming, catalogue: Sequence[Effect], least: float, report: Callable[[str], None]) -> Naming:
     """The naming, or the one that begins with a near rival in the place of one of its causes, whichever is most likely
-    with all that is named beside it. Only where the noise is what the fit leaves."""
-    if not naming.evidence.fit.flight.noise_by_fit:
+    with all that is named beside it. Only where the noise is what the fit leaves, and in calm air: turbulence takes up
+    what a wrong cause leaves, whatever is named beside it, and each of its branches takes minutes."""
+    fitted = naming.evidence.fit
+    if not fitted.flight.noise_by_fit or fitted.noise.coloured:
         return naming
     best = naming
     for at, round_ in enumerate(naming.rounds):
