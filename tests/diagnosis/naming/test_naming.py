@@ -25,7 +25,7 @@ from casid.diagnosis.judging.held_out import best_on_held, held_gains
 from casid.diagnosis.naming import explaining, naming
 from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, in_order
 from casid.diagnosis.naming.explaining import doubt
-from casid.diagnosis.naming.round import Trial
+from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.trials import worth_trying
 from casid.errors import InputError
 from casid.model.causes import (
@@ -177,7 +177,10 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
     def trial(effect, gain: float) -> Trial:
         return trial_of(Attached(effect=effect, values={"value": 0.01}), gain)
 
-    state = SimpleNamespace(named=[SimpleNamespace(trials=[trial(backlash("delta_e"), 48000.0)])], criteria=Criteria())
+    state = SimpleNamespace(
+        named=[Round(candidates=(), trials=(trial(backlash("delta_e"), 48000.0),), equivalents=(), named=True)],
+        criteria=Criteria(),
+    )
     prices = [
         naming.price(trial(effectiveness_change(surface), 750.0), state, 40.0)  # pyright: ignore
         for surface in ("delta_e", "delta_a")
