@@ -23,9 +23,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import casid  # noqa: F401  before numpy: it sets the number of threads
-
-# isort: split
 import numpy as np
 
 from casid.cli.start import run_script

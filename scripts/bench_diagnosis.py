@@ -19,9 +19,6 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import casid  # noqa: F401  before numpy: it sets the number of threads
-
-# isort: split
 import numpy as np
 
 from casid.cli.start import run_script

@@ -24,9 +24,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import casid  # noqa: F401  before numpy: it sets the number of threads
-
-# isort: split
 import numpy as np
 
 from casid.cli.start import run_script
