@@ -48,7 +48,7 @@ class Cause:
     log_odds: float | None = None
 
     @property
-    def told(self) -> str:
+    def statement(self) -> str:
         """Its sentence, and what these data cannot tell it apart from."""
         others = []
         for one in self.indistinguishable_from:

@@ -283,7 +283,7 @@ class VerdictCriteria:
         "derived: power 90 %, false alarm 1e-4 over a hundred candidates",
     )
     structure: float = number(2.0, "times what matters, from which an expected term is a cause")
-    structure_beside: float = number(1.5, "times that, beside what gains more")
+    structure_with_others: float = number(1.5, "times that, where another cause gains more")
     hint: float = number(0.5, "part of the gain for a name from which a cause is worth a look")
     minor_part: float = number(0.75, "part of what is missing that a minor cause must gain to be what is missing")
     small_term: float = number(6.0, "1-sigmas of a small term that is worth a line")
@@ -301,7 +301,7 @@ class GivenCriteria:
     from_records: float = number(
         0.5, "part of the information on a number that must come from the records", "derived: more than the file's own"
     )
-    beside: float = number(
+    still: float = number(
         0.25,
         "motion of an axis, of the other's, below which it is not judged",
         "measured: records of one axis show 0.03 to 0.21, of all axes 0.3 and more",

@@ -26,7 +26,7 @@ from casid.diagnosis.given.as_given import AsGiven, fly_as_given, fly_recorded
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.given.reach import reach_of
-from casid.diagnosis.judging.conclusion import concluded, named_beside
+from casid.diagnosis.judging.conclusion import concluded, named_in_errors
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, split, with_events
 from casid.diagnosis.judging.verdict import (
@@ -110,7 +110,7 @@ def diagnose(
         split(both[: len(records)], both[len(records) :], criteria.held_out)
         for both in (checked.records, checked.recorded)
     )
-    with named_beside(checked.findings, checked.doubts):
+    with named_in_errors(checked.findings, checked.doubts):
         reach = reach_of(aircraft, mended, criteria, axes)
         known = attached_effects(reach.flight)
         flight = with_noise_level(reach.flight, known)
@@ -118,15 +118,15 @@ def diagnose(
         given = fly_as_given(flight, reach.held, known)
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
-        asked = _Asked(aircraft=aircraft, given=given, held=reach.held, known=known, by_score=naming == "score")
-        found = _attempt(asked, flight, stages)
+        case = _Case(aircraft=aircraft, given=given, held=reach.held, known=known, by_score=naming == "score")
+        found = _attempt(case, flight, stages)
         if is_far(found.extended.fit, criteria.noise.far_from_causes):
-            found = _attempt(asked, unread(flight), stages)
+            found = _attempt(case, unread(flight), stages)
         return concluded(found, reach, checked.findings, checked.doubts)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Asked:
+class _Case:
     """What every attempt begins with: the file, how it flies as given, the held-out records, its own effects."""
 
     aircraft: Aircraft
@@ -136,41 +136,41 @@ class _Asked:
     by_score: bool
 
 
-def _attempt(asked: _Asked, flight: Flight, stages: Stages) -> Diagnosis:
+def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
     """The diagnosis of a flight whose noise is believed as read, unless its baseline is far from the data."""
     stages.begin("refit of the file")
-    calm = fit(flight, asked.known, flight.noise(), iterations=20)
+    calm = fit(flight, case.known, flight.noise(), iterations=20)
     if is_far(calm, flight.criteria.noise.far_from_data):
         flight = unread(flight)
-        calm = fit(flight, asked.known, flight.noise(), iterations=20)
+        calm = fit(flight, case.known, flight.noise(), iterations=20)
     calm = as_inputs_run(in_colour(calm))
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
-    found = judge_kinematics(flight, asked.known, offsets)
+    found = judge_kinematics(flight, case.known, offsets)
     stages.begin("refit of the file")
     begun = baseline(calm, found.turbulence, found.nuisance)
     stages.begin("naming")
-    by = _by_score if asked.by_score else _by_rules
-    return by(asked.aircraft, begun, found, asked.given, asked.held, stages)
+    by = _by_score if case.by_score else _by_rules
+    return by(case.aircraft, begun, found, case.given, case.held, stages)
 
 
 def _unexplained(
     kept: _Kept,
     by_rules: Naming,
     left: Sequence[MissingInput],
-    told: tuple[tuple[Cause, ...], tuple[Cause, ...]],
-    least: float,
+    judged: tuple[tuple[Cause, ...], tuple[Cause, ...]],
+    required: float,
 ) -> tuple[tuple[Cause, ...], list[MissingInput]]:
     """(minor, unexplained): what no cause explains, unless what is too small to matter does; `told`: causes, minor."""
-    causes, minor = told
-    unexplained = still_missing(kept.evidence, left, causes, least)
+    causes, minor = judged
+    unexplained = still_missing(kept.evidence, left, causes, required)
     seen = (*causes, *minor)
     small = too_small(by_rules, seen, unexplained)
     nuisance = [trial.candidate.attached for trial in minor_trials(by_rules, seen)][:1]
-    if small and (not unexplained or _nothing_beside(kept, nuisance, by_rules, causes, least)):
+    if small and (not unexplained or _nothing_left_with(kept, nuisance, by_rules, causes, required)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
-        unexplained = _missing_on_held(kept, nuisance, causes, least)
+        unexplained = _missing_on_held(kept, nuisance, causes, required)
     return minor, unexplained
 
 
@@ -212,10 +212,9 @@ def _by_rules(
     left = by_rules.missing if kept.evidence is by_rules.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
-    causes, minor = causes_of(
-        by_rules, kept.evidence, begun.turbulence, kept.gains, (kept.structure, kept.structure_gain), begun.least, left
-    )
-    minor, unexplained = _unexplained(kept, by_rules, left, (causes, minor), begun.least)
+    structure, required = (kept.structure, kept.structure_gain), begun.required
+    causes, minor = causes_of(by_rules, kept.evidence, begun.turbulence, kept.gains, structure, required, left)
+    minor, unexplained = _unexplained(kept, by_rules, left, (causes, minor), required)
     verdict, sentence = verdict_of(causes, minor, unexplained, by_rules, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
@@ -283,7 +282,7 @@ class _Kept:
         standing = {one.effect.key for one in naming.evidence.fit.attached}
         return named & standing <= {one.effect.key for one in self.fit.attached}
 
-    def beside(self, nuisance: Sequence[Attached]) -> FlightFit:
+    def with_effects(self, nuisance: Sequence[Attached]) -> FlightFit:
         """The fit with further effects."""
         return fit(self.fit.flight, [*self.fit.attached, *nuisance], self.fit.noise, self.fit)
 
@@ -321,7 +320,7 @@ def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
 
 
 def _missing_on_held(
-    kept: _Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], least: float
+    kept: _Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], required: float
 ) -> list[MissingInput]:
     """What the held-out records show that neither the model nor other derivatives explain, nor a `nuisance` cause, too
     small to matter in the fitted ones: an effect in them alone."""
@@ -330,25 +329,25 @@ def _missing_on_held(
         held = with_events(held, model)
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
         return still_missing(
-            evidence, missing_inputs(evidence), causes, least, kept.evidence.criteria.held_out.missing_share
+            evidence, missing_inputs(evidence), causes, required, kept.evidence.criteria.held_out.missing_share
         )
 
     found = missing(kept.fit, kept.held_fit)
     if found and nuisance:
-        beside = kept.beside(nuisance)
-        if not missing(beside, judge_on(kept.held_fit.flight.records, beside)):
+        joint = kept.with_effects(nuisance)
+        if not missing(joint, judge_on(kept.held_fit.flight.records, joint)):
             return []
     return found
 
 
-def _nothing_beside(
-    kept: _Kept, nuisance: Sequence[Attached], naming: Naming, causes: Sequence[Cause], least: float
+def _nothing_left_with(
+    kept: _Kept, nuisance: Sequence[Attached], naming: Naming, causes: Sequence[Cause], required: float
 ) -> bool:
     """Whether nothing is missing in the fitted records beside a `nuisance` cause, which was tried beside all others."""
     if not kept.has_all(naming):
         return False
-    evidence = weigh(kept.beside(nuisance))
-    return not still_missing(evidence, missing_inputs(evidence), causes, least)
+    evidence = weigh(kept.with_effects(nuisance))
+    return not still_missing(evidence, missing_inputs(evidence), causes, required)
 
 
 def attached_effects(flight: Flight) -> list[Attached]:

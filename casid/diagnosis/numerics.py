@@ -117,7 +117,7 @@ class NamingNumerics:
 
 
 # Findings of a kind that a sentence tells one by one; the page and the document have all.
-TOLD_ONE_BY_ONE = 3
+STATED_ONE_BY_ONE = 3
 
 # Log likelihood below which a level of a channel, and the sign of a derivative, are impossible anyhow.
 IMPOSSIBLE, IMPOSSIBLE_SIGN = -60.0, -40.0
@@ -185,7 +185,7 @@ class ScoreNumerics:
     further: float = number(0.5, "prior 1-sigma of a further value of an effect in the fit, of that value")
     smallest_further: float = number(1e-3, "and at least, in its unit")
     responses: int = number(48, "whitened responses in memory twice")
-    told: int = number(8, "explanations that are told")
+    reported: int = number(8, "explanations that are told")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,5 +35,5 @@ class Parameter:
             "a_priori": self.a_priori,
             "refitted": {"value": self.refitted, "std": self.refitted_std},
             "extended": {"value": self.extended, "std": self.extended_std},
-            "flight": {"value": self.flight.value, "std": self.flight.std, "told": self.flight.told},
+            "flight": {"value": self.flight.value, "std": self.flight.std, "told": self.flight.determined},
         }

@@ -30,7 +30,7 @@ class Compared:
 def compared(diagnosis: Diagnosis) -> list[Compared]:
     """Every number of the file, those that flight contradicts first, and last what these records do not tell."""
     against = [one.parameter for one in diagnosis.contradicted]
-    found = sorted(diagnosis.parameters, key=lambda one: (_rank(one.name, against), not one.flight.told))
+    found = sorted(diagnosis.parameters, key=lambda one: (_rank(one.name, against), not one.flight.determined))
     return [_in_words(one, one.name in against) for one in found]
 
 
@@ -41,7 +41,7 @@ def _rank(name: str, against: list[str]) -> int:
 def _in_words(one: Parameter, against: bool) -> Compared:
     says, given = one.flight, one.a_priori
     unit = "1" if one.unit.startswith("1/") else one.unit
-    if not says.told:
+    if not says.determined:
         return Compared(
             name=one.name,
             file=with_std(given, 0.0, unit),
@@ -64,7 +64,9 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
     """Deviation of flight from the file in per cent, with its 1-sigma, contradicted numbers first; None where there is
     nothing to be drawn."""
     against = [one.parameter for one in diagnosis.contradicted]
-    told = [one for one in diagnosis.parameters if one.flight.told and one.a_priori and math.isfinite(one.flight.std)]
+    told = [
+        one for one in diagnosis.parameters if one.flight.determined and one.a_priori and math.isfinite(one.flight.std)
+    ]
     order = sorted(told, key=lambda one: (_rank(one.name, against), -abs(_deviation(one))))[:_MOST]
     if not order:
         return None

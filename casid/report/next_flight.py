@@ -215,7 +215,7 @@ class Untold:
 def _untold(diagnosis: Diagnosis) -> Iterator[Untold]:
     relative = diagnosis.aircraft.relative_uncertainty or np.nan
     for one in diagnosis.parameters:
-        if one.flight.told:
+        if one.flight.determined:
             continue
         stated = relative * abs(one.a_priori)
         own = 1.0 / one.extended_std**2 - (1.0 / stated**2 if stated > 0.0 else 0.0)  # without the file's own word

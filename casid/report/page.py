@@ -178,9 +178,9 @@ def _headline(diagnosis: Diagnosis) -> Headline:
     """Several causes become a list, and what follows them the sentence."""
     rest, told = diagnosis.headline, []
     for cause in diagnosis.causes:
-        if cause.told in rest:
-            rest = rest.replace(cause.told, "", 1)
-            told.append(cause.told)
+        if cause.statement in rest:
+            rest = rest.replace(cause.statement, "", 1)
+            told.append(cause.statement)
     badge = diagnosis.verdict.capitalize()
     if len(told) < 2:
         return Headline(badge=badge, causes=(), sentence=diagnosis.headline)
@@ -188,7 +188,7 @@ def _headline(diagnosis: Diagnosis) -> Headline:
 
 
 def _values_told(diagnosis: Diagnosis) -> str:
-    told, against = sum(one.told for one in diagnosis.flight.values()), len(diagnosis.contradicted)
+    told, against = sum(one.determined for one in diagnosis.flight.values()), len(diagnosis.contradicted)
     if not against:
         return f"None of the {told} numbers of the file that these records tell of stands against flight."
     return f"{against} of {told} numbers of the file that these records tell of stand against flight."
@@ -201,5 +201,5 @@ def _facts(diagnosis: Diagnosis) -> str:
     count = f"{view.samples:,}".replace(",", " ")
     return (
         f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings; "
-        f"{sum(diagnosis.flight[o].told for o in view.fit.derivatives)} derivatives told by them."
+        f"{sum(diagnosis.flight[o].determined for o in view.fit.derivatives)} derivatives told by them."
     )

@@ -11,7 +11,7 @@ from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import is_artefact, plausible
-from casid.diagnosis.naming.trials import gain_asked
+from casid.diagnosis.naming.trials import required_gain
 from casid.diagnosis.result import Diagnosis
 from casid.model.vocabulary import KINDS
 from casid.report.claims import about_cause, about_data, about_value
@@ -162,7 +162,7 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool, criteria: Criteri
     if winner is not None:
         less = 100.0 * (1.0 - trial.gain.raw / winner.gain.raw)
         return f"explains {less:.0f} % less than {effect_name(winner.effect)}"
-    enough = trial.gain.net > gain_asked(trial.effect, criteria)
+    enough = trial.gain.net > required_gain(trial.effect, criteria)
     return "leaves unexplained what is missing" if enough else "explains too little to be named"
 
 

@@ -123,7 +123,7 @@ def test_offsets_that_a_fault_had_hidden_are_put_in_beside_it():
     blind = fit(flight, [], flight.noise(), iterations=20)
     beside = weigh(fit(flight, hidden, flight.noise(), iterations=20))
     assert not demanded_offsets(blind)
-    (found,) = naming._beside_offsets(beside).fit.attached[1:]
+    (found,) = naming._with_offsets(beside).fit.attached[1:]
     assert found.effect.key == sensor_bias("q").key and found.nuisance
     assert np.isclose(found.values["value"], 0.04 * DEG, rtol=0.2)
 

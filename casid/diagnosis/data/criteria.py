@@ -80,7 +80,7 @@ class DataCriteria:
         0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
     )
     own_scale: float = number(1.25, "scale error of an instrument up to which it is no question of units")
-    least_deflection: float = number(
+    smallest_deflection: float = number(
         0.004, "range of a surface below which it excites nothing", "chosen: 0.2 deg", unit="rad"
     )
     most_deflection: float = number(3.0, "range of a surface that none has", "chosen: 170 deg", unit="rad")

@@ -230,7 +230,7 @@ class Weighing:
         for name, factor in alternative.reading.factor.items():
             ranges = [np.ptp(self._quick[j].values[name]) for j in range(len(self.names)) if name in self._quick[j]]
             moved = abs(factor) * max(ranges, default=0.0)
-            if moved > 0.0 and not self._criteria.least_deflection < moved < self._criteria.most_deflection:
+            if moved > 0.0 and not self._criteria.smallest_deflection < moved < self._criteria.most_deflection:
                 return False
         return True
 

@@ -53,7 +53,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     explained, turbulence, in_air = _explained(begun, criteria.priors, stages.begin)
     stages.begin("explanations, held-out records")
     lead, rivals = explained.lead, [one.fit for one in explained.rivals]
-    explained = explained.beside(*predicted(lead.fit, lead.own.keys(), rivals, held, explained.worths))
+    explained = explained.with_held_out(*predicted(lead.fit, lead.own.keys(), rivals, held, explained.worths))
     reading = PosteriorReading(explained=explained, structure=tuple(begun.structure))
     stages.begin("held-out records")
     final, first = reading.fit, explained.first

@@ -52,20 +52,20 @@ def searched_in_colour(found: Found, channels: Sequence[np.ndarray]) -> tuple[Fo
         if all(abs(np.log(worths[c] / before[c])) < numerics.colour_stays for c in every):
             break
         weights = [np.array([worths.get(int(c), 1.0) for c in at]) for at in channels]
-        now = search(tempered(found.asked, weights), found.priors, found.explanations[0])
+        now = search(tempered(found.innovations, weights), found.priors, found.explanations[0])
     return now, worths
 
 
 def left_by(sums: Sums, priors: Priors, one: Explanation) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Per record (rows,) what an explanation, and all that every explanation has, leave of the innovations; and (rows,
     sizes) what its sizes took of them: products of the rows of that are the hat matrix."""
-    asked, k = sums.asked, len(sums.asked.precision)
+    innovations, k = sums.innovations, len(sums.innovations.precision)
     held = hold(sums, priors, one.setting.level, one.unknown)
-    common, match = with_priors(asked, held)
-    common[k:, k:] += small_information(asked, dict(one.setting.scales))
+    common, match = with_priors(innovations, held)
+    common[k:, k:] += small_information(innovations, dict(one.setting.scales))
     columns = [e.column for e in one.elements]
     scale = np.array([e.scale for e in one.elements])
-    mean = np.array([asked.causes[c].mean for c in columns])
+    mean = np.array([innovations.causes[c].mean for c in columns])
     prior = np.diag(scale**-2.0) if len(columns) else np.zeros((0, 0))
     cross = held.cross[:, columns]
     whole = np.block([[common, cross], [cross.T, held.K[np.ix_(columns, columns)] + prior]])
@@ -74,12 +74,12 @@ def left_by(sums: Sums, priors: Priors, one: Explanation) -> tuple[list[np.ndarr
     inverse = solved(L, unit, np.eye(len(whole)))
     sizes = inverse.T @ (inverse @ right)
     left, taken = [], []
-    for r, record in enumerate(asked.records):
+    for r, record in enumerate(innovations.records):
         every = np.zeros((len(record.residual), len(sizes)))
         every[:, : sums.common] = np.hstack([record.nuisance, record.small])
         for i, c in enumerate(columns, start=sums.common):
-            if r in asked.causes[c].shape:
-                every[:, i] = record.shapes[:, asked.causes[c].shape[r]]
+            if r in innovations.causes[c].shape:
+                every[:, i] = record.shapes[:, innovations.causes[c].shape[r]]
         y = record.residual - every @ sizes
         left.append(y - _followed(sums, priors, one, r, y))
         taken.append(every @ inverse.T)
@@ -88,11 +88,11 @@ def left_by(sums: Sums, priors: Priors, one: Explanation) -> tuple[list[np.ndarr
 
 def _followed(sums: Sums, priors: Priors, one: Explanation, r: int, y: np.ndarray) -> np.ndarray:
     """What the histories of an explanation follow of what else it leaves in a record."""
-    levels, record = levels_of(sums, priors, one.setting.level, one.unknown), sums.asked.records[r]
+    levels, record = levels_of(sums, priors, one.setting.level, one.unknown), sums.innovations.records[r]
     if not levels:
         return np.zeros(len(y))
     some = sums.nodes_of(r, list(levels))
-    ports = [(p, sums.asked.ports[p].matters) for p in levels]
+    ports = [(p, sums.innovations.ports[p].matters) for p in levels]
     match = np.concatenate([matters * (record.histories[p].T @ record.in_steps(y)) for p, matters in ports])
     spreads = [np.sum([v**2 * covariance(record.nodes, tau) for v, tau in at], axis=0) for at in levels.values()]
     prior = block_diag(*[np.linalg.inv(one) for one in spreads])
@@ -121,11 +121,11 @@ def worth(left: Sequence[np.ndarray], taken: Sequence[np.ndarray], numerics: Sco
     return float(min(1.0, free[enough] / max(power[enough], 1e-300)))
 
 
-def tempered(asked: WhitenedInnovations, weights: Sequence[np.ndarray]) -> WhitenedInnovations:
+def tempered(innovations: WhitenedInnovations, weights: Sequence[np.ndarray]) -> WhitenedInnovations:
     """The question with the likelihood of every row raised to a power, `weights` per record (rows,), which does not
     change within a step of the histories."""
     records = []
-    for record, weight in zip(asked.records, weights, strict=True):
+    for record, weight in zip(innovations.records, weights, strict=True):
         by = np.sqrt(weight)[:, None]
         by_step = _of_steps(record, by)
         records.append(
@@ -138,7 +138,7 @@ def tempered(asked: WhitenedInnovations, weights: Sequence[np.ndarray]) -> White
                 shapes=record.shapes * by,
             )
         )
-    return replace(asked, records=tuple(records))
+    return replace(innovations, records=tuple(records))
 
 
 def _of_steps(record: RecordColumns, by: np.ndarray) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""What the score is asked, and what an explanation is. Nothing here knows of aircraft: any dynamic system may ask.
+"""The linearised innovations that the score weighs, and what an explanation is.
+
+Nothing here knows of aircraft: any dynamic system may ask.
 
 A fit is linearised, and what is left of every reading is whitened, so that
 
@@ -105,7 +107,7 @@ class CauseColumn:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WhitenedInnovations:
-    """What is asked; see the head of this module.
+    """What the score weighs; see the head of this module.
 
     precision, pull    (k,) of the nuisance: its prior is N(-pull/precision, 1/precision), flat where that is 0
     small_information  (m, m) inverse of the prior covariance of the small terms at a scale of one

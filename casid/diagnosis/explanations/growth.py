@@ -27,7 +27,7 @@ class Growth:
     def __init__(
         self, back: Background, priors: Priors, large: Mapping[Unknown, float], among: Collection[str] | None
     ) -> None:
-        self.back, self.priors, self.large, self.causes = back, priors, large, back.sums.asked.causes
+        self.back, self.priors, self.large, self.causes = back, priors, large, back.sums.innovations.causes
         entries = [(i, s) for i, cause in enumerate(self.causes) for s in cause.scales]
         self.column = np.array([i for i, _ in entries], dtype=int)
         self.scale = np.array([s for _, s in entries], dtype=float)
@@ -47,7 +47,7 @@ class Growth:
     def options(self) -> list[Loosened]:
         """Histories that may be loosened beside those of the background, of entrances that promised anything before."""
         there = {name for name, _, _ in self.back.loose}
-        entrances = [e for e in self.back.sums.asked.entrances if e.name not in there]
+        entrances = [e for e in self.back.sums.innovations.entrances if e.name not in there]
         entrances = [e for e in entrances if self.among is None or e.name in self.among]
         return [option for entrance in entrances for option in self.back.loosened(entrance, self.priors)]
 
@@ -77,7 +77,7 @@ class Growth:
         self.found[state.key] = state.log, state.prior
         self.top = max(self.top, state.log + state.prior)
 
-    def _entrances(self, beside: _Key) -> list[_State]:
+    def _entrances(self, causes: _Key) -> list[_State]:
         """The best loosened histories, by themselves or with the one cause that adds most, and beside the causes that
         are known to be best."""
         promise, most = [], self.priors.numerics.entrances
@@ -90,8 +90,8 @@ class Growth:
             promise.append((option.log + option.log_prior + more, i))
             self._promised(option, promise[-1][0])
         states = [self._state((i, ())) for _, i in sorted(promise, reverse=True)[:most]]
-        if beside[1]:
-            both = [self._state((i, beside[1])) for i in range(len(self.options))]
+        if causes[1]:
+            both = [self._state((i, causes[1])) for i in range(len(self.options))]
             for state in both:
                 self._note(state)
                 self._promised(self.options[state.key[0]], state.log + state.prior)

@@ -101,7 +101,7 @@ def posterior(
         for (name, _, _), large in zip(one.unknown, one.large, strict=True):
             unknown[name] += float(weight) * large
             nothing *= 1.0 - large
-        for p in _matter(of.asked.causes, one):
+        for p in _matter(of.innovations.causes, one):
             nothing *= 1.0 - p
         adequate += nothing
     weighed = [(of, one, float(weight)) for (of, one), weight in zip(pairs, weights, strict=True)]
@@ -129,7 +129,7 @@ def _together(found: Found, others: Sequence[Found], predicted: Collection[str])
 def _refused(found: Found, one: Explanation, predicted: Mapping[str, float]) -> float:
     """What records that were not fitted say of an explanation that lacks some of the causes that they were asked about:
     of a cause in the place of one of these, so much as the response to it does not have in common."""
-    names = {found.asked.causes[e.column].name for e in one.elements}
+    names = {found.innovations.causes[e.column].name for e in one.elements}
     shared = {c: max((found.cosine(c, name) ** 2 for name in names), default=0.0) for c in predicted}
     return -float(sum((1.0 - shared[cause]) * ratio for cause, ratio in predicted.items()))
 
@@ -184,7 +184,7 @@ def _beliefs(
 ) -> tuple[Belief, ...]:
     parts: dict[str, list[_Part]] = defaultdict(list)
     for number, (of, one, weight) in enumerate(weighed):
-        columns = of.asked.causes
+        columns = of.innovations.causes
         matter = _matter(columns, one)
         for element, (mean, std), p in zip(one.elements, one.amplitudes, matter, strict=True):
             column = columns[element.column]
@@ -254,14 +254,14 @@ def _set(about: _About, name: str) -> tuple[tuple[tuple[str, float], ...], float
         for p in parts[best]:
             there[p.number] = p.weight
             matters[p.number] = max(matters.get(p.number, 0.0), p.weight * p.matters)
-    told = sorted(((other, about.likely[other]) for other in members), key=lambda one: (-one[1], one[0]))
-    return tuple(told), min(sum(matters.values()), 1.0)
+    stated = sorted(((other, about.likely[other]) for other in members), key=lambda one: (-one[1], one[0]))
+    return tuple(stated), min(sum(matters.values()), 1.0)
 
 
 def _exchangeable(about: _About, one: str, other: str) -> bool:
     """Whether two causes may stand for each other: by their tags, or by how alike their responses are."""
     a, b = about.foremost[one], about.foremost[other]
-    columns = about.found.asked.causes
+    columns = about.found.innovations.causes
     if a.alike and a.alike == b.alike:
         return True
     of_one, of_other = ([i for i, c in enumerate(columns) if c.name == name] for name in (one, other))

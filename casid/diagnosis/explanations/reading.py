@@ -12,7 +12,7 @@ from scipy.special import expit, ndtr
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, jackknife, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at, missing_oscillation
-from casid.diagnosis.explanations.asking import TURBULENCE
+from casid.diagnosis.explanations.columns import TURBULENCE
 from casid.diagnosis.explanations.posterior import Belief
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.refit import Explained
@@ -101,10 +101,10 @@ class PosteriorReading:
         slots = {slot.name for slot in self.fit.slots}
         std = self._std(one) if one.name in slots else belief.std
         intervals = self.explained.lead.intervals.get(one.name, {})
-        told = _told(one, self.fit, belief, max(std, belief.std if one.effect.linear else 0.0))
+        stated = _cause_of(one, self.fit, belief, max(std, belief.std if one.effect.linear else 0.0))
         onsets = {r: intervals.get(r, (t - 1.0, t + 1.0)) for r, t in one.onsets.items()}
         return replace(
-            told,
+            stated,
             onset_s=onset_intervals(self.evidence, one, onsets) if one.effect.timed else None,
             indistinguishable_from=tuple(self._alike(name, p) for name, p in belief.alike),
         )
@@ -128,10 +128,10 @@ class PosteriorReading:
 
     def _predicted(self, belief: Belief) -> Cause:
         one = _sized(self.explained.stands_for(belief.column), belief)
-        told = _told(one, self.explained.lead.fit, belief, belief.std)
+        stated = _cause_of(one, self.explained.lead.fit, belief, belief.std)
         onsets = {record: (t - 1.0, t + 1.0) for record, t in one.onsets.items()}
-        sentence = f"Not sure, or too small to matter: {told.sentence}"
-        return replace(told, meaningful=False, onset_s=onsets or None, sentence=sentence)
+        sentence = f"Not sure, or too small to matter: {stated.sentence}"
+        return replace(stated, meaningful=False, onset_s=onsets or None, sentence=sentence)
 
     def _put_in(self, one: Attached) -> Cause:
         std = deviation(self.evidence, one.name)
@@ -144,14 +144,14 @@ class PosteriorReading:
             log_odds=log_odds,
             size=value,
             std=std,
-            column=self.explained.lead.asked.innovations.causes[0],
+            column=self.explained.lead.columns.innovations.causes[0],
             alike=(),
             together=self._notable(one),
         )
-        told = _told(one, self.fit, there, std)
+        stated = _cause_of(one, self.fit, there, std)
         if there.matters >= self.priors.named:
-            return replace(told, probability=self.priors.tempered(there.matters))
-        return replace(told, meaningful=False, sentence=f"Expected of any aircraft, and added: {told.sentence}")
+            return replace(stated, probability=self.priors.tempered(there.matters))
+        return replace(stated, meaningful=False, sentence=f"Expected of any aircraft, and added: {stated.sentence}")
 
     @cached_property
     def unexplained(self) -> tuple[tuple[MissingInput, float], ...]:
@@ -172,8 +172,8 @@ class PosteriorReading:
     def explanations(self) -> tuple[tuple[tuple[str, ...], float], ...]:
         """What the most probable explanations name, and their probabilities."""
         of = self.explained.posterior.explanations
-        told = list(of.items())[: self.priors.numerics.told]
-        return tuple((tuple(sorted(names)), self.priors.tempered(p)) for names, p in told)
+        stated = list(of.items())[: self.priors.numerics.reported]
+        return tuple((tuple(sorted(names)), self.priors.tempered(p)) for names, p in stated)
 
     @property
     def believed(self) -> dict[str, float]:
@@ -184,15 +184,18 @@ class PosteriorReading:
 
     def verdict(self, causes: Sequence[Cause]) -> tuple[str, str]:
         """(verdict, the sentence that opens the report)."""
-        told = " ".join(cause.told for cause in causes)
+        stated = " ".join(cause.statement for cause in causes)
         if self.unexplained:
             where, p = self.unexplained[0][0].place.words, self.unexplained[0][1]
             if causes:
-                return "partly explained", f"{told} Something more is missing: it enters at {where} ({100 * p:.0f} %)."
+                return (
+                    "partly explained",
+                    f"{stated} Something more is missing: it enters at {where} ({100 * p:.0f} %).",
+                )
             sentence = f"The simulation misses something that no cause in the catalogue explains; it enters at {where}"
             return "unexplained", f"{sentence} ({100 * p:.0f} %)."
         if causes:
-            return "explained", told
+            return "explained", stated
         p = self.explained.posterior.adequate
         sentence = f"The model is adequate: with {100 * p:.0f} % nothing of a size that matters is wrong with it"
         return "adequate", f"{sentence} in these records.{self._hint()}"
@@ -212,7 +215,7 @@ def _sized(one: Attached, belief: Belief) -> Attached:
     return one.with_values({"value": belief.size})
 
 
-def _told(one: Attached, base: FlightFit, belief: Belief, std: float) -> Cause:
+def _cause_of(one: Attached, base: FlightFit, belief: Belief, std: float) -> Cause:
     effect, values = one.effect, one.effect.in_words(one.values)
     value = values["value"]
     statistic = 2.0 * belief.log_odds

@@ -13,8 +13,8 @@ import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.explanations.asking import Asked, ask
 from casid.diagnosis.explanations.colour import searched_in_colour, tempered
+from casid.diagnosis.explanations.columns import FlightColumns, flight_columns
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
 from casid.diagnosis.explanations.pool import pool_of
 from casid.diagnosis.explanations.posterior import Posterior, posterior
@@ -30,10 +30,10 @@ from casid.errors import InputError
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WeighedFit:
-    """A fit, what it asked, and what the search found about it; `own` the attached effects that compete, `intervals` of
+    """A fit, its columns, and what the search found about it; `own` the attached effects that compete, `intervals` of
     onsets by name, and the `ranking` of the catalogue by one cause at a time."""
 
-    asked: Asked
+    columns: FlightColumns
     found: Found
     own: Mapping[str, CauseColumn]
     intervals: Mapping[str, Intervals] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class WeighedFit:
 
     @property
     def fit(self) -> FlightFit:
-        return self.asked.fit
+        return self.columns.fit
 
     @property
     def best(self) -> Explanation:
@@ -49,18 +49,18 @@ class WeighedFit:
 
     def with_found(self, found: Found) -> WeighedFit:
         """With another search about the same fit, of the same causes."""
-        return replace(self, asked=replace(self.asked, innovations=found.asked), found=found)
+        return replace(self, columns=replace(self.columns, innovations=found.innovations), found=found)
 
-    def in_other_air(self, beside: FlightFit, priors: Priors) -> float:
+    def in_other_air(self, other_air: FlightFit, priors: Priors) -> float:
         """Log weight of the best explanation by the same causes under the noise of another fit of the records."""
         attached = [one for one in self.fit.attached if one.name in self.own]
-        others = [one for one in beside.attached if one.name not in self.own]
-        other = fit(beside.flight, [*others, *attached], beside.noise, beside, iterations=12, tolerance=2.0)
+        others = [one for one in other_air.attached if one.name not in self.own]
+        other = fit(other_air.flight, [*others, *attached], other_air.noise, other_air, iterations=12, tolerance=2.0)
         return _alone(other, priors, self.own, self.best).best.log
 
     def attached(self, column: CauseColumn) -> Attached:
         """What a column stands for."""
-        return self.asked.ones[self.asked.innovations.causes.index(column)]
+        return self.columns.ones[self.columns.innovations.causes.index(column)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,7 +80,7 @@ class Explained:
     worths: Mapping[str, float]
     predicted: Mapping[str, float] = field(default_factory=dict)
 
-    def beside(self, predicted: Mapping[str, float], wholes: Sequence[float]) -> Explained:
+    def with_held_out(self, predicted: Mapping[str, float], wholes: Sequence[float]) -> Explained:
         """With what records that were not fitted say of the causes of the lead, and of each rival as a whole."""
         rivals = [one.found for one in self.rivals]
         believed = posterior(self.lead.found, *rivals, predicted=predicted, wholes=wholes)
@@ -89,7 +89,7 @@ class Explained:
     def stands_for(self, column: CauseColumn) -> Attached:
         """What a column stands for, in whichever fit it is of."""
         for one in (self.lead, *self.rivals):
-            if column in one.asked.innovations.causes:
+            if column in one.columns.innovations.causes:
                 return one.attached(column)
         raise ValueError(f"no fit has a column of '{column.name}'")
 
@@ -151,8 +151,8 @@ def _in_colour(lead: WeighedFit, rivals: Sequence[WeighedFit]) -> tuple[WeighedF
     weights = [np.array([worths.get(int(c), 1.0) for c in at]) for at in channels]
     allowed = []
     for one in rivals:
-        asked = tempered(one.asked.innovations, weights)
-        allowed.append(one.with_found(search(asked, found.priors, one.best)))
+        weighed = tempered(one.columns.innovations, weights)
+        allowed.append(one.with_found(search(weighed, found.priors, one.best)))
     return lead.with_found(found), allowed, by_name
 
 
@@ -166,16 +166,16 @@ def _given(one: Attached, priors: Priors) -> CauseColumn:
 def _weighed(now: FlightFit, priors: Priors, own: Mapping[str, CauseColumn], banned: set[str]) -> WeighedFit:
     evidence = weigh(now)
     pool = pool_of(evidence, priors, banned)
-    asked = ask(evidence, pool.competitors, priors, own)
-    found = search(asked.innovations, priors, settings=priors.numerics.first_settings)
-    one = WeighedFit(asked=asked, found=found, own=own, ranking=pool.ranking)
+    columns = flight_columns(evidence, pool.competitors, priors, own)
+    found = search(columns.innovations, priors, settings=priors.numerics.first_settings)
+    one = WeighedFit(columns=columns, found=found, own=own, ranking=pool.ranking)
     return one.with_found(further(found)) if _agrees(one, one.best) else one
 
 
 def _alone(now: FlightFit, priors: Priors, own: Mapping[str, CauseColumn], about: Explanation) -> WeighedFit:
     """The same with no cause offered but those in the fit."""
-    asked = ask(weigh(now), [], priors, own)
-    return WeighedFit(asked=asked, found=search(asked.innovations, priors, about), own=own)
+    columns = flight_columns(weigh(now), [], priors, own)
+    return WeighedFit(columns=columns, found=search(columns.innovations, priors, about), own=own)
 
 
 def _content(one: WeighedFit) -> frozenset[str]:
@@ -185,7 +185,7 @@ def _content(one: WeighedFit) -> frozenset[str]:
 def _strongest(now: WeighedFit) -> Explanation:
     """The best explanation without causes that are nothing beside its strongest: they may be what linearisation is
     wrong by, of the strongest, and are found again if they are not. Those in the fit are judged as they stand."""
-    best, columns = now.best, now.asked.innovations.causes
+    best, columns = now.best, now.columns.innovations.causes
     linear = now.found.priors.numerics.linear
     names = [columns[e.column].name for e in best.elements]
     odds = [best.log - now.found.without[name].log for name in names]
@@ -196,7 +196,7 @@ def _strongest(now: WeighedFit) -> Explanation:
 
 def _agrees(now: WeighedFit, best: Explanation) -> bool:
     """Whether an explanation has the causes that are in the fit, and no others."""
-    return {now.asked.innovations.causes[e.column].name for e in best.elements} == set(now.own)
+    return {now.columns.innovations.causes[e.column].name for e in best.elements} == set(now.own)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,11 +213,11 @@ class _Plan:
 
 def _plan(now: WeighedFit, best: Explanation, priors: Priors) -> _Plan:
     """The causes of an explanation at the sizes that it gives them."""
-    causes = now.asked.innovations.causes
+    causes = now.columns.innovations.causes
     others = [one for one in now.fit.attached if one.name not in now.own]
     chosen, own = [], {}
     for element, (amplitude, _) in zip(best.elements, best.amplitudes, strict=True):
-        column, one = causes[element.column], now.asked.ones[element.column]
+        column, one = causes[element.column], now.columns.ones[element.column]
         if one.name not in now.own:
             one = _sized(one, amplitude, priors)
         chosen.append(replace(one, passes=False))
@@ -287,7 +287,7 @@ def _rivals(lead: WeighedFit, priors: Priors, banned: set[str], report: Callable
     numerics = priors.numerics
     within = max(numerics.near, numerics.linear * (lead.best.log - lead.found.nothing))
     every = [*lead.found.without.values(), *lead.found.explanations]
-    causes = lead.asked.innovations.causes
+    causes = lead.columns.innovations.causes
     ranked: dict[frozenset[str], Explanation] = {}
     for one in sorted(every, key=lambda one: -one.log):
         names = frozenset(causes[e.column].name for e in one.elements)

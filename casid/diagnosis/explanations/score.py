@@ -41,7 +41,7 @@ class Sums:
     """All that the score needs of the innovations. `square` y'y; `common` number of nuisance and small terms; `picked`
     per record (causes,) column of x of each, -1 where it has none."""
 
-    asked: WhitenedInnovations
+    innovations: WhitenedInnovations
     records: tuple[RecordSums, ...]
     square: float
     common: int
@@ -49,32 +49,32 @@ class Sums:
 
     @cached_property
     def port_number(self) -> dict[str, int]:
-        return {port.name: i for i, port in enumerate(self.asked.ports)}
+        return {port.name: i for i, port in enumerate(self.innovations.ports)}
 
     def nodes_of(self, record: int, ports: Sequence[int]) -> np.ndarray:
         """Rows of h that belong to these ports."""
-        n = len(self.asked.records[record].nodes)
+        n = len(self.innovations.records[record].nodes)
         return np.concatenate([np.arange(p * n, (p + 1) * n) for p in ports])
 
 
-def sums_of(asked: WhitenedInnovations) -> Sums:
+def sums_of(innovations: WhitenedInnovations) -> Sums:
     """The normal equations of everything that could be in the innovations."""
-    records = tuple(_record_sums(asked, one) for one in asked.records)
-    common = len(asked.precision) + len(asked.owners)
+    records = tuple(_record_sums(innovations, one) for one in innovations.records)
+    common = len(innovations.precision) + len(innovations.owners)
     picked = tuple(
-        np.array([common + cause.shape[r] if r in cause.shape else -1 for cause in asked.causes], dtype=int)
+        np.array([common + cause.shape[r] if r in cause.shape else -1 for cause in innovations.causes], dtype=int)
         for r in range(len(records))
     )
-    square = float(sum(one.residual @ one.residual for one in asked.records))
-    return Sums(asked=asked, records=records, square=square, common=common, picked=picked)
+    square = float(sum(one.residual @ one.residual for one in innovations.records))
+    return Sums(innovations=innovations, records=records, square=square, common=common, picked=picked)
 
 
-def _record_sums(asked: WhitenedInnovations, record: RecordColumns) -> RecordSums:
-    n = len(record.nodes) * len(asked.ports)
+def _record_sums(innovations: WhitenedInnovations, record: RecordColumns) -> RecordSums:
+    n = len(record.nodes) * len(innovations.ports)
     X = np.column_stack([record.nuisance, record.small, record.shapes, record.residual])
     stepped, square = record.in_steps(X), _gram(X)
     hh, hx = np.zeros((n, n)), np.zeros((n, X.shape[1]))
-    unit = np.repeat([port.matters for port in asked.ports], len(record.nodes))
+    unit = np.repeat([port.matters for port in innovations.ports], len(record.nodes))
     largest = [np.abs(h).max(axis=0, initial=0.0) for h in record.histories]
     gone = DIED_AWAY * (np.concatenate(largest) if largest else np.zeros(0)) * unit
     for first in range(0, len(stepped) if n else 0, ROWS_AT_A_TIME):
@@ -153,7 +153,7 @@ class Background:
         F = np.concatenate([hf[b] for (_, hf, _, _), b in parts])
         found = []
         for tau in priors.times:
-            roots = [np.linalg.cholesky(covariance(r.nodes, tau)) for r in self.sums.asked.records]
+            roots = [np.linalg.cholesky(covariance(r.nodes, tau)) for r in self.sums.innovations.records]
             root = block_diag(*[part for part in roots for _ in ports])
             values, vectors = np.linalg.eigh(root.T @ K @ root)
             T = vectors.T @ root.T
@@ -208,8 +208,8 @@ def covariance(nodes: np.ndarray, tau: float) -> np.ndarray:
 
 def hold(sums: Sums, priors: Priors, level: float, loose: Sequence[Unknown] = ()) -> Held:
     """Histories eliminated, of a base level at all ports and of what is loose besides."""
-    asked, c, log = sums.asked, sums.common, 0.0
-    J = len(asked.causes)
+    innovations, c, log = sums.innovations, sums.common, 0.0
+    J = len(innovations.causes)
     common, match = np.zeros((c, c)), np.zeros(c)
     cross, K, z = np.zeros((c, J)), np.zeros((J, J)), np.zeros(J)
     nodes, levels = [], levels_of(sums, priors, level, loose)
@@ -244,9 +244,9 @@ def levels_of(
 ) -> dict[int, list[tuple[float, float]]]:
     """Port -> (level, correlation time) of the histories that it has."""
     middle = priors.times[len(priors.times) // 2]
-    found = {p: [(level, middle)] if level else [] for p in range(len(sums.asked.ports))}
+    found = {p: [(level, middle)] if level else [] for p in range(len(sums.innovations.ports))}
     for name, of_this, tau in loose:
-        entrance = next(e for e in sums.asked.entrances if e.name == name)
+        entrance = next(e for e in sums.innovations.entrances if e.name == name)
         for port in entrance.ports:
             found[sums.port_number[port]].append((of_this, tau))
     return {p: levels for p, levels in found.items() if levels}
@@ -256,7 +256,7 @@ def _without_histories(
     sums: Sums, r: int, levels: Mapping[int, Sequence[tuple[float, float]]]
 ) -> tuple[RecordSums, float]:
     """The sums of a record with histories of these levels eliminated, and what they change the log evidence by."""
-    one, nodes = sums.records[r], sums.asked.records[r].nodes
+    one, nodes = sums.records[r], sums.innovations.records[r].nodes
     if not levels:
         return one, 0.0
     some = sums.nodes_of(r, list(levels))
@@ -276,23 +276,23 @@ def _without_histories(
 
 def background(sums: Sums, priors: Priors, held: Held, scales: Mapping[str, float]) -> Background:
     """Nuisance and small terms, at these scales, eliminated too."""
-    asked, k = sums.asked, len(sums.asked.precision)
-    common, match = with_priors(asked, held)
-    small = small_information(asked, scales)
+    innovations, k = sums.innovations, len(sums.innovations.precision)
+    common, match = with_priors(innovations, held)
+    small = small_information(innovations, scales)
     common[k:, k:] += small
     L, scale = root_of(common)
     y, F = solved(L, scale, match), solved(L, scale, held.cross)
-    stated = asked.precision > 0.0
+    stated = innovations.precision > 0.0
     log = held.log + 0.5 * float(y @ y) - log_determinant(L, scale)
-    log += 0.5 * float(np.linalg.slogdet(small)[1]) + 0.5 * float(np.log(asked.precision[stated]).sum())
-    pulled = float(np.sum(asked.pull[stated] ** 2 / asked.precision[stated]))
-    readings = sum(len(record.residual) for record in asked.records)
-    log -= 0.5 * (sums.square + pulled + asked.log_determinant + readings * np.log(2.0 * np.pi))
+    log += 0.5 * float(np.linalg.slogdet(small)[1]) + 0.5 * float(np.log(innovations.precision[stated]).sum())
+    pulled = float(np.sum(innovations.pull[stated] ** 2 / innovations.precision[stated]))
+    readings = sum(len(record.residual) for record in innovations.records)
+    log -= 0.5 * (sums.square + pulled + innovations.log_determinant + readings * np.log(2.0 * np.pi))
     nodes = []
     for hh, hf, hy, hc in held.nodes:
         taken = solved(L, scale, hc.T)
         nodes.append((hh, hf - taken.T @ F, hy, taken))
-    log_priors = {e.name: e.log_prior for e in asked.entrances}
+    log_priors = {e.name: e.log_prior for e in innovations.entrances}
     prior = -float(np.log(len(priors.base))) - len(scales) * float(np.log(len(priors.bends)))
     prior += sum(priors.level(v, log_priors[name]) for name, v, _ in held.loose)
     return Background(
@@ -308,18 +308,18 @@ def background(sums: Sums, priors: Priors, held: Held, scales: Mapping[str, floa
     )
 
 
-def with_priors(asked: WhitenedInnovations, held: Held) -> tuple[np.ndarray, np.ndarray]:
+def with_priors(innovations: WhitenedInnovations, held: Held) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations of nuisance, its prior included, and of small terms, without theirs."""
-    common, match, k = held.common.copy(), held.match.copy(), len(asked.precision)
-    common[range(k), range(k)] += asked.precision
-    match[:k] -= asked.pull
+    common, match, k = held.common.copy(), held.match.copy(), len(innovations.precision)
+    common[range(k), range(k)] += innovations.precision
+    match[:k] -= innovations.pull
     return common, match
 
 
-def small_information(asked: WhitenedInnovations, scales: Mapping[str, float]) -> np.ndarray:
+def small_information(innovations: WhitenedInnovations, scales: Mapping[str, float]) -> np.ndarray:
     """Inverse prior covariance of the small terms at scales by owner."""
-    scale = np.array([scales[owner] for owner in asked.owners])
-    return asked.small_information / scale[:, None] / scale if len(scale) else np.zeros((0, 0))
+    scale = np.array([scales[owner] for owner in innovations.owners])
+    return innovations.small_information / scale[:, None] / scale if len(scale) else np.zeros((0, 0))
 
 
 def root_of(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -50,8 +50,8 @@ class Found:
     gone: _Gone
 
     @property
-    def asked(self) -> WhitenedInnovations:
-        return self.sums.asked
+    def innovations(self) -> WhitenedInnovations:
+        return self.sums.innovations
 
     def cosine(self, one: str, other: str) -> float:
         """Largest cosine between responses to two causes in any of their shapes; none of what was not asked about."""
@@ -63,25 +63,25 @@ class Found:
     @cached_property
     def _columns(self) -> dict[str, list[int]]:
         found: dict[str, list[int]] = {}
-        for i, cause in enumerate(self.asked.causes):
+        for i, cause in enumerate(self.innovations.causes):
             found.setdefault(cause.name, []).append(i)
         return found
 
 
 def search(
-    asked: WhitenedInnovations, priors: Priors, about: Explanation | None = None, settings: int | None = None
+    innovations: WhitenedInnovations, priors: Priors, about: Explanation | None = None, settings: int | None = None
 ) -> Found:
     """The explanations of these innovations that are worth their weight.
 
     about     an explanation of nearly the same innovations, in whose setting it begins
     settings  that are gone through at most, where a glance will do
     """
-    return search_sums(sums_of(asked), priors, about, settings)
+    return search_sums(sums_of(innovations), priors, about, settings)
 
 
 def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None, settings: int | None = None) -> Found:
     """The same from normal equations that are there already."""
-    ones = dict.fromkeys(sums.asked.owners, priors.bends[0])
+    ones = dict.fromkeys(sums.innovations.owners, priors.bends[0])
     todo: list[_Wanted] = [(level, (), ones) for level in priors.base[:2]]
     if about is not None:
         todo = [(about.setting.level, (), {**ones, **{o: v for o, v in about.setting.scales if o in ones}})]
@@ -109,7 +109,7 @@ def _gone_on(gone: _Gone, settings: int) -> Found:
         if not todo:
             best = gone.best
             gone.large |= dict(zip(best.unknown, best.large, strict=True))
-            todo = gone.todo = [one for one in _asked_for(gone, best) if _named(one) not in gone.done]
+            todo = gone.todo = [one for one in _wanted_now(gone, best) if _named(one) not in gone.done]
     return gone.found()
 
 
@@ -171,8 +171,8 @@ class _Gone:
     @property
     def misfit(self) -> float:
         """Log evidence per reading that the best explanation lacks of what white noise would have."""
-        readings = sum(len(record.residual) for record in self.sums.asked.records)
-        white = -0.5 * (readings * (1.0 + np.log(2.0 * np.pi)) + self.sums.asked.log_determinant)
+        readings = sum(len(record.residual) for record in self.sums.innovations.records)
+        white = -0.5 * (readings * (1.0 + np.log(2.0 * np.pi)) + self.sums.innovations.log_determinant)
         return float(white - self.best.log) / max(readings, 1)
 
     def found(self) -> Found:
@@ -192,7 +192,7 @@ class _Gone:
         )
 
 
-def _asked_for(gone: _Gone, best: Explanation) -> list[_Wanted]:
+def _wanted_now(gone: _Gone, best: Explanation) -> list[_Wanted]:
     """The settings that the best explanation asks for: other scales, and what it loosens as a part of all others."""
     level, scales = best.setting.level, dict(best.setting.scales)
     loose = best.unknown[: gone.priors.numerics.loose - 1]
@@ -203,13 +203,13 @@ def _asked_for(gone: _Gone, best: Explanation) -> list[_Wanted]:
 
 def likely_scales(sums: Sums, held: Held, elements: Sequence[Element], priors: Priors) -> dict[str, float]:
     """owner -> scale of the small terms with the largest evidence beside these causes, by coordinate ascent."""
-    asked, k, m = sums.asked, len(sums.asked.precision), len(sums.asked.owners)
-    best = dict.fromkeys(asked.owners, priors.bends[0])
+    innovations, k, m = sums.innovations, len(sums.innovations.precision), len(sums.innovations.owners)
+    best = dict.fromkeys(innovations.owners, priors.bends[0])
     if not m:
         return best
-    common, match = with_priors(asked, held)
+    common, match = with_priors(innovations, held)
     columns, scale = [e.column for e in elements], np.array([e.scale for e in elements])
-    mean = np.array([asked.causes[c].mean for c in columns])
+    mean = np.array([innovations.causes[c].mean for c in columns])
     others = np.block(
         [
             [common[:k, :k], held.cross[:k, columns]],
@@ -222,7 +222,7 @@ def likely_scales(sums: Sums, held: Held, elements: Sequence[Element], priors: P
     square, match = common[k:, k:] - by.T @ by, match[k:] - by.T @ y
 
     def evidence(of: Mapping[str, float]) -> float:
-        prior = small_information(asked, of)
+        prior = small_information(innovations, of)
         L = np.linalg.cholesky(square + prior)
         y = solve_triangular(L, match, lower=True, check_finite=False)
         return 0.5 * float(y @ y) - float(np.log(np.diag(L)).sum()) + 0.5 * float(np.linalg.slogdet(prior)[1])

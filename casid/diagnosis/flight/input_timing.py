@@ -75,7 +75,7 @@ def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray,
     """Innovations (N, R, ny), and (N, R, ny, columns) with them, less what the sample before tells, in units of what is
     left: channels that the model misses count for less."""
     before, after = white[:-1], white[1:]
-    told = np.sum(before * after, axis=(0, 1)) / np.maximum(np.sum(before**2, axis=(0, 1)), 1e-300)
-    left = after - told * before
+    carried = np.sum(before * after, axis=(0, 1)) / np.maximum(np.sum(before**2, axis=(0, 1)), 1e-300)
+    left = after - carried * before
     unit = np.sqrt(np.maximum(np.mean(left**2, axis=(0, 1)), 1.0))
-    return left / unit, [(one[1:] - told[:, None] * one[:-1]) / unit[:, None] for one in parts]
+    return left / unit, [(one[1:] - carried[:, None] * one[:-1]) / unit[:, None] for one in parts]

@@ -26,7 +26,7 @@ def prior(flight: Flight, model: Model, names: Sequence[str | None]) -> tuple[np
     return mean, weight
 
 
-def least_stated(coefficient: str, criteria: PriorCriteria | None = None) -> float:
+def smallest_stated_std(coefficient: str, criteria: PriorCriteria | None = None) -> float:
     """Least uncertainty of a derivative: what is stated relative to one near zero says nothing."""
     known = criteria or PriorCriteria()
     return known.stated * known.typical.of(coefficient)
@@ -44,7 +44,7 @@ def _std(flight: Flight, model: Model, name: str, size: float) -> float:
     coefficient, term = derivative_term(name)
     smallest = known.typical.of(coefficient)
     if name in model.prior_std:
-        return max(model.prior_std[name], least_stated(coefficient, known))
+        return max(model.prior_std[name], smallest_stated_std(coefficient, known))
     if size > 0.0 or not term.factors:
         return known.spread * max(size, smallest)
     moves = max(flight.regressors(model).variation(term), known.resting)

@@ -30,7 +30,7 @@ class Axes:
     not_judged: tuple[NotJudged, ...] = ()
 
 
-def axes_that_tell(records: Sequence[Record], asked: str | None = None, criteria: GivenCriteria | None = None) -> Axes:
+def axes_that_tell(records: Sequence[Record], wanted: str | None = None, criteria: GivenCriteria | None = None) -> Axes:
     """The axes that surfaces and motion of the records can tell of, or those that were `asked` for.
 
     Where surfaces and flow angle of an axis move little beside the other's, small couplings and the air make as much of
@@ -38,19 +38,19 @@ def axes_that_tell(records: Sequence[Record], asked: str | None = None, criteria
 
     Raises InputError for axes that there are not, and when the surfaces feed no model.
     """
-    if asked is not None and asked not in MOVING:
-        raise unknown("axes", asked, MOVING)
+    if wanted is not None and wanted not in MOVING:
+        raise unknown("axes", wanted, MOVING)
     fed = axes_of(records)
-    if asked is not None:
-        left_out = _OTHER.get(asked)
-        because = f"{asked} axes were asked for"
-        return Axes(name=asked, not_judged=_motions(left_out, because))
+    if wanted is not None:
+        left_out = _OTHER.get(wanted)
+        because = f"{wanted} axes were asked for"
+        return Axes(name=wanted, not_judged=_motions(left_out, because))
     if fed != "full":
         missing = [s for s in _SURFACES[_OTHER[fed]] if not all(s in record for record in records)]
         return Axes(name=fed, not_judged=_motions(_OTHER[fed], f"no channel {' and '.join(missing)}"))
     for resting, moving in _OTHER.items():
         share = _share(records, resting, moving)
-        if share < (criteria or GivenCriteria()).beside:
+        if share < (criteria or GivenCriteria()).still:
             who = " and ".join(_SURFACES[resting])
             because = f"{who} and {_FLOW_ANGLE[resting]} move {100.0 * share:.0f} % of what the {moving} ones do"
             return Axes(name=moving, not_judged=_motions(resting, because))

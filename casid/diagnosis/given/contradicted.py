@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from casid.diagnosis.criteria import Criteria, GivenCriteria
-from casid.diagnosis.flight.prior import least_stated
+from casid.diagnosis.flight.prior import smallest_stated_std
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
@@ -112,13 +112,13 @@ def _derivatives(
     given |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
     for name, value in given.items():
         coefficient, term = derivative_term(name)
-        if name not in flight or not flight[name].told:
+        if name not in flight or not flight[name].determined:
             continue
         whole = value + slopes.get(name, 0.0)
-        told = replace(flight[name], value=flight[name].value + slopes.get(name, 0.0))
+        stated = replace(flight[name], value=flight[name].value + slopes.get(name, 0.0))
         margin = (aircraft.relative_uncertainty or criteria.given.unstated) * abs(whole)
-        margin = max(margin, least_stated(coefficient, criteria.prior))
-        yield _against(name, term.unit, whole, told, margin), margin
+        margin = max(margin, smallest_stated_std(coefficient, criteria.prior))
+        yield _against(name, term.unit, whole, stated, margin), margin
 
 
 def _effects(
@@ -127,10 +127,14 @@ def _effects(
     """The same of the effects that the file has."""
     for value in aircraft.effects:
         effect = effect_of(value)
-        told = _told(effect, flight)
-        if told is not None and told.told and _possible(effect.limit, value.value, "value" in effect.unsigned):
+        stated = _flight_says(effect, flight)
+        if (
+            stated is not None
+            and stated.determined
+            and _possible(effect.limit, value.value, "value" in effect.unsigned)
+        ):
             margin = value.std or criteria.unstated * abs(value.value)
-            yield _against(effect.name, effect.unit, value.value, told, margin), margin
+            yield _against(effect.name, effect.unit, value.value, stated, margin), margin
 
 
 def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
@@ -139,14 +143,14 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
         effect = effect_of(value)
         if _possible(effect.limit, value.value, "value" in effect.unsigned):
             continue
-        told, title = _told(effect, flight), effect_title(*effect.key)
-        says = f" Flight says {_number(told, effect.unit)}." if told is not None and told.told else ""
+        stated, title = _flight_says(effect, flight), effect_title(*effect.key)
+        says = f" Flight says {_number(stated, effect.unit)}." if stated is not None and stated.determined else ""
         yield Contradiction(
             parameter=effect.name,
             unit=effect.unit,
             given=value.value,
-            flight=told.value if told else math.nan,
-            std=told.std if told else math.nan,
+            flight=stated.value if stated else math.nan,
+            std=stated.std if stated else math.nan,
             reversed=False,
             impossible=True,
             sentence=f"{title}: {value.value:.3g} {effect.unit} in the file, which is impossible.{says}",
@@ -164,8 +168,8 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
         )
 
 
-def _told(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightValue | None:
-    """What flight says of the size of an effect, as it is told."""
+def _flight_says(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightValue | None:
+    """What flight says of the size of an effect, as it is stated."""
     one = flight.get(effect.name)
     return replace(one, value=effect.in_words({"value": one.value})["value"]) if one else None
 

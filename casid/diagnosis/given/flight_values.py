@@ -28,7 +28,7 @@ class FlightValue:
 
     value: float
     std: float
-    told: bool
+    determined: bool
 
 
 def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
@@ -45,11 +45,11 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
         from_records = 1.0 - weight * variance
         honest = max(deviation(evidence, slot.name), float(coloured[i]))
         if not (variance > 0.0 and from_records > 0.0):
-            found[slot.name] = FlightValue(value=value, std=math.inf, told=False)
+            found[slot.name] = FlightValue(value=value, std=math.inf, determined=False)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
-        told = from_records > fit.flight.criteria.given.from_records
-        found[slot.name] = FlightValue(value=own, std=honest / from_records, told=told)
+        determined = from_records > fit.flight.criteria.given.from_records
+        found[slot.name] = FlightValue(value=own, std=honest / from_records, determined=determined)
     return found
 
 

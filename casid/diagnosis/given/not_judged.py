@@ -54,9 +54,9 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
     for surface in flight.resting:
         if any(surface in record for record in given):
             yield NotJudged(what=f"derivatives by {surface}", because=f"{surface} stands still")
-    untold = [name for name in flight.aircraft.derivatives if name in values and not values[name].told]
-    if untold:
-        yield NotJudged(what=", ".join(untold), because="the records say less of them than the file")
+    undetermined = [name for name in flight.aircraft.derivatives if name in values and not values[name].determined]
+    if undetermined:
+        yield NotJudged(what=", ".join(undetermined), because="the records say less of them than the file")
 
 
 def of_other_records(aircraft: Aircraft, records: Sequence[str]) -> Iterator[NotJudged]:

@@ -44,8 +44,8 @@ class Reach:
     def contradicted(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
         """What of an aircraft file stands against flight, as far as these records can tell."""
         open_level = {drag_level(aircraft)} if "thrust" in self.flight.unknown else set()
-        told = {name: one for name, one in values.items() if name not in open_level}
-        return contradicted(aircraft, told, self.flight.criteria, given_slopes(aircraft, self.given))
+        determined = {name: one for name, one in values.items() if name not in open_level}
+        return contradicted(aircraft, determined, self.flight.criteria, given_slopes(aircraft, self.given))
 
 
 def reach_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str | None) -> Reach:

@@ -13,7 +13,7 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.given.reach import Reach
-from casid.diagnosis.numerics import TOLD_ONE_BY_ONE
+from casid.diagnosis.numerics import STATED_ONE_BY_ONE
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
 from casid.model.plausible import Doubt
@@ -39,8 +39,8 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
         verdict, headline = "data at fault", f"{_several(at_fault)} Until that is mended nothing else is certain."
     elif cannot_be:
         found, against = _in_doubt(found, "the aircraft file cannot be right"), (*cannot_be, *against)
-        told = [replace(one, sentence=f"Aircraft file: {one.sentence}") for one in cannot_be]
-        verdict, headline = "values wrong", f"{_several(told)} Until that is mended nothing else is certain."
+        stated = [replace(one, sentence=f"Aircraft file: {one.sentence}") for one in cannot_be]
+        verdict, headline = "values wrong", f"{_several(stated)} Until that is mended nothing else is certain."
     elif verdict == "adequate" and against:
         verdict, headline = "values wrong", f"{_values_wrong(against)}{headline.partition(_NOTHING_MORE)[2]}"
     elif against:
@@ -60,18 +60,18 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
 
 
 @contextmanager
-def named_beside(data: Sequence[Finding], doubts: Sequence[Doubt]) -> Iterator[None]:
+def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt]) -> Iterator[None]:
     """A block whose errors name the faults of the `data` that could not be mended and the numbers of the file that
     cannot be, which most likely are why."""
     try:
         yield
     except CasidError as error:
         at_fault = [one for one in data if one.handled == "reported"]
-        told = f"; {_several(at_fault)}" if at_fault else ""
-        told += f"; of the aircraft file: {_several(doubts)}" if doubts else ""
-        if not told:
+        stated = f"; {_several(at_fault)}" if at_fault else ""
+        stated += f"; of the aircraft file: {_several(doubts)}" if doubts else ""
+        if not stated:
             raise
-        raise type(error)(f"{error}{told}") from None
+        raise type(error)(f"{error}{stated}") from None
 
 
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
@@ -82,9 +82,9 @@ def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
 
 def _several(all_of_them: Sequence[Finding | Contradiction | Doubt]) -> str:
     """Their sentences, and how many more there are."""
-    told = " ".join(one.sentence for one in all_of_them[:TOLD_ONE_BY_ONE])
-    more = len(all_of_them) - TOLD_ONE_BY_ONE
-    return f"{told} And {more} more." if more > 0 else told
+    stated = " ".join(one.sentence for one in all_of_them[:STATED_ONE_BY_ONE])
+    more = len(all_of_them) - STATED_ONE_BY_ONE
+    return f"{stated} And {more} more." if more > 0 else stated
 
 
 def _values_wrong(contradicted: Sequence[Contradiction]) -> str:
@@ -119,13 +119,13 @@ def _losses(budget: Budget, criteria: GivenCriteria) -> str:
     }
     if not lost:
         return ""
-    told = ", ".join(f"{name} ({100.0 * (lost[name] - 1.0):+.0f} %)" for name in sorted(lost, key=lambda o: -lost[o]))
-    return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {told}."
+    stated = ", ".join(f"{name} ({100.0 * (lost[name] - 1.0):+.0f} %)" for name in sorted(lost, key=lambda o: -lost[o]))
+    return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {stated}."
 
 
 def _left_open(not_judged: Sequence[NotJudged]) -> str:
     if not not_judged:
         return ""
-    told = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:TOLD_ONE_BY_ONE])
-    more = len(not_judged) - TOLD_ONE_BY_ONE
-    return f"Not judged: {told}{f'; and {more} more' if more > 0 else ''}."
+    stated = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:STATED_ONE_BY_ONE])
+    more = len(not_judged) - STATED_ONE_BY_ONE
+    return f"Not judged: {stated}{f'; and {more} more' if more > 0 else ''}."

@@ -22,7 +22,7 @@ from casid.diagnosis.naming.explaining import mostly_gone
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
-from casid.diagnosis.naming.trials import clear_gain, gain_asked, matters
+from casid.diagnosis.naming.trials import clear_gain, matters, required_gain
 from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
@@ -41,7 +41,7 @@ def causes_of(
     turbulence: Turbulence,
     held_gains: Sequence[float | None],
     structure: tuple[Sequence[Attached], float | None] = ((), None),
-    least: float = 0.0,
+    required: float = 0.0,
     left: Sequence[MissingInput] = (),
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
@@ -84,12 +84,12 @@ def causes_of(
         ),
     ]
     missing = {m.station: m.gain for m in left}
-    unexplained = still_missing(evidence, left, causes, least)
+    unexplained = still_missing(evidence, left, causes, required)
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
     put_in_before, structure_gain = structure
     for one in put_in_before:
         left_there = np.inf if unexplained else missing.get(station.coefficient(one.effect.target), 0.0)
-        put_in = _expected(one.name, evidence, structure_gain, least, left_there, strongest)
+        put_in = _expected(one.name, evidence, structure_gain, required, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
@@ -119,7 +119,7 @@ def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
             if (
-                trial.gain.net > gain_asked(effect, naming.criteria)
+                trial.gain.net > required_gain(effect, naming.criteria)
                 and not trial.refuted
                 and not trial.meaningful
                 and plausible(trial.candidate.attached)
@@ -175,14 +175,16 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
-def _expected(name: str, evidence: Evidence, held: float | None, least: float, left: float, strongest: float) -> Cause:
+def _expected(
+    name: str, evidence: Evidence, held: float | None, required: float, left: float, strongest: float
+) -> Cause:
     fit, criteria = evidence.fit, evidence.criteria
     by = criteria.verdict
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    notable = by.structure * (by.structure_beside if strongest > statistic else 1.0)
-    clear = statistic > least and matters(share, statistic, clear_gain(evidence.fit)) and is_sure(evidence, name)
+    notable = by.structure * (by.structure_with_others if strongest > statistic else 1.0)
+    clear = statistic > required and matters(share, statistic, clear_gain(evidence.fit)) and is_sure(evidence, name)
     meaningful = share > notable and clear and not one.nuisance and (held is None or held >= 0.0)
     meaningful = meaningful and mostly_gone(statistic, left, criteria.doubt)
     return Cause(
@@ -291,14 +293,18 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
 
 
 def still_missing(
-    evidence: Evidence, left: Sequence[MissingInput], causes: Sequence[Cause], least: float, share: float | None = None
+    evidence: Evidence,
+    left: Sequence[MissingInput],
+    causes: Sequence[Cause],
+    required: float,
+    share: float | None = None,
 ) -> list[MissingInput]:
     """Where something enters that no cause of the catalogue explains, largest gain first: unknown inputs `left` and an
     oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter: more than a
     `share` of the variation, by default what matters of a cause."""
     by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
     rough = sum((by.left_by_an_event if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)
-    enough = max(evidence.criteria.verdict.missing, least, rough)
+    enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
     found = [*left, *missing_oscillation(evidence)]
@@ -312,11 +318,11 @@ def verdict_of(
 ) -> tuple[str, str]:
     """(verdict, the sentence that opens the report)."""
     if causes:
-        told = " ".join(c.told for c in causes)
+        stated = " ".join(c.statement for c in causes)
         if unexplained:
             where = _where(unexplained[0], fit.batch.names)
-            return "partly explained", f"{told} Something more is missing: it enters at {where}."
-        return "explained", told
+            return "partly explained", f"{stated} Something more is missing: it enters at {where}."
+        return "explained", stated
     if unexplained:
         air, share = unexplained[0].place.kind == "wind", missing_share(fit, unexplained[0])
         size = f", {unexplained[0].rms:.2g} m/s" if air else f", {100 * share:.0f} % of it"
@@ -334,14 +340,16 @@ def _hint(naming: Naming) -> str:
     """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
     trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
     part, criteria = naming.criteria.verdict.hint, naming.criteria
-    near = [t for t in trials if t.gain.net > part * gain_asked(t.effect, criteria) and not t.refuted and t.meaningful]
+    near = [
+        t for t in trials if t.gain.net > part * required_gain(t.effect, criteria) and not t.refuted and t.meaningful
+    ]
     if not near:
         return ""
     most = max(near, key=lambda t: t.gain.net)
     one = most.candidate.attached
     sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(naming.evidence.fit.batch.names))
-    told, gained = sentence[0].lower() + sentence[1:-1], _gain(most.gain.raw)
-    return f" Not clear enough to be named, but worth a look: {told} ({gained})."
+    stated, gained = sentence[0].lower() + sentence[1:-1], _gain(most.gain.raw)
+    return f" Not clear enough to be named, but worth a look: {stated} ({gained})."
 
 
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:

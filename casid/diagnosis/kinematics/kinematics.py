@@ -226,7 +226,7 @@ def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = 
     return replace(flight.noise(free_forces(flight) | dict(moving)), colour={})
 
 
-def beside_offsets(reconstructed: FlightFit) -> FlightFit:
+def with_offsets(reconstructed: FlightFit) -> FlightFit:
     """The same with small offsets of all instruments fitted too. Not for judging instruments: a bias would share its
     evidence with the offset."""
     given = reconstructed
@@ -238,7 +238,7 @@ def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     return fit(before.flight, attached, before.noise, before, free="effects", iterations=5, tolerance=2.0)
 
 
-def beside(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
+def with_causes(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
     """Evidence of the kinematics with the kinematic ones of `attached` effects in them."""
     return weigh(again(kinematic.fit, [one for one in attached if one.effect.kinematic]), discrepancy=False)
 
@@ -274,15 +274,15 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
     axes = [axis for axis in WIND if axis in found.model.disturbances]
     along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)
-    still, moving, *beside = side_by_side(beside_offsets, [calm, found, *along[:1]])
-    beyond = beside[0].deviance - moving.deviance
+    still, moving, *others = side_by_side(with_offsets, [calm, found, *along[:1]])
+    beyond = others[0].deviance - moving.deviance
     judged = _in_air(flight, best, best, still.deviance - moving.deviance, beyond)
     if not judged.along_all_axes:
         return judged
-    beside += side_by_side(beside_offsets, along[1:])
+    others += side_by_side(with_offsets, along[1:])
     judged = replace(
         judged,
-        beyond_one_axis=min(one.deviance for one in beside) - moving.deviance,
+        beyond_one_axis=min(one.deviance for one in others) - moving.deviance,
         as_histories=sum(one.gain for one in moving_air(weigh(still, discrepancy=False))),
     )
     if not (judged.along_all_axes and judged.slow):

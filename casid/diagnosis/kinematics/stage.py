@@ -47,7 +47,7 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequenc
     calm = kinematics.reconstruct(flight, of_the_file)
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named:
-        turbulent = _beside_faults(flight, turbulent, calm, _observable(flight, of_the_file))
+        turbulent = _with_faults(flight, turbulent, calm, _observable(flight, of_the_file))
     if turbulent.named:
         moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
         found = kinematics.reconstruct(flight, of_the_file, moving, calm)
@@ -93,7 +93,7 @@ def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
     return [e for e in flight.effects if e.kinematic and e.key not in taken]
 
 
-def _beside_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
+def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
     """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
 
     Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
@@ -105,9 +105,9 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effec
 
     def moved(faulty: FlightFit) -> float:
         air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
-        return kinematics.beside_offsets(air).deviance
+        return kinematics.with_offsets(air).deviance
 
-    faulty, evidence = calm, weigh(kinematics.beside_offsets(calm), discrepancy=False)
+    faulty, evidence = calm, weigh(kinematics.with_offsets(calm), discrepancy=False)
     if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
         return kinematics.still_air(flight)
     in_moving_air = [moved(calm)]
@@ -119,12 +119,12 @@ def _beside_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effec
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
             other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
-        rested = weigh(kinematics.beside_offsets(other), discrepancy=False)
+        rested = weigh(kinematics.with_offsets(other), discrepancy=False)
         if evidence.deviance - rested.deviance < criteria.kinematics.confirmed * ranked[0].net:
             break  # it does not keep what it promised: turbulence looks like an instrument fault too
         faulty, evidence = other, rested
         in_moving_air.append(moved(faulty))
     if faulty is calm:
         return turbulent
-    beside = kinematics.turbulence(flight, faulty)
-    return turbulent if beside.named and in_moving_air[0] - in_moving_air[-1] < beside.gain else beside
+    other_air = kinematics.turbulence(flight, faulty)
+    return turbulent if other_air.named and in_moving_air[0] - in_moving_air[-1] < other_air.gain else other_air

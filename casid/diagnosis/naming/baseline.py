@@ -31,7 +31,7 @@ class Baseline:
     turbulence: Turbulence
 
     @property
-    def least(self) -> float:
+    def required(self) -> float:
         """What the rough model of turbulence leaves to others."""
         return self.turbulence.criteria.left * self.turbulence.gain if self.turbulence.named else 0.0
 
@@ -57,23 +57,23 @@ def named(
     flight, skews = begun.calm.flight, [one for one in found.nuisance if one.effect.late]
     effects = flight.effects
     by_kinematics = found.evidence, found.ranked
-    naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
-    naming = best_branch(naming, effects, begun.least, report)
+    naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.required, report)
+    naming = best_branch(naming, effects, begun.required, report)
     share = as_inputs_run(naming.evidence.fit, named=True).flight.held
     if share != flight.held:
         flight = flight.with_inputs_held(share)
         again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, iterations=20)
         nuisance = [] if begun.turbulence.named else [*demanded_offsets(again), *skews]
         begun = baseline(again, begun.turbulence, nuisance)
-        naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.least, report)
+        naming = name_causes(weigh(begun.start), effects, *by_kinematics, begun.required, report)
     if begun.turbulence.named:
         calm_air = without_turbulence(flight, known, naming.evidence.fit.attached, begun.turbulence)
         if calm_air is not None:
             begun = replace(begun, start=begun.structured, turbulence=kinematics.still_air(flight))
-            naming = name_causes(weigh(begun.start), effects, *calm_air, begun.least, report)
+            naming = name_causes(weigh(begun.start), effects, *calm_air, begun.required, report)
     elif not naming.named and (other := from_elsewhere(begun.calm)) is not None:
         again = baseline(other, begun.turbulence, [*demanded_offsets(other), *skews])
-        second = name_causes(weigh(again.start), effects, *by_kinematics, again.least, report)
+        second = name_causes(weigh(again.start), effects, *by_kinematics, again.required, report)
         if second.named:
             return again, second
     return begun, naming

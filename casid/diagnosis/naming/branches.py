@@ -16,7 +16,7 @@ from casid.diagnosis.naming.round import Trial
 from casid.model.effect import Effect
 
 
-def best_branch(naming: Naming, catalogue: Sequence[Effect], least: float, report: Callable[[str], None]) -> Naming:
+def best_branch(naming: Naming, catalogue: Sequence[Effect], required: float, report: Callable[[str], None]) -> Naming:
     """The naming, or the one that begins with a near rival in the place of one of its causes, whichever is most likely
     with all that is named beside it. Only where the noise is what the fit leaves, and in calm air: turbulence takes up
     what a wrong cause leaves, whatever is named beside it, and each of its branches takes minutes."""
@@ -28,15 +28,17 @@ def best_branch(naming: Naming, catalogue: Sequence[Effect], least: float, repor
         rivals = near_rivals(round_, naming.criteria) if round_.named else []
         for rival in rivals[: naming.criteria.numerics.naming.branches]:
             report(f"naming with {rival.candidate.name} instead")
-            other = _followed(_only_named(naming), at, rival, catalogue, least, best)
+            other = _followed(_only_named(naming), at, rival, catalogue, required, best)
             if _cost(other) < _cost(best) - naming.criteria.screening.equivalent:
                 best = other
-    return best if best is naming else all_reconsidered(best, least)
+    return best if best is naming else all_reconsidered(best, required)
 
 
-def _followed(naming: Naming, at: int, rival: Trial, catalogue: Sequence[Effect], least: float, best: Naming) -> Naming:
+def _followed(
+    naming: Naming, at: int, rival: Trial, catalogue: Sequence[Effect], required: float, best: Naming
+) -> Naming:
     """The branch of a rival, with what can be named beside it, as long as it may become better than the `best`."""
-    other = with_best_of(naming, at, (rival,), least)
+    other = with_best_of(naming, at, (rival,), required)
     if other is naming:
         return best
     for _ in range(naming.criteria.numerics.naming.rounds):
@@ -44,7 +46,7 @@ def _followed(naming: Naming, at: int, rival: Trial, catalogue: Sequence[Effect]
         promised = screen(other.evidence, [e for e in catalogue if e.key not in taken and e.of_an_instrument])
         if not promised or _cost(other) - promised[0].net > _cost(best):
             break
-        further = one_round(other, catalogue, least)
+        further = one_round(other, catalogue, required)
         if not further.rounds[-1].named or doubt_of(other, further):
             break
         other = further
@@ -57,5 +59,5 @@ def _only_named(naming: Naming) -> Naming:
 
 
 def _cost(naming: Naming) -> float:
-    """Deviance, with what is asked of every cause."""
+    """Deviance, with the gain that is required of every cause."""
     return naming.evidence.deviance + naming.criteria.naming.gain_of_an_instrument * len(naming.named)

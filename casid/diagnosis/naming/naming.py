@@ -22,7 +22,7 @@ from casid.diagnosis.naming.events import Intervals, configuration_changes
 from casid.diagnosis.naming.explaining import doubt
 from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.structure import demanded_offsets
-from casid.diagnosis.naming.trials import gain_asked, is_same, settled, try_cause, worth_trying
+from casid.diagnosis.naming.trials import is_same, required_gain, settled, try_cause, worth_trying
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 from casid.signals import SURFACES
@@ -55,40 +55,40 @@ def name_causes(
     catalogue: Sequence[Effect],
     kinematic: Evidence | None,
     observed: Sequence[Candidate],
-    least: float,
+    required: float,
     report: Callable[[str], None],
 ) -> Naming:
     """Greedy naming from the fitted baseline, under its noise, with the evidence of `kinematic` and their ranking
-    `observed`; stops when nothing in the catalogue gains what is asked (`least`, if that is more) and matters. When
+    `observed`; stops when nothing in the catalogue gains the required gain and matters. When
     nothing is missing by any measure, instruments are still looked at, whose faults have a shape that no anonymous
     input has, and what small terms of a nonlinear coefficient explain as well, but no events."""
-    firm = state = _standing(baseline, kinematic, observed, (), {})
+    accepted = state = _standing(baseline, kinematic, observed, (), {})
     criteria, numerics = baseline.criteria.naming, baseline.criteria.numerics.naming
     for number in range(1, numerics.rounds + 1):
         report(f"naming, round {number}")
-        state = one_round(state, catalogue, least)
+        state = one_round(state, catalogue, required)
         if not state.rounds[-1].named:
             break
-        why = doubt_of(firm, state)
-        if why and (other := all_reconsidered(state, least)) is not state:
-            state, why = other, doubt_of(firm, other)
+        why = doubt_of(accepted, state)
+        if why and (other := all_reconsidered(state, required)) is not state:
+            state, why = other, doubt_of(accepted, other)
         state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
         if not why:
-            firm = state
-        elif len(state.rounds) - len(firm.rounds) >= numerics.tentative:
+            accepted = state
+        elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
             break
         if state.missing[0].gain < criteria.nothing_left:
             nonlinear = state.evidence.nonlinear
             catalogue = [one for one in catalogue if one.of_an_instrument or (nonlinear and not one.timed)]
-    refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(firm.rounds) :])
-    firm = all_reconsidered(firm, least)
-    return replace(firm, rounds=(*firm.rounds, *refused))
+    refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
+    accepted = all_reconsidered(accepted, required)
+    return replace(accepted, rounds=(*accepted.rounds, *refused))
 
 
-def doubt_of(firm: Naming, state: Naming) -> str:
+def doubt_of(accepted: Naming, state: Naming) -> str:
     """Why the last cause is not believed; "" when it is, and of what is too small to matter."""
     last = state.rounds[-1].leader
-    return doubt(firm.missing, state.missing, last, state.evidence) if last.meaningful else ""
+    return doubt(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ""
 
 
 def _standing(
@@ -108,7 +108,7 @@ def _standing(
     )
 
 
-def one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Naming:
+def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Naming:
     attached, criteria = state.evidence.fit.attached, state.criteria
     taken = {a.effect.key for a in attached}
     effects = [e for e in catalogue if e.key not in taken]
@@ -121,10 +121,10 @@ def one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Namin
     observed = [c for c in state.observed if c.name in names]
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
-    chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, least)
+    chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, required)
     apart = criteria.events.apart
     chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
-    trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), least)
+    trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), required)
     nameable = [t for t in fits if t.meaningful]
     trials = small_first(in_order(trials, nameable), fits, criteria) if nameable else in_order(trials, ())
     best = trials[0] if nameable else None
@@ -139,17 +139,17 @@ def one_round(state: Naming, catalogue: Sequence[Effect], least: float) -> Namin
         return replace(state, rounds=(*state.rounds, this))
     best, evidence, moved = settled(best, fits[best])
     evidence = without_superseded(state.rounds, best, evidence)
-    evidence = _in_colour(_beside_offsets(_relaxed(evidence)))
+    evidence = _in_colour(_with_offsets(_relaxed(evidence)))
     best = replace(best, fit=evidence.fit)
     this = replace(this, trials=(best, *this.rivals))
-    kinematic, observed = _kinematics_beside(state.kinematic, evidence.fit, best.effect), state.observed
+    kinematic, observed = _kinematics_with(state.kinematic, evidence.fit, best.effect), state.observed
     if kinematic is not None and kinematic is not state.kinematic:
         observed = screen(kinematic, [e for e in effects if e.kinematic and e.key != best.effect.key])
     return _standing(evidence, kinematic, observed, (*state.rounds, this), intervals | moved)
 
 
 def _tried(
-    state: Naming, candidates: Sequence[Candidate], least: float
+    state: Naming, candidates: Sequence[Candidate], required: float
 ) -> tuple[list[Trial], dict[Trial, FlightFit], dict[str, Intervals]]:
     """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
     by cause name. A few are fitted side by side on however many processors, so that the answer does not depend on
@@ -159,8 +159,8 @@ def _tried(
     intervals, give_up = dict(state.intervals), np.inf
 
     def run(candidate: Candidate) -> tuple[Trial, FlightFit, Intervals]:
-        trial, beside, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
-        return trial, beside.fit, interval
+        trial, joint, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
+        return trial, joint.fit, interval
 
     at_once = state.criteria.numerics.naming.side_by_side
     for first in range(0, len(candidates), at_once):
@@ -170,7 +170,7 @@ def _tried(
                 give_up = min(give_up, fitted.deviance + state.criteria.naming.give_up * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
-            if can_be_named(trial, price(trial, state, least)):
+            if can_be_named(trial, price(trial, state, required)):
                 fits[trial] = fitted
     return trials, fits, intervals
 
@@ -224,7 +224,7 @@ def _relaxed(evidence: Evidence) -> Evidence:
     return weigh(relaxed(evidence.fit)) if held else evidence
 
 
-def _beside_offsets(evidence: Evidence) -> Evidence:
+def _with_offsets(evidence: Evidence) -> Evidence:
     """Evidence of the fit with small offsets of instruments that what was named before had hidden; none in moving air,
     which they imitate."""
     fitted = evidence.fit
@@ -246,12 +246,12 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     return evidence.fit[name] ** 2 > by.needed * by.gain * evidence.covariance[index, index]
 
 
-def price(trial: Trial, state: Naming, least: float) -> float:
+def price(trial: Trial, state: Naming, required: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
     for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
     that is no event gains while the event does not act counts as it does beside any other cause."""
     effect, by = trial.effect, state.criteria.naming
-    prices = [gain_asked(effect, state.criteria), 0.0 if trial.confirmed else least]
+    prices = [required_gain(effect, state.criteria), 0.0 if trial.confirmed else required]
     for round_ in state.named:
         earlier = round_.leader
         one = earlier.candidate.attached
@@ -296,14 +296,14 @@ def _look_alike(one: Effect, other: Effect) -> bool:
     return one.target == other.target and any(as_ == kind for as_, kind in shown)
 
 
-def all_reconsidered(state: Naming, least: float) -> Naming:
+def all_reconsidered(state: Naming, required: float) -> Naming:
     """The naming with every cause but the last compared once more with its rivals."""
     for at in range(len(state.rounds) - 1):
-        state = _reconsidered(state, at, least)
+        state = _reconsidered(state, at, required)
     return state
 
 
-def _reconsidered(state: Naming, at: int, least: float) -> Naming:
+def _reconsidered(state: Naming, at: int, required: float) -> Naming:
     """The naming with one of its causes compared once more with its rivals, beside those named since: what was missing
     then may have decided between them."""
     round_, fitted, criteria = state.rounds[at], state.evidence.fit, state.criteria
@@ -314,7 +314,7 @@ def _reconsidered(state: Naming, at: int, least: float) -> Naming:
     rivals = [t for t in rivals if t in near or _look_alike(t.effect, best.effect)]
     if not rivals or best.effect.key not in taken or not best.meaningful:
         return state
-    return with_best_of(state, at, (best, *rivals), least)
+    return with_best_of(state, at, (best, *rivals), required)
 
 
 def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
@@ -328,7 +328,7 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     return [t for t in possible if near(t) or _look_alike(t.effect, best.effect)]
 
 
-def with_best_of(state: Naming, at: int, trials: Sequence[Trial], least: float) -> Naming:
+def with_best_of(state: Naming, at: int, trials: Sequence[Trial], required: float) -> Naming:
     """The naming with the best of these in the place of one of its causes, beside all others."""
     round_, fitted, criteria = state.rounds[at], state.evidence.fit, state.criteria
     best = round_.leader
@@ -336,10 +336,10 @@ def with_best_of(state: Naming, at: int, trials: Sequence[Trial], least: float) 
     others = replace(
         state,
         evidence=weigh(alone),
-        kinematic=_kinematics_beside(state.kinematic, alone, best.effect),
+        kinematic=_kinematics_with(state.kinematic, alone, best.effect),
         rounds=tuple(r for r in state.rounds if r is not round_),
     )
-    found, fits, intervals = _tried(others, [t.candidate for t in trials], least)
+    found, fits, intervals = _tried(others, [t.candidate for t in trials], required)
     nameable = [t for t in fits if t.meaningful]
     trials = in_order(found, nameable)
     if not nameable:
@@ -356,12 +356,12 @@ def with_best_of(state: Naming, at: int, trials: Sequence[Trial], least: float) 
         later = {r.leader.candidate.name for r in rounds[i + 1 :]}
         winner = replace(one.leader, fit=without(evidence.fit, later) if later else evidence.fit)
         rounds[i] = replace(one, trials=(winner, *one.rivals))
-    kinematic = _kinematics_beside(others.kinematic, evidence.fit, first.effect)
+    kinematic = _kinematics_with(others.kinematic, evidence.fit, first.effect)
     return _standing(evidence, kinematic, state.observed, tuple(rounds), intervals | moved)
 
 
-def _kinematics_beside(kinematic: Evidence | None, model: FlightFit, changed: Effect) -> Evidence | None:
+def _kinematics_with(kinematic: Evidence | None, model: FlightFit, changed: Effect) -> Evidence | None:
     """Evidence of the kinematics beside the instrument and air causes of a model, of which one has `changed`."""
     if kinematic is None or not changed.kinematic:
         return kinematic
-    return kinematics.beside(kinematic, model.attached)
+    return kinematics.with_causes(kinematic, model.attached)

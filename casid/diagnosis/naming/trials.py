@@ -29,9 +29,9 @@ def worth_trying(
     cautious: Sequence[Candidate],
     observed: Sequence[Candidate],
     switches: Sequence[Candidate],
-    least: float,
+    required: float,
 ) -> list[Candidate]:
-    """The best few of the three rankings, and only what could reach the gain that is asked, `least` unless kinematics
+    """The best few of the three rankings, and only what could reach the `required` gain, unless kinematics
     may confirm it, and a size that matters at all. A configuration change is scored in one record only, so it cannot be
     ranked with the others."""
     criteria = base.criteria
@@ -43,7 +43,7 @@ def worth_trying(
         chosen += [
             c for c in _best_few(base, ranking, few) if not any(is_same(c.attached, b.attached, apart) for b in before)
         ]
-    return [c for c in chosen if c.net > criteria.naming.tried_gain * least or c.attached.effect.kinematic]
+    return [c for c in chosen if c.net > criteria.naming.tried_gain * required or c.attached.effect.kinematic]
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
@@ -86,8 +86,8 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> l
 
 def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
     """Whether two causes that are no terms act at the same place, as a lag and a delay do, and neither leads."""
-    effect, beside = one.attached.effect, other.attached.effect
-    of_one_place = effect.target == beside.target and not (effect.quasi_steady or beside.quasi_steady)
+    effect, second = one.attached.effect, other.attached.effect
+    of_one_place = effect.target == second.target and not (effect.quasi_steady or second.quasi_steady)
     return of_one_place and abs(one.net - other.net) < equivalence(other.net, criteria)
 
 
@@ -108,19 +108,19 @@ def try_cause(
         fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
     except InputError:  # of the predicted size it makes an aircraft that cannot fly the record
         return _given_up(base, candidate), evidence, {}
-    beside = weigh(fitted)
+    joint = weigh(fitted)
     if attached.effect.timed:
-        wider = further_records(beside, fitted.attached[-1])
+        wider = further_records(joint, fitted.attached[-1])
         if len(wider.onsets) > len(attached.onsets):
-            beside = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
-        if beside.fit.deviance < give_up:
-            beside, interval = at_peak(beside, evidence.criteria.numerics.events.trial_moves)
+            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
+        if joint.fit.deviance < give_up:
+            joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
     if attached.effect.members:
-        beside = _without_weak(base, beside)
-    fitted = beside.fit
+        joint = _without_weak(base, joint)
+    fitted = joint.fit
     one = fitted.attached[-1]
-    raw = evidence.deviance - beside.deviance
-    spared = evidence.deviance_at_scales(beside.scales) - evidence.deviance
+    raw = evidence.deviance - joint.deviance
+    spared = evidence.deviance_at_scales(joint.scales) - evidence.deviance
     # a term is one of those that bend the coefficient, and makes it look more nonlinear: it is judged by the others
     clear = raw + spared if one.effect.regressor else raw
     share = meaningful_share(fitted, one)
@@ -141,11 +141,11 @@ def try_cause(
         and plausible(one)
         and not is_artefact(one, share, base.criteria.size)
         and not _from_the_start(fitted, one)
-        and (not one.effect.recurring or is_sudden(evidence, one, beside)),
+        and (not one.effect.recurring or is_sudden(evidence, one, joint)),
         share=share,
         check=check,
     )
-    return trial, beside, interval
+    return trial, joint, interval
 
 
 def _where(base: FlightFit, fitted: FlightFit) -> np.ndarray:
@@ -173,7 +173,7 @@ def _given_up(base: FlightFit, candidate: Candidate) -> Trial:
     )
 
 
-def gain_asked(effect: Effect, criteria: Criteria) -> float:
+def required_gain(effect: Effect, criteria: Criteria) -> float:
     """Net drop of the deviance that a cause must reach to be named."""
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
@@ -207,8 +207,8 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
     flat = as_read(fitted, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
     own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
-    beside = {slot.name for slot in base.slots}
-    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in beside]]
+    known = {slot.name for slot in base.slots}
+    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in known]]
     basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 

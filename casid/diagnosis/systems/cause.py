@@ -136,7 +136,7 @@ class PartOfModel:
         concerned = record.name in self.records if self.records else not self.onset_s
         return np.full(len(record), float(concerned))
 
-    def told(self, value: float, size: str) -> str:
+    def stated(self, value: float, size: str) -> str:
         """What it is, in a sentence."""
         where = f" in {', '.join(self.records)}" if self.records else ""
         if self.onset_s:

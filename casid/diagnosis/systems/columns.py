@@ -51,12 +51,12 @@ class _Along:
 
 
 def columns_of(
-    found: Fitted, asked: Question, ports: Sequence[Port], causes: Sequence[CandidateCause], library: Library
+    found: Fitted, question: Question, ports: Sequence[Port], causes: Sequence[CandidateCause], library: Library
 ) -> SystemEvidence:
     """Linearise a fit, whiten everything, and state the priors."""
-    along = _along(found, asked, tuple(ports), library)
+    along = _along(found, question, tuple(ports), library)
     span = float(np.median([r.duration for r in along.records]))
-    criteria = asked.criteria
+    criteria = question.criteria
     times = tuple(share * span for share in criteria.systems.times)
     priors = replace(criteria.priors, times=times, base=criteria.systems.base)
     free = along.linear.free
@@ -97,9 +97,9 @@ def columns_of(
     )
 
 
-def _along(found: Fitted, asked: Question, ports: tuple[Port, ...], library: Library) -> _Along:
+def _along(found: Fitted, question: Question, ports: tuple[Port, ...], library: Library) -> _Along:
     model = with_ports(found.model, ports)
-    free = (*asked.free, *(one.name for one in found.extended.attached))
+    free = (*question.free, *(one.name for one in found.extended.attached))
     batch, functions = make_batch(model, found.records), PointFunctions(model, free)
     X = np.zeros((*batch.live.shape, len(model.states)))
     for r, record in enumerate(found.records):
@@ -120,16 +120,16 @@ def _along(found: Fitted, asked: Question, ports: tuple[Port, ...], library: Lib
             there = np.concatenate([run.inputs[port.name] for run in runs])
         else:
             there = np.concatenate([run.outputs[port.name] for run in runs])
-        matters[port.disturbance] = max(asked.criteria.size.share * float(np.std(there)), 1e-12)
+        matters[port.disturbance] = max(question.criteria.size.share * float(np.std(there)), 1e-12)
     return _Along(
         ports=ports,
         records=found.records,
         batch=batch,
         linear=linear,
-        filter=kalman_filter(linear, NoiseModel(measurement=asked.noise)),
+        filter=kalman_filter(linear, NoiseModel(measurement=question.noise)),
         runs=runs,
         matters=matters,
-        criteria=asked.criteria,
+        criteria=question.criteria,
     )
 
 

@@ -76,20 +76,20 @@ def diagnose_system(
     library = library or Library()
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
-    asked, base = _question(model, fit_on, criteria)
-    causes = causes_for(library, base.base, ports, asked)
-    naming = Searching(asked=asked, ports=ports, causes=causes, library=library).naming(base, {}, report)
+    question, base = _question(model, fit_on, criteria)
+    causes = causes_for(library, base.base, ports, question)
+    naming = Searching(question=question, ports=ports, causes=causes, library=library).naming(base, {}, report)
     if naming is None:
         raise EstimationError(f"model '{model.name}' cannot be fitted to these records from its nominal values")
     report("held-out records")
     first = naming.wholes[0]
-    given = fly(base, model.nominal, held, asked)
-    refitted = fly(base, first.found.values, held, asked)
-    naming, extended, gains = _that_recurs(naming, asked, held)
+    given = fly(base, model.nominal, held, question)
+    refitted = fly(base, first.found.values, held, question)
+    naming, extended, gains = _that_recurs(naming, question, held)
     best = naming.best
-    named, minor = _named(naming, asked, gains)
+    named, minor = _named(naming, question, gains)
     unexplained = _unexplained(naming, ports, criteria.systems)
-    values = _values(model, naming, asked)
+    values = _values(model, naming, question)
     verdict, sentence = _verdict(named, minor, unexplained, values)
     return SystemDiagnosis(
         verdict=verdict,
@@ -106,7 +106,7 @@ def diagnose_system(
         refitted=refitted,
         extension=extended,
         budget=_budget(given, refitted, extended),
-        noise=asked.noise,
+        noise=question.noise,
         seconds=time.perf_counter() - begin,
     )
 
@@ -135,18 +135,18 @@ def _question(model: Model, records: Sequence[Record], criteria: Criteria) -> tu
 
 
 def _that_recurs(
-    naming: SystemNaming, asked: Question, held: Sequence[Record]
+    naming: SystemNaming, question: Question, held: Sequence[Record]
 ) -> tuple[SystemNaming, Flown, dict[str, float | None]]:
     """The naming without causes that help only where they were fitted, its best model on the held-out records, and what
     each of its causes gains there: log likelihood per reading against the best without it, None for what is in some
     records only, of which others say nothing."""
     while True:
-        extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, asked), {}
+        extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, question), {}
         for one in naming.best.attached:
             without = naming.without(one.name)
             gains[one.name] = None
             if without is not None and one.flag is None:
-                other = fly(without.found.extended, without.found.values, held, asked)
+                other = fly(without.found.extended, without.found.values, held, question)
                 gains[one.name] = extended.log_likelihood - other.log_likelihood
         worst = min(gains, key=lambda name: math.inf if gains[name] is None else float(gains[name] or 0.0), default="")
         gain = gains.get(worst)
@@ -158,7 +158,7 @@ def _that_recurs(
 
 
 def _named(
-    naming: SystemNaming, asked: Question, gains: Mapping[str, float | None]
+    naming: SystemNaming, question: Question, gains: Mapping[str, float | None]
 ) -> tuple[tuple[SystemCause, ...], tuple[SystemCause, ...]]:
     """Causes of the best whole that are worth their names, those that matter and those that do not."""
     causes, minor = [], []
@@ -166,12 +166,12 @@ def _named(
     for one in best.attached:
         rivals = naming.rivals(one.name)
         together = naming.probability([one.name, *(name for name, _ in rivals)])
-        if together < best.asked.priors.named:
+        if together < best.evidence.priors.named:
             continue
         value, std = best.found.values[one.name], best.std(one.name)
-        share, share_std = share_of(best, one, asked)
+        share, share_std = share_of(best, one, question)
         size = f"{value:.4g} +- {std:.2g}" + (f" {one.cause.unit}" if one.cause.unit else "")
-        told = SystemCause(
+        found_cause = SystemCause(
             kind=one.cause.kind,
             target=one.cause.target,
             term=one.cause.term,
@@ -185,10 +185,10 @@ def _named(
             log_odds=naming.log_odds(one.name),
             held_out_gain=gains[one.name],
             indistinguishable_from=rivals,
-            sentence=one.told(value, size),
+            sentence=one.stated(value, size),
             share=share,
         )
-        (causes if share + share_std >= 1.0 else minor).append(told)
+        (causes if share + share_std >= 1.0 else minor).append(found_cause)
     return tuple(sorted(causes, key=lambda c: -c.log_odds)), tuple(sorted(minor, key=lambda c: -c.log_odds))
 
 
@@ -202,7 +202,7 @@ def _unexplained(naming: SystemNaming, ports: Sequence[Port], criteria: SystemCr
     return tuple(found)
 
 
-def _values(model: Model, naming: SystemNaming, asked: Question) -> tuple[ParameterValue, ...]:
+def _values(model: Model, naming: SystemNaming, question: Question) -> tuple[ParameterValue, ...]:
     first, best = naming.wholes[0].found, naming.best.found
     return tuple(
         ParameterValue(
@@ -215,7 +215,7 @@ def _values(model: Model, naming: SystemNaming, asked: Question) -> tuple[Parame
             extended=best.values[name],
             extended_std=best.fit.parameters[name].std,
         )
-        for name in asked.free
+        for name in question.free
     )
 
 

@@ -96,15 +96,15 @@ def motions(
     return found
 
 
-def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> Fitted | None:
+def fitted(extended: Extended, question: Question, start: Mapping[str, float]) -> Fitted | None:
     """The extended model fitted; None when that fails. Operators and onsets are gone back to until they stay."""
     model, now = extended.model, extended
-    fixed = {name: model.nominal[name] for name in extended.base.parameters if name not in asked.free}
+    fixed = {name: model.nominal[name] for name in extended.base.parameters if name not in question.free}
     values = {**start, **{one.name: one.value for one in extended.attached}}
-    fit, records = None, asked.records
-    for _ in range(asked.criteria.systems.rounds):
-        records = tuple(now.prepared(r) for r in asked.records)
-        problem = Problem(model, records, free=["*"], fixed=fixed, start=values, noise=asked.noise, prior=True)
+    fit, records = None, question.records
+    for _ in range(question.criteria.systems.rounds):
+        records = tuple(now.prepared(r) for r in question.records)
+        problem = Problem(model, records, free=["*"], fixed=fixed, start=values, noise=question.noise, prior=True)
         try:
             fit = solve(problem)
         except (EstimationError, np.linalg.LinAlgError):
@@ -114,11 +114,11 @@ def fitted(extended: Extended, asked: Question, start: Mapping[str, float]) -> F
         values = dict(fit.values)
         motion = {name: states.trajectory for name, states in fit.states.items()}
         moved = replace(
-            now, attached=tuple(_moved(one, values[one.name], fit, asked.criteria.systems) for one in now.attached)
+            now, attached=tuple(_moved(one, values[one.name], fit, question.criteria.systems) for one in now.attached)
         )
         moved = moved.along(motion, records, model.nominal_vector({**fixed, **values}))
         pairs = zip(now.attached, moved.attached, strict=True)
-        settled = all(_same(one, other, asked) for one, other in pairs)
+        settled = all(_same(one, other, question) for one, other in pairs)
         now = moved
         if settled:
             break
@@ -155,11 +155,11 @@ def _onset(one: PartOfModel, value: float, fit: Fit, record: Record) -> float:
     return float(record.t[min(int(np.argmin(squares)), len(record) - 2)])
 
 
-def _same(one: PartOfModel, other: PartOfModel, asked: Question) -> bool:
-    criteria = asked.criteria.systems
+def _same(one: PartOfModel, other: PartOfModel, question: Question) -> bool:
+    criteria = question.criteria.systems
     if one.cause.late:
         return all(
-            np.abs(left - one.left.get(name, 0.0)).max() < criteria.still * asked.noise[one.cause.target]
+            np.abs(left - one.left.get(name, 0.0)).max() < criteria.still * question.noise[one.cause.target]
             for name, left in other.left.items()
         )
     near = abs(one.value - other.value) <= criteria.settled * abs(other.value)
@@ -180,11 +180,11 @@ class Flown:
         return -0.5 * float(np.mean([v**2 for v in self.rms.values()]))
 
 
-def fly(extended: Extended, values: Mapping[str, float], records: Sequence[Record], asked: Question) -> Flown:
+def fly(extended: Extended, values: Mapping[str, float], records: Sequence[Record], question: Question) -> Flown:
     """Simulate records with these values. A cause that is in some records only is tried in these, with and without."""
-    squares, counts = dict.fromkeys(asked.noise, 0.0), dict.fromkeys(asked.noise, 0)
+    squares, counts = dict.fromkeys(question.noise, 0.0), dict.fromkeys(question.noise, 0)
     for record in records:
-        tried = [_squares(one, values, record, asked) for one in _shapes(extended, record)]
+        tried = [_squares(one, values, record, question) for one in _shapes(extended, record)]
         best = min(tried, key=lambda found: sum(s for s, _ in found.values()))
         for name, (square, count) in best.items():
             squares[name] += square
@@ -202,9 +202,9 @@ def _shapes(extended: Extended, record: Record) -> list[Extended]:
 
 
 def _squares(
-    extended: Extended, values: Mapping[str, float], record: Record, asked: Question
+    extended: Extended, values: Mapping[str, float], record: Record, question: Question
 ) -> dict[str, tuple[float, int]]:
-    noise, criteria = asked.noise, asked.criteria.systems
+    noise, criteria = question.noise, question.criteria.systems
     own = {name: value for name, value in values.items() if name in extended.base.parameters}
     base = replace(extended.base, nominal={**extended.base.nominal, **own})
     extended = replace(extended, paths=motions(base, [record], noise, criteria))

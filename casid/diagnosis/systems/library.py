@@ -95,9 +95,9 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
 
-def causes_for(library: Library, model: Model, ports: Sequence[Port], asked: Question) -> tuple[CandidateCause, ...]:
+def causes_for(library: Library, model: Model, ports: Sequence[Port], question: Question) -> tuple[CandidateCause, ...]:
     """All that the library knows for this model: at its ports, and for its free parameters."""
-    records, criteria = asked.records, asked.criteria.systems
+    records, criteria = question.records, question.criteria.systems
     found: list[CandidateCause] = []
     for port in ports:
         if port.kind == "input":
@@ -107,7 +107,7 @@ def causes_for(library: Library, model: Model, ports: Sequence[Port], asked: Que
         else:
             found += [_term(port, name, term) for name, term in library.terms(model).items()]
     if len(records) > 1:
-        found += [_parameter(name, model.units.get(name, "")) for name in asked.free]
+        found += [_parameter(name, model.units.get(name, "")) for name in question.free]
     return tuple(cause for cause in found if cause.kind in library.kinds)
 
 

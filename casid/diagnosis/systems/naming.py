@@ -31,7 +31,7 @@ class Whole:
     """An extended model, fitted and scored; `total` log of its weight with whatever unknown may enter beside it."""
 
     found: Fitted
-    asked: SystemEvidence
+    evidence: SystemEvidence
     sums: Sums
     total: float
     criteria: SystemCriteria
@@ -39,15 +39,15 @@ class Whole:
     @cached_property
     def promises(self) -> Promises:
         """What each cause by itself promises."""
-        return _promises(self.sums, self.asked.priors)
+        return _promises(self.sums, self.evidence.priors)
 
     @cached_property
     def beyond(self) -> Posterior:
         """What may be wrong besides, of the causes that promise most by themselves."""
-        asked, pool = self.asked.innovations, self.promises.pool(self.criteria.pool)
-        few = replace(asked, causes=tuple(asked.causes[i] for i in pool))
-        sums = replace(self.sums, asked=few, picked=tuple(picked[list(pool)] for picked in self.sums.picked))
-        return posterior(search_sums(sums, self.asked.priors))
+        innovations, pool = self.evidence.innovations, self.promises.pool(self.criteria.pool)
+        few = replace(innovations, causes=tuple(innovations.causes[i] for i in pool))
+        sums = replace(self.sums, innovations=few, picked=tuple(picked[list(pool)] for picked in self.sums.picked))
+        return posterior(search_sums(sums, self.evidence.priors))
 
     @property
     def attached(self) -> tuple[PartOfModel, ...]:
@@ -81,8 +81,8 @@ class SystemNaming:
 
     def probability(self, names: Iterable[str]) -> float:
         """Of one of these causes as a part of the model."""
-        asked = set(names)
-        weights = [w for w, whole in zip(self.weights, self.wholes, strict=True) if asked & whole.names]
+        wanted = set(names)
+        weights = [w for w, whole in zip(self.weights, self.wholes, strict=True) if wanted & whole.names]
         return float(min(sum(weights), 1.0))
 
     def log_odds(self, name: str) -> float:
@@ -111,33 +111,33 @@ class SystemNaming:
         return max(others, key=lambda one: one.total, default=None)
 
 
-def share_of(whole: Whole, one: PartOfModel, asked: Question) -> tuple[float, float]:
+def share_of(whole: Whole, one: PartOfModel, question: Question) -> tuple[float, float]:
     """Size of a cause of a whole in units of what matters, and its 1-sigma."""
     value, std = whole.found.values[one.name], whole.std(one.name)
     if one.cause.onset:
-        return 1.0 / asked.criteria.size.share, 0.0  # nothing is left of a reading that does not move
+        return 1.0 / question.criteria.size.share, 0.0  # nothing is left of a reading that does not move
     if one.cause.history is None or not one.cause.grid:
         return abs(value) / one.matters, std / one.matters
-    unit = whole.asked.matters[str(one.cause.port)]
+    unit = whole.evidence.matters[str(one.cause.port)]
 
     def size(at: float) -> float:
-        runs = _raw(whole, asked) if one.cause.operator else whole.asked.runs
+        runs = _raw(whole, question) if one.cause.operator else whole.evidence.runs
         history = [one.cause.history(run, at) for run in runs] if one.cause.history else []
         return float(np.sqrt(np.mean(np.concatenate(history) ** 2))) / unit
 
     return size(value), abs(size(value + std) - size(value - std)) / 2.0
 
 
-def _raw(whole: Whole, asked: Question) -> list[Run]:
+def _raw(whole: Whole, question: Question) -> list[Run]:
     inputs = whole.found.extended.base.inputs
-    return [Run(t=r.t, inputs={name: r[name] for name in inputs}, outputs={}, terms={}) for r in asked.records]
+    return [Run(t=r.t, inputs={name: r[name] for name in inputs}, outputs={}, terms={}) for r in question.records]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Searching:
     """What a search of wholes stands on."""
 
-    asked: Question
+    question: Question
     ports: tuple[Port, ...]
     causes: tuple[CandidateCause, ...]
     library: Library
@@ -145,7 +145,7 @@ class Searching:
     def naming(self, base: Extended, start: Mapping[str, float], say: Callable[[str], None]) -> SystemNaming | None:
         """Causes added one by one while that makes a better whole, then dropped; None when nothing can be fitted."""
         say("refit")
-        criteria = self.asked.criteria.systems
+        criteria = self.question.criteria.systems
         first = self.whole(base, start)
         if first is None:
             return None
@@ -160,7 +160,7 @@ class Searching:
 
         current = first
         while len(current.attached) < criteria.most:
-            for look in (_leaders, _beside):
+            for look in (_leaders, _believed):
                 for one in look(current):
                     tried(current.found.extended.with_cause(one), current.found.values)
                 best = max(wholes.values(), key=lambda one: one.total)
@@ -177,26 +177,26 @@ class Searching:
         """An extended model fitted and scored; None when it cannot be fitted to a cost of `most`, or its motion
         ran off so far that it has no slopes."""
         known = {name: value for name, value in start.items() if name in extended.model.parameters}
-        found = fitted(extended, self.asked, known)
+        found = fitted(extended, self.question, known)
         if found is None or found.fit.cost > most:
             return None
         taken = {one.name for one in extended.attached}
         driven = {one.cause.target for one in extended.attached if one.cause.operator}
         causes = [c for c in self.causes if c.name not in taken and not (c.operator and c.target in driven)]
         try:
-            asked = columns_of(found, self.asked, self.ports, causes, self.library)
+            evidence = columns_of(found, self.question, self.ports, causes, self.library)
         except np.linalg.LinAlgError:
             return None
-        sums = sums_of(asked.innovations)
-        total = sum(one.log_prior for one in found.extended.attached) + _alone(sums, asked)
-        return Whole(found=found, asked=asked, sums=sums, total=total, criteria=self.asked.criteria.systems)
+        sums = sums_of(evidence.innovations)
+        total = sum(one.log_prior for one in found.extended.attached) + _alone(sums, evidence)
+        return Whole(found=found, evidence=evidence, sums=sums, total=total, criteria=self.question.criteria.systems)
 
 
-def _alone(sums: Sums, asked: SystemEvidence) -> float:
+def _alone(sums: Sums, evidence: SystemEvidence) -> float:
     """Log weight of a whole by itself and with something unknown at its ports, but with no further cause."""
-    none = replace(asked.innovations, causes=())
-    bare = replace(sums, asked=none, picked=tuple(np.zeros(0, dtype=int) for _ in sums.picked))
-    return float(np.logaddexp.reduce([one.log for one in search_sums(bare, asked.priors).explanations]))
+    none = replace(evidence.innovations, causes=())
+    bare = replace(sums, innovations=none, picked=tuple(np.zeros(0, dtype=int) for _ in sums.picked))
+    return float(np.logaddexp.reduce([one.log for one in search_sums(bare, evidence.priors).explanations]))
 
 
 def _key(extended: Extended) -> tuple:
@@ -206,22 +206,22 @@ def _key(extended: Extended) -> tuple:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Promises:
     """What causes promise by themselves, each at each of its scales: log odds against nothing, without anything unknown
-    (`alone`) and with the best unknown history (`beside`, which has the log odds `unknown` by itself)."""
+    (`alone`) and with the best unknown history (`joint`, which has the log odds `unknown` by itself)."""
 
     column: np.ndarray
     alone: np.ndarray
-    beside: np.ndarray
+    joint: np.ndarray
     unknown: float
     sizes: np.ndarray
 
     def pool(self, most: int) -> tuple[int, ...]:
         """Columns of the causes that promise most, so many of each ranking, in the order of the columns."""
-        ranked = [self.column[np.argsort(-of, kind="stable")].tolist() for of in (self.alone, self.beside)]
+        ranked = [self.column[np.argsort(-of, kind="stable")].tolist() for of in (self.alone, self.joint)]
         return tuple(sorted({column for of in ranked for column in list(dict.fromkeys(of))[:most]}))
 
 
 def _promises(sums: Sums, priors: Priors) -> Promises:
-    causes = sums.asked.causes
+    causes = sums.innovations.causes
     entries = [(i, s) for i, cause in enumerate(causes) for s in cause.scales]
     at, scale = np.array([i for i, _ in entries], dtype=int), np.array([s for _, s in entries])
     mean = np.array([causes[i].mean for i in at])
@@ -229,38 +229,38 @@ def _promises(sums: Sums, priors: Priors) -> Promises:
     back = background(sums, priors, hold(sums, priors, priors.base[-1]), {})
     diagonal = np.maximum(np.diag(back.K), 0.0)
     alone = gain(back.z[at], diagonal[at], mean, scale) + prior
-    beside, unknown = alone, 0.0
-    for entrance in sums.asked.entrances:
+    joint, unknown = alone, 0.0
+    for entrance in sums.innovations.entrances:
         for one in back.loosened(entrance, priors):
             z, K = back.z - one.f.T @ (one.d * one.a), np.maximum(diagonal - one.d @ one.f**2, 0.0)
             of_it = one.log + one.log_prior
-            beside = np.maximum(beside, of_it + gain(z[at], K[at], mean, scale) + prior)
+            joint = np.maximum(joint, of_it + gain(z[at], K[at], mean, scale) + prior)
             unknown = max(unknown, of_it)
     value = np.array([causes[i].value for i in at])
     sizes = (scale**2 * back.z[at] + mean) / (1.0 + scale**2 * diagonal[at]) * value
-    return Promises(column=at, alone=alone, beside=beside, unknown=unknown, sizes=sizes)
+    return Promises(column=at, alone=alone, joint=joint, unknown=unknown, sizes=sizes)
 
 
 def _leaders(whole: Whole) -> list[PartOfModel]:
     """The causes that promise most by themselves, with something unknown at one of the ports and without."""
     said, found = whole.promises, dict[str, PartOfModel]()
-    for promise, least in ((said.alone, 0.0), (said.beside, said.unknown)):
+    for promise, floor in ((said.alone, 0.0), (said.joint, said.unknown)):
         names: set[str] = set()
         for k in np.argsort(-promise, kind="stable").tolist():
-            if len(names) == whole.criteria.tried or promise[k] < least + whole.criteria.promise:
+            if len(names) == whole.criteria.tried or promise[k] < floor + whole.criteria.promise:
                 break
-            one = whole.asked.attachable[said.column[k]]
+            one = whole.evidence.attachable[said.column[k]]
             if one.name not in names:
                 names.add(one.name)
-                found.setdefault(one.name, _part(one, float(said.sizes[k]), whole.asked.priors))
+                found.setdefault(one.name, _part(one, float(said.sizes[k]), whole.evidence.priors))
     return list(found.values())
 
 
-def _beside(whole: Whole) -> list[PartOfModel]:
+def _believed(whole: Whole) -> list[PartOfModel]:
     """The causes that a search of all that may be wrong besides believes in."""
     believed = [b for b in whole.beyond.causes if b.probability > whole.criteria.worth][: whole.criteria.tried]
-    number = {id(column): i for i, column in enumerate(whole.asked.innovations.causes)}
-    return [_part(whole.asked.attachable[number[id(b.column)]], b.size, whole.asked.priors) for b in believed]
+    number = {id(column): i for i, column in enumerate(whole.evidence.innovations.causes)}
+    return [_part(whole.evidence.attachable[number[id(b.column)]], b.size, whole.evidence.priors) for b in believed]
 
 
 def _part(one: PartOfModel, size: float, priors: Priors) -> PartOfModel:

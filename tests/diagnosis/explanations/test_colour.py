@@ -18,12 +18,12 @@ from casid.diagnosis.numerics import ScoreNumerics
 def test_what_is_left_is_the_expected_noise() -> None:
     """Of unit white noise in innovations with covariance S, given them: S^-1 (y - mean)."""
     priors = Priors(base=(0.0, 0.3))
-    asked = with_response(a_question(1), {0: 0.6, 4: -0.5})
-    found = search(asked, priors)
+    innovations = with_response(a_question(1), {0: 0.6, 4: -0.5})
+    found = search(innovations, priors)
     kinds = {(one.setting.level > 0.0, bool(one.unknown), len(one.elements)): one for one in found.explanations}
     assert len(kinds) > 4
     for one in kinds.values():
-        y, mean, S = moments(asked, one, priors)
+        y, mean, S = moments(innovations, one, priors)
         np.testing.assert_allclose(
             np.concatenate(left_by(found.sums, priors, one)[0]), np.linalg.solve(S, y - mean), atol=1e-8
         )
@@ -79,8 +79,8 @@ def test_coloured_noise_names_nothing_once_tempered() -> None:
     """Of 30 sets without any cause, taken as white most get a name; tempered by what is left a tenth of them do."""
     taken_as_white, allowed_for = 0, 0
     for seed in range(30):
-        asked = coloured(seed)
-        found = search(asked, Priors())
+        innovations = coloured(seed)
+        found = search(innovations, Priors())
         taken_as_white += bool(posterior(found).named)
         allowed, worths = searched_in_colour(found, [np.zeros(400, dtype=int)])
         allowed_for += bool(posterior(allowed).named)
@@ -91,5 +91,5 @@ def test_coloured_noise_names_nothing_once_tempered() -> None:
 
 def test_white_innovations_are_left_as_they_are() -> None:
     found = search(a_question(3), Priors())
-    channels = [np.zeros(len(record.residual), dtype=int) for record in found.asked.records]
+    channels = [np.zeros(len(record.residual), dtype=int) for record in found.innovations.records]
     assert searched_in_colour(found, channels) == (found, {0: 1.0})

@@ -144,14 +144,14 @@ def test_kinematics_beside_a_cause_do_not_know_it() -> None:
     late = Attached(effect=sensor_delay("beta"), values={"value": 0.15})
     flight = prepare(do328(), flights([late], seed=5))
     model, alone = fit(flight, [late], flight.noise()), fit(flight, [], flight.noise())
-    kinematic = kinematics.beside(weigh(kinematics.reconstruct(flight), discrepancy=False), [late])
-    without = naming._kinematics_beside(kinematic, alone, late.effect)
-    again = naming._kinematics_beside(without, model, late.effect)
+    kinematic = kinematics.with_causes(weigh(kinematics.reconstruct(flight), discrepancy=False), [late])
+    without = naming._kinematics_with(kinematic, alone, late.effect)
+    again = naming._kinematics_with(without, model, late.effect)
     assert without is not None and again is not None
     assert not without.fit.attached and without.fit.deviance > again.fit.deviance + 1000.0
     check, own = (kinematic_check(one, late) for one in (without, kinematic))
     assert check.confirmed and not own.confirmed
-    assert naming._kinematics_beside(kinematic, alone, thrust_line()) is kinematic
+    assert naming._kinematics_with(kinematic, alone, thrust_line()) is kinematic
 
 
 def test_what_looks_alike_at_one_place_is_minor_once() -> None:

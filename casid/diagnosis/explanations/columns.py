@@ -1,4 +1,4 @@
-"""What a fitted aircraft asks the score: its innovations, and the columns of all that could be in them."""
+"""The innovations of a fitted aircraft, and the columns of all that could be in them, as the score weighs them."""
 
 from __future__ import annotations
 
@@ -33,16 +33,18 @@ WINDS = tuple(map(wind, "xyz"))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Asked:
-    """The question, and what its columns stand for: of each the effect, at unit amplitude, or as it is attached."""
+class FlightColumns:
+    """Whitened innovations; of each column the effect that it stands for, at unit amplitude or as attached."""
 
     innovations: WhitenedInnovations
     fit: FlightFit
     ones: tuple[Attached, ...]
 
 
-def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Mapping[str, CauseColumn]) -> Asked:
-    """The question of a fit.
+def flight_columns(
+    evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Mapping[str, CauseColumn]
+) -> FlightColumns:
+    """Innovations and columns of a fit.
 
     own  name of an attached effect that is to compete as a cause -> the column that it was found as
     """
@@ -75,7 +77,7 @@ def ask(evidence: Evidence, found: Sequence[Competitor], priors: Priors, own: Ma
         for column, attached_one in zip(causes, attached, strict=False):
             if r in column.shape:
                 one.residual[:] += _size(attached_one) * one.shapes[:, column.shape[r]]
-    return Asked(
+    return FlightColumns(
         innovations=WhitenedInnovations(
             records=tuple(records),
             precision=np.append(
