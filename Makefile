@@ -15,13 +15,13 @@ demo: $(STAMP)
 	env -u OMP_NUM_THREADS -u OPENBLAS_NUM_THREADS $(BIN)/casid demo --out out/demo $(ARGS)
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -n 2 $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 # A virtual environment made by uv has no pip and one made by venv without ensurepip is half a one: hence the look for pip.
 $(STAMP): pyproject.toml $(LOCK)
