@@ -68,7 +68,11 @@ FLIGHT_LIMITS = MappingProxyType(
     | {"V": 3500.0, "altitude": 1e5, "rho": 10.0, "thrust": 1e8}
 )
 
-_DEG = 0.017453292519943295
+# Units outside SI in SI: rad in a degree, m in a foot, kg in a pound, a slug and a tonne, N in a pound.
+DEGREE = 0.017453292519943295
+FOOT = 0.3048
+POUND, SLUG, TONNE = 0.45359237, 14.593902937206364, 1000.0
+POUND_FORCE = 4.4482216152605
 _G = 9.80665
 # unit -> (SI unit, factor): SI = factor * value
 _UNITS: dict[str, tuple[str, float]] = {
@@ -79,29 +83,29 @@ _UNITS: dict[str, tuple[str, float]] = {
     "ns": ("s", 1e-9),
     "min": ("s", 60.0),
     "rad": ("rad", 1.0),
-    "deg": ("rad", _DEG),
+    "deg": ("rad", DEGREE),
     "mrad": ("rad", 1e-3),
-    "°": ("rad", _DEG),
+    "°": ("rad", DEGREE),
     "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", _DEG),
+    "deg/s": ("rad/s", DEGREE),
     "rad/s2": ("rad/s2", 1.0),
-    "deg/s2": ("rad/s2", _DEG),
+    "deg/s2": ("rad/s2", DEGREE),
     "m": ("m", 1.0),
-    "ft": ("m", 0.3048),
+    "ft": ("m", FOOT),
     "km": ("m", 1000.0),
     "m/s": ("m/s", 1.0),
     "kt": ("m/s", 1852.0 / 3600.0),
     "kts": ("m/s", 1852.0 / 3600.0),
     "knots": ("m/s", 1852.0 / 3600.0),
-    "ft/s": ("m/s", 0.3048),
+    "ft/s": ("m/s", FOOT),
     "km/h": ("m/s", 1 / 3.6),
     "m/s2": ("m/s2", 1.0),
-    "ft/s2": ("m/s2", 0.3048),
+    "ft/s2": ("m/s2", FOOT),
     "g": ("m/s2", _G),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
-    "lbf": ("N", 4.4482216152605),
-    "lb": ("N", 4.4482216152605),
+    "lbf": ("N", POUND_FORCE),
+    "lb": ("N", POUND_FORCE),
     "Pa": ("Pa", 1.0),
     "kPa": ("Pa", 1e3),
     "hPa": ("Pa", 1e2),

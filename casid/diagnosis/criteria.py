@@ -287,6 +287,7 @@ class VerdictCriteria:
     hint: float = number(0.5, "part of the gain for a name from which a cause is worth a look")
     minor_part: float = number(0.75, "part of what is missing that a minor cause must gain to be what is missing")
     small_term: float = number(6.0, "1-sigmas of a small term that is worth a line")
+    stated: int = number(3, "findings of a kind that the sentence states one by one; the page has all")
 
 
 @dataclass(frozen=True, kw_only=True)

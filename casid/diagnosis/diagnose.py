@@ -110,7 +110,7 @@ def diagnose(
         split(both[: len(records)], both[len(records) :], criteria.held_out)
         for both in (checked.records, checked.recorded)
     )
-    with named_in_errors(checked.findings, checked.doubts):
+    with named_in_errors(checked.findings, checked.doubts, criteria.verdict.stated):
         reach = reach_of(aircraft, mended, criteria, axes)
         known = attached_effects(reach.flight)
         flight = with_noise_level(reach.flight, known)

@@ -116,30 +116,6 @@ class NamingNumerics:
     ranking: int = number(40, "candidates that the result keeps")
 
 
-# Findings of a kind that a sentence tells one by one; the page and the document have all.
-STATED_ONE_BY_ONE = 3
-
-# Log likelihood below which a level of a channel, and the sign of a derivative, are impossible anyhow.
-IMPOSSIBLE, IMPOSSIBLE_SIGN = -60.0, -40.0
-
-# m in a foot, kg in a pound and in a slug.
-FOOT, POUND, SLUG = 0.3048, 0.45359237, 14.593902937206364
-
-# Logarithms of factors of units that are one factor.
-ALIKE = 0.1
-
-# The least errors that make a lift curve carry the weight: steps of a fixed-point iteration, which needs four, and the
-# sigmas beyond which nothing is sought.
-LEAST_ERRORS_STEPS = 12
-LEAST_ERRORS_WITHIN = 20.0
-
-# Sums of the score; nothing is decided by these. Rows of a record that are multiplied at a time; the part of the
-# largest of its column at which a response has died away; of a unit diagonal, what keeps apart what rounding joins.
-ROWS_AT_A_TIME = 2000
-DIED_AWAY = 1e-7
-RIDGE = 1e-13
-
-
 @dataclass(frozen=True, kw_only=True)
 class ScoreNumerics:
     """Of naming by the score: which explanations are looked at, and how finely."""
@@ -186,6 +162,11 @@ class ScoreNumerics:
     smallest_further: float = number(1e-3, "and at least, in its unit")
     responses: int = number(48, "whitened responses in memory twice")
     reported: int = number(8, "explanations that are told")
+    rows: int = number(2000, "rows of a record that are multiplied at a time")
+    died_away: float = number(1e-7, "response, of the largest of its column, below which it has died away")
+    ridge: float = number(
+        1e-13, "added to a unit diagonal before its root is taken", "derived: a hundred times the rounding of a sum"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

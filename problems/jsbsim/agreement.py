@@ -22,11 +22,11 @@ from casid.model.aerodynamics import FURTHER
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.jsbsim import JsbsimAerodynamics
-from casid.model.jsbsim.source import FT, LBF, SLUG, load
+from casid.model.jsbsim.source import load
 from casid.model.simulate import simulate
 from casid.model.terms import VARIABLES
 from casid.records.record import Record
-from casid.signals import SURFACES
+from casid.signals import FOOT, POUND_FORCE, SLUG, SURFACES
 
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 _OF_THE_AIR = ("velocities/mach", "aero/Re")  # its temperature, which no record has
@@ -38,7 +38,7 @@ _EARTH = """<planet name="flat">
   <rotation_rate unit="RAD/SEC">0.0</rotation_rate><GM unit="M3/SEC2">3.9804840291265e+24</GM><J2>0.0</J2>
 </planet>"""
 _RATE_PROPERTIES = (
-    *((f"accelerations/{axis}dot-ft_sec2", FT) for axis in "uvw"),
+    *((f"accelerations/{axis}dot-ft_sec2", FOOT) for axis in "uvw"),
     *((f"accelerations/{axis}dot-rad_sec2", 1.0) for axis in "pqr"),
 )
 
@@ -209,9 +209,9 @@ def _quantities(fdm: Any) -> dict[str, float]:
         "alphadot": fdm["aero/alphadot-rad_sec"] * c / (2.0 * V),
         "betadot": fdm["aero/betadot-rad_sec"] * b / (2.0 * V),
         "mach": fdm["velocities/mach"],
-        "airspeed": V * FT,
-        "qbar": fdm["aero/qbar-psf"] * LBF / FT**2,
-        "rho": fdm["atmosphere/rho-slugs_ft3"] * SLUG / FT**3,
+        "airspeed": V * FOOT,
+        "qbar": fdm["aero/qbar-psf"] * POUND_FORCE / FOOT**2,
+        "rho": fdm["atmosphere/rho-slugs_ft3"] * SLUG / FOOT**3,
         **dict.fromkeys(("thrust", "Tc", "V"), 0.0),
     }
 
@@ -226,7 +226,7 @@ def _coefficients(fdm: Any) -> np.ndarray:
 
 def _state(fdm: Any) -> np.ndarray:
     """(8,) as JSBSim has it."""
-    velocity = [FT * fdm[f"velocities/{axis}-fps"] for axis in "uvw"]
+    velocity = [FOOT * fdm[f"velocities/{axis}-fps"] for axis in "uvw"]
     rates = [fdm[f"velocities/{axis}-rad_sec"] for axis in "pqr"]
     return np.array([*velocity, *rates, fdm["attitude/phi-rad"], fdm["attitude/theta-rad"]])
 
@@ -244,7 +244,7 @@ def _model_rates(one: Rig) -> Callable[[Mapping[str, float]], np.ndarray]:
         inputs = {**surfaces, "thrust": 0.0, "rho": _quantities(fdm)["rho"]}
         at = [inputs[name] for name in model.inputs]
         found = f(x, at, model.nominal_vector(), nothing, [fdm[name] for name in held]).full()[:6, 0]
-        heavier = FT * fdm["accelerations/gravity-ft_sec2"] - one.aircraft.gravity
+        heavier = FOOT * fdm["accelerations/gravity-ft_sec2"] - one.aircraft.gravity
         phi, theta = x[6:]
         down = [-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)]
         return found + heavier * np.array([*down, 0.0, 0.0, 0.0])
@@ -280,7 +280,7 @@ def gliding(one: Rig, rate_hz: int, seconds: float, size: float = 0.01) -> tuple
         fdm.run()
         rows.append(_state(fdm))
         rho.append(_quantities(fdm)["rho"])
-    gravity = FT * fdm["accelerations/gravity-ft_sec2"]
+    gravity = FOOT * fdm["accelerations/gravity-ft_sec2"]
     model = aircraft_model(replace(one.aircraft, gravity=gravity), effects=(), outputs=("q",))
     channels = {**surfaces, "thrust": np.zeros(len(t)), "rho": np.array(rho)}
     ours = simulate(model, Record(name="gliding", t=t, channels=channels), rows[0]).states

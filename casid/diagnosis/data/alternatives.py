@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-
-import numpy as np
+from itertools import chain, combinations
 
 from casid.diagnosis.data.reading import Reading
-from casid.diagnosis.numerics import ALIKE
-from casid.signals import SURFACES, unit_of
+from casid.signals import SURFACES, si_factor, unit_of
 
-_DEG = float(np.pi / 180.0)
-# unit that a column may be in though it is read as SI: SI over number
-_UNITS: Mapping[str, Mapping[str, float]] = {
-    "rad": {"deg": _DEG},
-    "rad/s": {"deg/s": _DEG},
-    "rad/s2": {"deg/s2": _DEG},
-    "m/s": {"kt": 1852.0 / 3600.0, "ft/s": 0.3048, "km/h": 1.0 / 3.6},
-    "m/s2": {"g": 9.80665, "ft/s2": 0.3048},
-    "m": {"ft": 0.3048, "km": 1000.0},
-    "kg/m3": {"slug/ft3": 515.3788184},
-    "N": {"kN": 1000.0, "lbf": 4.4482216152605},
-    "s": {"ms": 1e-3, "min": 60.0},
+# SI unit -> units that a column may be in though it is read as SI
+_UNITS: Mapping[str, tuple[str, ...]] = {
+    "rad": ("deg",),
+    "rad/s": ("deg/s",),
+    "rad/s2": ("deg/s2",),
+    "m/s": ("kt", "ft/s", "km/h"),
+    "m/s2": ("g", "ft/s2"),
+    "m": ("ft", "km"),
+    "kg/m3": ("slug/ft3",),
+    "N": ("kN", "lbf"),
 }
+TIMES = {unit: si_factor(unit, "t") for unit in ("ms", "min")}  # the same of time, with s over number
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "p+q+r": ("p", "q", "r"),
     "ax+ay+az": ("ax", "ay", "az"),
@@ -35,12 +31,15 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "+".join(SURFACES): SURFACES,
 }
 _SIGNED = ("alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", *SURFACES)
+
+
+def _pairs(group: tuple[str, ...]) -> Iterable[tuple[str, str]]:
+    return combinations(group, 2)
+
+
 _SWAPPED = (
-    *combinations(("p", "q", "r"), 2),
-    *combinations(("phi", "theta", "psi"), 2),
-    *combinations(("ax", "ay", "az"), 2),
-    *combinations(("pdot", "qdot", "rdot"), 2),
-    *combinations(SURFACES, 2),
+    *chain(*map(_pairs, (GROUPS["p+q+r"], GROUPS["phi+theta+psi"], GROUPS["ax+ay+az"], GROUPS["pdot+qdot+rdot"]))),
+    *_pairs(SURFACES),
     ("alpha", "beta"),
     ("alpha", "theta"),
     ("beta", "phi"),
@@ -73,10 +72,8 @@ def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> li
         if there.issuperset(members):
             found += _units(label, members)
     found += [_swap(a, b) for a, b in _SWAPPED if {a, b} <= there]
-    times = {f"{unit}": factor for unit, factor in _UNITS["s"].items()}
-    found += [_time(factor, unit) for unit, factor in times.items()]
-    own = [one for one in stretched if all(abs(np.log(one / factor)) > ALIKE for factor in times.values())]
-    return [*found, *(_time(one, None) for one in own)]
+    found += [_time(factor, unit) for unit, factor in TIMES.items()]
+    return [*found, *(_time(factor, None) for factor in stretched)]
 
 
 def _sign(name: str) -> Alternative:
@@ -86,7 +83,8 @@ def _sign(name: str) -> Alternative:
 def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:
     """In another unit than SI; or in SI though the header says that other unit."""
     found = []
-    for unit, factor in _UNITS.get(unit_of(members[0]), {}).items():
+    for unit in _UNITS.get(unit_of(members[0]), ()):
+        factor = si_factor(unit, members[0])
         for value, said in ((factor, unit), (1.0 / factor, f"SI, not in {unit}")):
             reading = Reading(factor=dict.fromkeys(members, value))
             found.append(Alternative(kind="data_unit", target=label, reading=reading, value=value, unit=said))

@@ -96,5 +96,12 @@ class DataCriteria:
     hopeless: float = number(
         -20.0, "log likelihood ratio at which the rest of an explanation is not computed", signed=True
     )
+    impossible: float = number(
+        -60.0, "log likelihood of a level at least: beyond, it is impossible anyhow", signed=True
+    )
+    impossible_sign: float = number(-40.0, "the same of the sign of a derivative", signed=True)
+    one_factor: float = number(0.1, "difference of logarithms up to which two factors are one")
+    error_steps: int = number(12, "iterations to the least errors of a lift curve", "measured: four settle it")
+    largest_error: float = number(20.0, "error of a lift curve in its 1-sigmas beyond which none is looked for")
     stretch: float = number(1.3, "factor between rates from which time may be stretched")
     telling: float = number(0.7, "what two sides of a relation have unlike, up to which it tells of time")

@@ -9,17 +9,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from casid.diagnosis.numerics import FOOT, POUND, SLUG
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.model.terms import parse_term
+from casid.signals import DEGREE, FOOT, POUND, SLUG, TONNE
 
 _ANGLES = frozenset(("alpha", "beta", "delta_e", "delta_a", "delta_r"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileUnit:
-    """`parameter` of a file in another unit than SI: SI over number of mass, inertia, area, lengths, and of 1/angle."""
+    """`parameter` of a file in another unit than SI: SI over number of mass, inertia, area, lengths and angles."""
 
     parameter: str
     unit: str
@@ -28,7 +28,7 @@ class FileUnit:
     area: float = 1.0
     lateral: float = 1.0
     pitch: float = 1.0
-    per_angle: float = 1.0
+    angle: float = 1.0
 
     def corrected(self, aircraft: Aircraft) -> Aircraft:
         """The aircraft that is meant, when the file has this unit."""
@@ -47,27 +47,27 @@ class FileUnit:
 
     def _on(self, term: str) -> float:
         """Factor on a derivative by a monomial."""
-        if self.per_angle == 1.0 or term == "0":
+        if self.angle == 1.0 or term == "0":
             return 1.0
-        return math.prod(self.per_angle**power for name, power in parse_term(term).factors if name in _ANGLES)
+        return math.prod(self.angle**-power for name, power in parse_term(term).factors if name in _ANGLES)
 
 
 FILE_UNITS: tuple[FileUnit, ...] = (
     FileUnit(parameter="mass", unit="lb", mass=POUND),
-    FileUnit(parameter="mass", unit="t", mass=1000.0),
+    FileUnit(parameter="mass", unit="t", mass=TONNE),
     FileUnit(parameter="mass", unit="slug", mass=SLUG),
-    FileUnit(parameter="inertia", unit="slug ft2", inertia=SLUG * FOOT**2),
-    FileUnit(parameter="inertia", unit="lb ft2", inertia=POUND * FOOT**2),
-    FileUnit(parameter="area", unit="ft2", area=FOOT**2),
+    FileUnit(parameter="inertia", unit="slug ft2", inertia=SLUG * FOOT * FOOT),
+    FileUnit(parameter="inertia", unit="lb ft2", inertia=POUND * FOOT * FOOT),
+    FileUnit(parameter="area", unit="ft2", area=FOOT * FOOT),
     FileUnit(parameter="lateral lengths", unit="ft", lateral=FOOT),
     FileUnit(parameter="lengths in pitch", unit="ft", pitch=FOOT),
-    FileUnit(parameter="derivatives", unit="1/deg", per_angle=math.degrees(1.0)),
+    FileUnit(parameter="derivatives", unit="1/deg", angle=DEGREE),
     FileUnit(
         parameter="mass, inertia, area and lengths",
         unit="slug and ft",
         mass=SLUG,
-        inertia=SLUG * FOOT**2,
-        area=FOOT**2,
+        inertia=SLUG * FOOT * FOOT,
+        area=FOOT * FOOT,
         lateral=FOOT,
         pitch=FOOT,
     ),

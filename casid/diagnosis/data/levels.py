@@ -11,20 +11,19 @@ from scipy import special
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
-from casid.diagnosis.numerics import IMPOSSIBLE, LEAST_ERRORS_STEPS, LEAST_ERRORS_WITHIN
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import doubts
 
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
 
 
-def _normal(x: float, sigma: float) -> float:
-    return max(-0.5 * (x / sigma) ** 2, IMPOSSIBLE) if math.isfinite(x) else IMPOSSIBLE
+def _normal(x: float, sigma: float, criteria: DataCriteria) -> float:
+    return max(-0.5 * (x / sigma) ** 2, criteria.impossible) if math.isfinite(x) else criteria.impossible
 
 
-def _ratio(value: float, expected: float, sigma: float) -> float:
+def _ratio(value: float, expected: float, sigma: float, criteria: DataCriteria) -> float:
     """Log likelihood of a positive quantity that should be as expected."""
-    return _normal(math.log(value / expected), sigma) if value > 0.0 < expected else IMPOSSIBLE
+    return _normal(math.log(value / expected), sigma, criteria) if value > 0.0 < expected else criteria.impossible
 
 
 def _mean(record: Read, name: str) -> float:
@@ -38,7 +37,7 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
     sigma = math.hypot(criteria.load_factor, criteria.climb / (g * c.duration))
-    return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma) if at.any() else 0.0
+    return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma, criteria) if at.any() else 0.0
 
 
 def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -48,9 +47,9 @@ def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
         return 0.0
     path = float(np.mean((c.value("theta") - c.value("alpha"))[at]))
     if not c.has("altitude", "V"):
-        return _normal(path, criteria.path_unknown)
+        return _normal(path, criteria.path_unknown, criteria)
     climb = float(np.clip(_slope(c, "altitude") / max(_mean(c, "V"), 1.0), -1.0, 1.0))
-    return _normal(path - math.asin(climb), criteria.path_known)
+    return _normal(path - math.asin(climb), criteria.path_known, criteria)
 
 
 def _slope(c: Read, name: str) -> float:
@@ -75,7 +74,7 @@ def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) 
         known, spread, at = _balanced(aircraft, trim["rho"], trim["V"], g), criteria.trim_lift, trim["alpha"]
     wanted = -_mean(c, "az") * aircraft.mass / (0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0)
     curve = known, sign * aircraft.derivatives[slope], _mean(c, "alpha") - at
-    return _least_errors(*curve, wanted, (spread, criteria.lift, criteria.angle, criteria.load_factor))
+    return _least_errors(*curve, wanted, (spread, criteria.lift, criteria.angle, criteria.load_factor), criteria)
 
 
 def _balanced(aircraft: Aircraft, rho: float, V: float, g: float) -> float:
@@ -83,36 +82,39 @@ def _balanced(aircraft: Aircraft, rho: float, V: float, g: float) -> float:
     return aircraft.mass * g / (0.5 * rho * V**2 * aircraft.area)
 
 
-def _least_errors(known: float, slope: float, angle: float, wanted: float, sigmas: tuple[float, ...]) -> float:
-    """Log likelihood of the least errors by which `known` and `slope` times `angle` are what is `wanted`; sigmas of
-    the logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`."""
+def _least_errors(
+    known: float, slope: float, angle: float, wanted: float, sigmas: tuple[float, ...], criteria: DataCriteria
+) -> float:
+    """Log likelihood of the smallest errors by which `known` and `slope` times `angle` are what is `wanted`.
+
+    `sigmas` are those of the logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`.
+    """
     of_known, of_slope, of_angle, of_wanted = sigmas
     errors = np.zeros(4)
-    for _ in range(LEAST_ERRORS_STEPS):
+    for _ in range(criteria.error_steps):
         here, steep = known * math.exp(of_known * errors[0]), slope * math.exp(of_slope * errors[1])
         there, turned = wanted * math.exp(of_wanted * errors[3]), angle + of_angle * errors[2]
         off = here + steep * turned - there
         along = np.array([of_known * here, of_slope * steep * turned, of_angle * steep, -of_wanted * there])
-        errors = np.clip(
-            along * (along @ errors - off) / max(along @ along, 1e-300), -LEAST_ERRORS_WITHIN, LEAST_ERRORS_WITHIN
-        )
-    return max(-0.5 * float(errors @ errors), IMPOSSIBLE)
+        errors = along * (along @ errors - off) / max(along @ along, 1e-300)
+        errors = np.clip(errors, -criteria.largest_error, criteria.largest_error)
+    return max(-0.5 * float(errors @ errors), criteria.impossible)
 
 
 def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[..., float]:
     def level(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
         expected = aircraft.trim.get(name) if aircraft is not None else None
-        return _ratio(_mean(c, name), expected, sigma(criteria)) if expected else 0.0
+        return _ratio(_mean(c, name), expected, sigma(criteria), criteria) if expected else 0.0
 
     return level
 
 
 def _usual_speed(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual_speed)
+    return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual_speed, criteria)
 
 
 def _usual_density(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    return _ratio(_mean(c, "rho"), criteria.usual_rho, criteria.usual_density)
+    return _ratio(_mean(c, "rho"), criteria.usual_rho, criteria.usual_density, criteria)
 
 
 def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -120,13 +122,13 @@ def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCr
     thrust = _mean(c, "thrust")
     if aircraft is None or thrust <= 0.0:
         return 0.0
-    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust_ratio, criteria.usual_thrust)
+    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust_ratio, criteria.usual_thrust, criteria)
 
 
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """Density of the standard troposphere at the recorded altitude."""
     height = min(max(_mean(c, "altitude"), -1000.0), 19000.0)
-    return _ratio(_mean(c, "rho"), standard_density(height), criteria.atmosphere)
+    return _ratio(_mean(c, "rho"), standard_density(height), criteria.atmosphere, criteria)
 
 
 def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., float]:
@@ -145,7 +147,7 @@ def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., 
         every = len(y) / max(c.independent * float(at.mean()), 1.0)
         scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
         sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
-        return max(float(special.log_ndtr(sigmas)), IMPOSSIBLE)
+        return max(float(special.log_ndtr(sigmas)), criteria.impossible)
 
     return level
 
@@ -202,6 +204,6 @@ def _of_means(relation: Relation, gravity: float, criteria: DataCriteria) -> Cal
             return 0.0
         left, right = relation.sides(c, gravity)
         off = float(np.mean(left[at] - right[at]))
-        return -2.0 * math.log1p((off / sigma) ** 2 / 3.0) if math.isfinite(off) else IMPOSSIBLE
+        return -2.0 * math.log1p((off / sigma) ** 2 / 3.0) if math.isfinite(off) else criteria.impossible
 
     return term

@@ -17,7 +17,6 @@ from scipy import special
 from casid.diagnosis.data.alternatives import Alternative
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read, Reading
-from casid.diagnosis.numerics import IMPOSSIBLE_SIGN
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.path import aerodynamic_parameters, speed_of_sound
@@ -193,7 +192,7 @@ def _log_evidence(
         if term in SURFACES:
             above = (1.0 - criteria.smallest) * abs(value) / sigma
             posterior = (above + np.sign(value) * shift[i]) / np.sqrt(inverse[i, i])
-            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), IMPOSSIBLE_SIGN)
+            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), criteria.impossible_sign)
     return evidence
 
 

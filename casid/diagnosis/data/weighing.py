@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from casid.diagnosis.data.alternatives import Alternative, alternatives
+from casid.diagnosis.data.alternatives import TIMES, Alternative, alternatives
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.file_units import FILE_UNITS, FileUnit
 from casid.diagnosis.data.levels import level_terms
@@ -17,7 +17,6 @@ from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
 from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
 from casid.diagnosis.data.smooth import Smooth, smooth
-from casid.diagnosis.numerics import ALIKE, IMPOSSIBLE
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
@@ -135,7 +134,7 @@ class Weighing:
         ratio = lift_in_trim(aircraft)
         if ratio is None:
             return 0.0
-        return -0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2 if ratio > 0.0 else IMPOSSIBLE
+        return -0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2 if ratio > 0.0 else self._criteria.impossible
 
     def _or_else_the_record(self, best: Weighed) -> Weighed | None:
         """What contradicts the file may be a fault of the records, when these explain it as well."""
@@ -158,14 +157,15 @@ class Weighing:
         return [a for a in alternatives(channels, self._stretched()) if not a.channels & set(SURFACES)]
 
     def _stretched(self) -> list[float]:
-        """The factors on time that make rates of rotation what the gyros say: of all records, or of some of them."""
+        """The factors on time that make rates of rotation what the gyros say, of all records or of some; no units."""
         each = [self._stretches(j) for j in range(len(self.names))]
         found: list[float] = []
+        near = self._criteria.one_factor
         for factors in (list(chain(*each)), *each):
             factor = self._agreed(factors)
-            if factor is not None and all(abs(math.log(factor / other)) > ALIKE for other in found):
+            if factor is not None and all(abs(math.log(factor / other)) > near for other in found):
                 found.append(factor)
-        return found
+        return [one for one in found if all(abs(math.log(one / unit)) > near for unit in TIMES.values())]
 
     def _stretches(self, j: int) -> list[float]:
         """Logarithm of the factor that every relation of rotation asks for in a record."""
@@ -185,7 +185,7 @@ class Weighing:
             return None
         middle, spread = float(np.median(factors)), float(np.median(np.abs(np.subtract(factors, np.median(factors)))))
         far = abs(middle) > np.log(self._criteria.stretch)
-        return float(np.exp(middle)) if far and spread < ALIKE else None
+        return float(np.exp(middle)) if far and spread < self._criteria.one_factor else None
 
     def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
         """Log likelihood ratio of an alternative in every record."""
@@ -243,8 +243,9 @@ class Weighing:
         if not scored or scored[0][0] + self._criteria.fault < self._criteria.said:
             return None
         top, alternative, records = scored[0]
+        near = self._criteria.one_factor
         rivals = tuple(
-            a for total, a, _ in scored[1:] if total > top - self._criteria.alone and not _same(a, alternative)
+            a for total, a, _ in scored[1:] if total > top - self._criteria.alone and not _same(a, alternative, near)
         )
         return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
 
@@ -270,14 +271,14 @@ def _there(record: Smooth, alternative: Alternative) -> bool:
     return all(name in record for name in alternative.reading.channels)
 
 
-def _same(one: Alternative, other: Alternative) -> bool:
-    """Whether two alternatives take the same channels by nearly the same factors."""
+def _same(one: Alternative, other: Alternative, near: float) -> bool:
+    """Whether two alternatives take the same channels by factors whose logarithms are `near`."""
     if one.kind != other.kind or one.reading.source or other.reading.source:
         return False
     a, b = one.reading.factor, other.reading.factor
     if one.reading.time != 1.0 or other.reading.time != 1.0:
-        return abs(np.log(one.reading.time / other.reading.time)) < ALIKE
-    return a.keys() == b.keys() and all(a[n] * b[n] > 0.0 and abs(np.log(a[n] / b[n])) < ALIKE for n in a)
+        return abs(np.log(one.reading.time / other.reading.time)) < near
+    return a.keys() == b.keys() and all(a[n] * b[n] > 0.0 and abs(np.log(a[n] / b[n])) < near for n in a)
 
 
 def described(alternative: Alternative) -> str:

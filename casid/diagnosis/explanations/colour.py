@@ -70,7 +70,7 @@ def left_by(sums: Sums, priors: Priors, one: Explanation) -> tuple[list[np.ndarr
     cross = held.cross[:, columns]
     whole = np.block([[common, cross], [cross.T, held.K[np.ix_(columns, columns)] + prior]])
     right = np.concatenate([match, held.z[columns] + (mean / scale**2 if len(columns) else mean)])
-    L, unit = root_of(whole)
+    L, unit = root_of(whole, priors.numerics.ridge)
     inverse = solved(L, unit, np.eye(len(whole)))
     sizes = inverse.T @ (inverse @ right)
     left, taken = [], []

@@ -22,7 +22,7 @@ from scipy.special import ndtr
 
 from casid.diagnosis.explanations.explanation import Entrance, RecordColumns, Setting, Unknown, WhitenedInnovations
 from casid.diagnosis.explanations.prior import Priors
-from casid.diagnosis.numerics import DIED_AWAY, RIDGE, ROWS_AT_A_TIME
+from casid.diagnosis.numerics import ScoreNumerics
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,9 +57,9 @@ class Sums:
         return np.concatenate([np.arange(p * n, (p + 1) * n) for p in ports])
 
 
-def sums_of(innovations: WhitenedInnovations) -> Sums:
+def sums_of(innovations: WhitenedInnovations, numerics: ScoreNumerics) -> Sums:
     """The normal equations of everything that could be in the innovations."""
-    records = tuple(_record_sums(innovations, one) for one in innovations.records)
+    records = tuple(_record_sums(innovations, one, numerics) for one in innovations.records)
     common = len(innovations.precision) + len(innovations.owners)
     picked = tuple(
         np.array([common + cause.shape[r] if r in cause.shape else -1 for cause in innovations.causes], dtype=int)
@@ -69,16 +69,16 @@ def sums_of(innovations: WhitenedInnovations) -> Sums:
     return Sums(innovations=innovations, records=records, square=square, common=common, picked=picked)
 
 
-def _record_sums(innovations: WhitenedInnovations, record: RecordColumns) -> RecordSums:
+def _record_sums(innovations: WhitenedInnovations, record: RecordColumns, numerics: ScoreNumerics) -> RecordSums:
     n = len(record.nodes) * len(innovations.ports)
     X = np.column_stack([record.nuisance, record.small, record.shapes, record.residual])
     stepped, square = record.in_steps(X), _gram(X)
     hh, hx = np.zeros((n, n)), np.zeros((n, X.shape[1]))
     unit = np.repeat([port.matters for port in innovations.ports], len(record.nodes))
     largest = [np.abs(h).max(axis=0, initial=0.0) for h in record.histories]
-    gone = DIED_AWAY * (np.concatenate(largest) if largest else np.zeros(0)) * unit
-    for first in range(0, len(stepped) if n else 0, ROWS_AT_A_TIME):
-        rows = slice(first, first + ROWS_AT_A_TIME)
+    gone = numerics.died_away * (np.concatenate(largest) if largest else np.zeros(0)) * unit
+    for first in range(0, len(stepped) if n else 0, numerics.rows):
+        rows = slice(first, first + numerics.rows)
         h = np.concatenate([one[rows] for one in record.histories], axis=1).astype(float) * unit
         alive = np.flatnonzero(np.abs(h).max(axis=0, initial=0.0) > gone)
         if not len(alive):
@@ -280,7 +280,7 @@ def background(sums: Sums, priors: Priors, held: Held, scales: Mapping[str, floa
     common, match = with_priors(innovations, held)
     small = small_information(innovations, scales)
     common[k:, k:] += small
-    L, scale = root_of(common)
+    L, scale = root_of(common, priors.numerics.ridge)
     y, F = solved(L, scale, match), solved(L, scale, held.cross)
     stated = innovations.precision > 0.0
     log = held.log + 0.5 * float(y @ y) - log_determinant(L, scale)
@@ -322,12 +322,15 @@ def small_information(innovations: WhitenedInnovations, scales: Mapping[str, flo
     return innovations.small_information / scale[:, None] / scale if len(scale) else np.zeros((0, 0))
 
 
-def root_of(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cholesky factor of a matrix scaled to unit diagonal, and the scale; what has no information is left alone."""
+def root_of(square: np.ndarray, ridge: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cholesky factor of a matrix scaled to unit diagonal, and the scale; what has no information is left alone.
+
+    `ridge`, which is added to the diagonal, keeps apart what rounding joins.
+    """
     diagonal = np.diag(square)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0)
     scaled = square * scale[:, None] * scale
-    return np.linalg.cholesky(scaled + np.diag(np.where(diagonal > 0.0, RIDGE, 1.0))), scale
+    return np.linalg.cholesky(scaled + np.diag(np.where(diagonal > 0.0, ridge, 1.0))), scale
 
 
 def solved(L: np.ndarray, scale: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -76,7 +76,7 @@ def search(
     about     an explanation of nearly the same innovations, in whose setting it begins
     settings  that are gone through at most, where a glance will do
     """
-    return search_sums(sums_of(innovations), priors, about, settings)
+    return search_sums(sums_of(innovations, priors.numerics), priors, about, settings)
 
 
 def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None, settings: int | None = None) -> Found:
@@ -216,7 +216,7 @@ def likely_scales(sums: Sums, held: Held, elements: Sequence[Element], priors: P
             [held.cross[:k, columns].T, held.K[np.ix_(columns, columns)] + np.diag(scale**-2.0)],
         ]
     )
-    L, unit = root_of(others)
+    L, unit = root_of(others, priors.numerics.ridge)
     by = solved(L, unit, np.concatenate([common[:k, k:], held.cross[k:, columns].T]))
     y = solved(L, unit, np.concatenate([match[:k], held.z[columns] + mean / scale**2]))
     square, match = common[k:, k:] - by.T @ by, match[k:] - by.T @ y

@@ -13,7 +13,6 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.given.reach import Reach
-from casid.diagnosis.numerics import STATED_ONE_BY_ONE
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
 from casid.model.plausible import Doubt
@@ -28,7 +27,7 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
 
     data at fault > unexplained > partly explained > explained > values wrong > adequate
     """
-    criteria = reach.flight.criteria.given
+    criteria, most = reach.flight.criteria.given, reach.flight.criteria.verdict.stated
     against, open_ = reach.contradicted(found.aircraft, found.flight), reach.not_judged(found.flight)
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
@@ -36,18 +35,18 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
     cannot_be = tuple(map(impossible, doubts))
     if at_fault:
         found, against = _in_doubt(found, "the data are at fault"), cannot_be
-        verdict, headline = "data at fault", f"{_several(at_fault)} Until that is mended nothing else is certain."
+        verdict, headline = "data at fault", f"{_several(at_fault, most)} Until that is mended nothing else is certain."
     elif cannot_be:
         found, against = _in_doubt(found, "the aircraft file cannot be right"), (*cannot_be, *against)
         stated = [replace(one, sentence=f"Aircraft file: {one.sentence}") for one in cannot_be]
-        verdict, headline = "values wrong", f"{_several(stated)} Until that is mended nothing else is certain."
+        verdict, headline = "values wrong", f"{_several(stated, most)} Until that is mended nothing else is certain."
     elif verdict == "adequate" and against:
-        verdict, headline = "values wrong", f"{_values_wrong(against)}{headline.partition(_NOTHING_MORE)[2]}"
+        verdict, headline = "values wrong", f"{_values_wrong(against, most)}{headline.partition(_NOTHING_MORE)[2]}"
     elif against:
-        headline = f"{headline} {_also_contradicted(against)}"
+        headline = f"{headline} {_also_contradicted(against, most)}"
     elif verdict == "adequate":
         headline = f"{headline}{_refined(found.budget, criteria)}"
-    parts = [_several(mended), headline, _losses(found.budget, criteria), _left_open(open_)]
+    parts = [_several(mended, most), headline, _losses(found.budget, criteria), _left_open(open_, most)]
     return replace(
         found,
         verdict=verdict,
@@ -60,15 +59,15 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
 
 
 @contextmanager
-def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt]) -> Iterator[None]:
-    """A block whose errors name the faults of the `data` that could not be mended and the numbers of the file that
-    cannot be, which most likely are why."""
+def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int) -> Iterator[None]:
+    """A block whose errors name why they are likely: faults of the `data` that could not be mended, and the numbers of
+    the file that cannot be; `most` of a kind."""
     try:
         yield
     except CasidError as error:
         at_fault = [one for one in data if one.handled == "reported"]
-        stated = f"; {_several(at_fault)}" if at_fault else ""
-        stated += f"; of the aircraft file: {_several(doubts)}" if doubts else ""
+        stated = f"; {_several(at_fault, most)}" if at_fault else ""
+        stated += f"; of the aircraft file: {_several(doubts, most)}" if doubts else ""
         if not stated:
             raise
         raise type(error)(f"{error}{stated}") from None
@@ -80,23 +79,23 @@ def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
     return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=())
 
 
-def _several(all_of_them: Sequence[Finding | Contradiction | Doubt]) -> str:
-    """Their sentences, and how many more there are."""
-    stated = " ".join(one.sentence for one in all_of_them[:STATED_ONE_BY_ONE])
-    more = len(all_of_them) - STATED_ONE_BY_ONE
+def _several(all_of_them: Sequence[Finding | Contradiction | Doubt], most: int) -> str:
+    """The sentences of the first, `most` of them, and how many more there are."""
+    stated = " ".join(one.sentence for one in all_of_them[:most])
+    more = len(all_of_them) - most
     return f"{stated} And {more} more." if more > 0 else stated
 
 
-def _values_wrong(contradicted: Sequence[Contradiction]) -> str:
+def _values_wrong(contradicted: Sequence[Contradiction], most: int) -> str:
     few = "A number" if len(contradicted) == 1 else f"{len(contradicted)} numbers"
     stand = "stands" if len(contradicted) == 1 else "stand"
-    return f"The structure is right, but {few} of the file {stand} against flight. {_several(contradicted)}"
+    return f"The structure is right, but {few} of the file {stand} against flight. {_several(contradicted, most)}"
 
 
-def _also_contradicted(contradicted: Sequence[Contradiction]) -> str:
+def _also_contradicted(contradicted: Sequence[Contradiction], most: int) -> str:
     few = "a number" if len(contradicted) == 1 else f"{len(contradicted)} numbers"
     stands = "stands" if len(contradicted) == 1 else "stand"
-    return f"Besides, {few} of the file {stands} against flight. {_several(contradicted)}"
+    return f"Besides, {few} of the file {stands} against flight. {_several(contradicted, most)}"
 
 
 def _refined(budget: Budget, criteria: GivenCriteria) -> str:
@@ -123,9 +122,9 @@ def _losses(budget: Budget, criteria: GivenCriteria) -> str:
     return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {stated}."
 
 
-def _left_open(not_judged: Sequence[NotJudged]) -> str:
+def _left_open(not_judged: Sequence[NotJudged], most: int) -> str:
     if not not_judged:
         return ""
-    stated = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:STATED_ONE_BY_ONE])
-    more = len(not_judged) - STATED_ONE_BY_ONE
+    stated = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:most])
+    more = len(not_judged) - most
     return f"Not judged: {stated}{f'; and {more} more' if more > 0 else ''}."

@@ -187,7 +187,7 @@ class Searching:
             evidence = columns_of(found, self.question, self.ports, causes, self.library)
         except np.linalg.LinAlgError:
             return None
-        sums = sums_of(evidence.innovations)
+        sums = sums_of(evidence.innovations, evidence.priors.numerics)
         total = sum(one.log_prior for one in found.extended.attached) + _alone(sums, evidence)
         return Whole(found=found, evidence=evidence, sums=sums, total=total, criteria=self.question.criteria.systems)
 

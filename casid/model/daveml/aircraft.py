@@ -5,7 +5,6 @@ Names, units and axes are the standard's (ANSI/AIAA S-119). Surfaces have the si
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,26 +18,26 @@ from casid.model.aircraft_file import number
 from casid.model.airframe import Inertia
 from casid.model.daveml.functions import DaveFile, Values, dave_file
 from casid.model.jsbsim.aircraft import INCREMENTS
+from casid.signals import DEGREE, FOOT, POUND, SLUG
 
-_FT, _SLUG, _LB = 0.3048, 14.593902937206364, 0.45359237
 # unit of a file -> its size in SI and radians
 _UNITS = MappingProxyType(
     {
         "nd": 1.0,
-        "ft": _FT,
+        "ft": FOOT,
         "m": 1.0,
-        "ft2": _FT**2,
+        "ft2": FOOT**2,
         "m2": 1.0,
-        "ft_s": _FT,
+        "ft_s": FOOT,
         "m_s": 1.0,
-        "deg": math.pi / 180.0,
+        "deg": DEGREE,
         "rad": 1.0,
-        "deg_s": math.pi / 180.0,
+        "deg_s": DEGREE,
         "rad_s": 1.0,
-        "slug": _SLUG,
+        "slug": SLUG,
         "kg": 1.0,
-        "lbm": _LB,
-        "slugft2": _SLUG * _FT**2,
+        "lbm": POUND,
+        "slugft2": SLUG * FOOT**2,
         "kgm2": 1.0,
     }
 )

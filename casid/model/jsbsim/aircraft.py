@@ -18,7 +18,8 @@ from casid.model.aircraft_file import number
 from casid.model.airframe import Inertia
 from casid.model.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
 from casid.model.jsbsim.mass import mass_properties
-from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, body_arm, load, place
+from casid.model.jsbsim.source import LBS_PER_SLUG, body_arm, load, place
+from casid.signals import FOOT, SLUG
 
 _LATERAL = ("0", "beta", "p", "r", "delta_a", "delta_r")
 # derivatives that are increments, zero at first, on top of what the file has
@@ -37,18 +38,18 @@ def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, A
     root = load(path)
     try:
         metrics, mass = metrics_of(root), mass_properties(root)
-        J = mass.inertia * SLUG * FT**2
+        J = mass.inertia * SLUG * FOOT**2
         given = {name: number(value, f"held: '{name}'") for name, value in held.items()}
         aerodynamics = aerodynamics_of(path, given)
         return {
             "name": root.get("name", Path(path).stem),
             "mass": mass.weight / LBS_PER_SLUG * SLUG,
             "inertia": _inertia(J),
-            "area": metrics["Sw-sqft"] * FT**2,
-            "moment_length_lateral": metrics["bw-ft"] * FT,
-            "moment_length_pitch": metrics["cbarw-ft"] * FT,
-            "rate_length_lateral": metrics["bw-ft"] * FT / 2.0,
-            "rate_length_pitch": metrics["cbarw-ft"] * FT / 2.0,
+            "area": metrics["Sw-sqft"] * FOOT**2,
+            "moment_length_lateral": metrics["bw-ft"] * FOOT,
+            "moment_length_pitch": metrics["cbarw-ft"] * FOOT,
+            "rate_length_lateral": metrics["bw-ft"] * FOOT / 2.0,
+            "rate_length_pitch": metrics["cbarw-ft"] * FOOT / 2.0,
             **_propulsion(root, mass.cg),
             "derivatives": {f"{c}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
             "aerodynamics": aerodynamics,
@@ -90,7 +91,7 @@ def _retracts(root: ET.Element) -> bool:
 def _propulsion(root: ET.Element, cg: np.ndarray) -> dict[str, Any]:
     """Where thrusters are, about the c.g.: mean height of the thrust line, and each engine's y."""
     found = [node for node in root.iterfind("propulsion/engine/thruster/location")]
-    arms = [body_arm(place(node), cg) * FT for node in found]
+    arms = [body_arm(place(node), cg) * FOOT for node in found]
     if not arms:
         return {}
     return {"thrust_line_z": float(np.mean([arm[2] for arm in arms])), "engine_y": tuple(float(a[1]) for a in arms)}

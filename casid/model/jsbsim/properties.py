@@ -7,7 +7,6 @@ system, engines and systems have is held.
 
 from __future__ import annotations
 
-import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
@@ -20,9 +19,8 @@ import casadi as ca
 from casid.errors import InputError
 from casid.model.jsbsim.fcs import Components
 from casid.model.jsbsim.functions import value_of
-from casid.model.jsbsim.source import FT, LBF, SLUG
+from casid.signals import DEGREE, FOOT, POUND_FORCE, SLUG
 
-_DEG = math.pi / 180.0
 _TEMPERATURE_R, _SUTHERLAND_R, _BETA = 518.67, 198.72, 2.269690e-08
 HELD = ("fcs/", "gear/", "systems/", "propulsion/", "external_reactions/", "ap/", "autopilot/", "simulation/")
 _HYSTERESIS = "aero/stall-hyst-norm"
@@ -42,7 +40,7 @@ Rule = Callable[[Any, Metrics], Any]  # (quantities of `Aircraft.aerodynamics`, 
 
 
 def _speed(s: Any) -> Any:
-    return s.airspeed / FT
+    return s.airspeed / FOOT
 
 
 def _reynolds(s: Any, m: Metrics) -> Any:
@@ -52,12 +50,12 @@ def _reynolds(s: Any, m: Metrics) -> Any:
 
 
 def _density(s: Any) -> Any:
-    return s.rho / (SLUG / FT**3)
+    return s.rho / (SLUG / FOOT**3)
 
 
 def _altitude(s: Any) -> Any:
     """Of the standard atmosphere at the recorded density [ft]."""
-    return (1.0 - (s.rho / 1.225) ** (1.0 / 4.25588)) / 2.25577e-5 / FT
+    return (1.0 - (s.rho / 1.225) ** (1.0 / 4.25588)) / 2.25577e-5 / FOOT
 
 
 def _rate(name: str, length: str) -> Rule:
@@ -70,15 +68,15 @@ def _surface(name: str, factor: float = 1.0) -> Rule:
 
 KNOWN: Mapping[str, Rule] = MappingProxyType(
     {
-        "aero/qbar-psf": lambda s, m: s.qbar / (LBF / FT**2),
-        "aero/qbar-area": lambda s, m: s.qbar / (LBF / FT**2) * m["Sw-sqft"],
+        "aero/qbar-psf": lambda s, m: s.qbar / (POUND_FORCE / FOOT**2),
+        "aero/qbar-area": lambda s, m: s.qbar / (POUND_FORCE / FOOT**2) * m["Sw-sqft"],
         "aero/alpha-rad": lambda s, m: s.alpha,
-        "aero/alpha-deg": lambda s, m: s.alpha / _DEG,
+        "aero/alpha-deg": lambda s, m: s.alpha / DEGREE,
         "aero/beta-rad": lambda s, m: s.beta,
-        "aero/beta-deg": lambda s, m: s.beta / _DEG,
+        "aero/beta-deg": lambda s, m: s.beta / DEGREE,
         "aero/mag-alpha-rad": lambda s, m: ca.fabs(s.alpha),
         "aero/mag-beta-rad": lambda s, m: ca.fabs(s.beta),
-        "aero/mag-beta-deg": lambda s, m: ca.fabs(s.beta) / _DEG,
+        "aero/mag-beta-deg": lambda s, m: ca.fabs(s.beta) / DEGREE,
         "aero/alpha-wing-rad": lambda s, m: s.alpha + m["iw-rad"],
         "aero/bi2vel": lambda s, m: m["bw-ft"] / (2.0 * _speed(s)),
         "aero/ci2vel": lambda s, m: m["cbarw-ft"] / (2.0 * _speed(s)),
@@ -98,17 +96,17 @@ KNOWN: Mapping[str, Rule] = MappingProxyType(
         "atmosphere/rho-slugs_ft3": lambda s, m: _density(s),
         "position/h-sl-ft": lambda s, m: _altitude(s),
         "fcs/elevator-pos-rad": _surface("delta_e"),
-        "fcs/elevator-pos-deg": _surface("delta_e", 1.0 / _DEG),
+        "fcs/elevator-pos-deg": _surface("delta_e", 1.0 / DEGREE),
         "fcs/mag-elevator-pos-rad": lambda s, m: ca.fabs(s.delta_e),
         "fcs/left-aileron-pos-rad": _surface("delta_a"),
-        "fcs/left-aileron-pos-deg": _surface("delta_a", 1.0 / _DEG),
+        "fcs/left-aileron-pos-deg": _surface("delta_a", 1.0 / DEGREE),
         "fcs/mag-left-aileron-pos-rad": lambda s, m: ca.fabs(s.delta_a),
         "fcs/right-aileron-pos-rad": _surface("delta_a", -1.0),
-        "fcs/right-aileron-pos-deg": _surface("delta_a", -1.0 / _DEG),
+        "fcs/right-aileron-pos-deg": _surface("delta_a", -1.0 / DEGREE),
         "fcs/aileron-pos-rad": _surface("delta_a"),
         "fcs/effective-aileron-pos": _surface("delta_a"),
         "fcs/rudder-pos-rad": _surface("delta_r"),
-        "fcs/rudder-pos-deg": _surface("delta_r", 1.0 / _DEG),
+        "fcs/rudder-pos-deg": _surface("delta_r", 1.0 / DEGREE),
         "fcs/mag-rudder-pos-rad": lambda s, m: ca.fabs(s.delta_r),
     }
 )

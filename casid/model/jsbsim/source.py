@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 
 from casid.errors import InputError
+from casid.signals import DEGREE, FOOT
 
-FT, LBF, SLUG, INCH = 0.3048, 4.4482216152605, 14.593902937206364, 0.0254
 LBS_PER_SLUG = 32.174049
 _INCLUDED = ("aerodynamics", "mass_balance", "metrics", "flight_control", "propulsion")
 # unit of the file -> factor to JSBSim's own (ft2, ft, in, lbs, slug ft2)
 _UNITS = {
     "FT2": 1.0,
-    "M2": 1.0 / FT**2,
+    "M2": 1.0 / FOOT**2,
     "FT": 1.0,
-    "M": 1.0 / FT,
+    "M": 1.0 / FOOT,
     "IN": 1.0 / 12.0,
     "LBS": 1.0,
     "KG": 2.20462262,
     "SLUG*FT2": 1.0,
     "KG*M2": 0.737562149,
-    "DEG": np.pi / 180.0,
+    "DEG": DEGREE,
     "RAD": 1.0,
 }
 

@@ -15,8 +15,9 @@ from casid.errors import InputError
 from casid.model.effect_value import EffectValue
 from casid.model.jsbsim.aerodynamics import reference_point
 from casid.model.jsbsim.mass import mass_properties
-from casid.model.jsbsim.source import FT, LBS_PER_SLUG, SLUG, amount, body_arm, number_of, part
+from casid.model.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part
 from casid.model.terms import Stretch, parse_term
+from casid.signals import FOOT, SLUG
 
 _PROPERTIES: Mapping[str, tuple[str, ...]] = {
     "alpha": ("aero/alpha-rad",),
@@ -309,13 +310,13 @@ def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
         # the file's product of inertia is negated unless it says that it is not
         negated = balance.get("negated_crossproduct_inertia", "true").lower() in ("true", "1", "yes")
         sign = -1.0 if effect.target == "Ixz" and negated else 1.0
-        tag, change = effect.target.lower(), sign * effect.value / (SLUG * FT**2)
+        tag, change = effect.target.lower(), sign * effect.value / (SLUG * FOOT**2)
         if balance.find(tag) is None:
             return _before(text, "<emptywt", f'    <{tag} unit="SLUG*FT2"> {change!r} </{tag}>\n')
         return _changed(text, balance, tag, change, "SLUG*FT2")
     empty = amount(part(balance, "emptywt"), "LBS")
     sign = {"x": -1.0, "y": 1.0, "z": -1.0}[effect.target]  # of structural axes
-    shift = sign * effect.value / FT * mass.weight / empty
+    shift = sign * effect.value / FOOT * mass.weight / empty
     found = re.search(r'<location\b[^>]*name\s*=\s*"CG"[^>]*>', _blanked(text))
     location = next(n for n in balance.findall("location") if n.get("name") == "CG")
     if found is None:

@@ -12,6 +12,7 @@ from score_questions import ROWS, a_question, density, with_response
 from casid.diagnosis.explanations.explanation import WhitenedInnovations
 from casid.diagnosis.explanations.posterior import Posterior, posterior
 from casid.diagnosis.explanations.prior import Priors
+from casid.diagnosis.explanations.score import root_of, sums_of
 from casid.diagnosis.explanations.search import search
 
 
@@ -195,3 +196,20 @@ def test_causes_drawn_from_the_prior_are_calibrated() -> None:
         expected = stated[inside].mean()
         error = np.sqrt(max(float(np.sum(stated[inside] * (1 - stated[inside]))), 1.0)) / inside.sum()
         assert abs(there[inside].mean() - expected) < 3.0 * error
+
+
+def test_sums_do_not_depend_on_how_many_rows_are_multiplied_at_a_time() -> None:
+    """By seven rows the same to rounding; and where nothing counts as alive nothing is summed."""
+    asked, numerics = a_question(1), Priors().numerics
+    whole, parts = (sums_of(asked, one).records[0] for one in (numerics, replace(numerics, rows=7)))
+    assert np.allclose(whole.hh, parts.hh, rtol=1e-12) and np.allclose(whole.hx, parts.hx, rtol=1e-9, atol=1e-12)
+    assert not sums_of(asked, replace(numerics, died_away=1e3)).records[0].hh.any()
+
+
+def test_a_ridge_keeps_apart_what_rounding_joins() -> None:
+    """Two columns that are one have no root without it."""
+    joined = np.ones((2, 2))
+    L, scale = root_of(joined, Priors().numerics.ridge)
+    assert np.allclose(L @ L.T, joined, atol=1e-12) and np.array_equal(scale, np.ones(2))
+    with pytest.raises(np.linalg.LinAlgError):
+        root_of(joined, 0.0)

@@ -12,7 +12,8 @@ import pytest
 import casid as cs
 from casid.errors import InputError
 from casid.model.jsbsim.mass import mass_properties
-from casid.model.jsbsim.source import FT, SLUG, load
+from casid.model.jsbsim.source import load
+from casid.signals import FOOT, SLUG
 from problems.jsbsim.agreement import compare, file_of, gliding, rig
 
 pytest.importorskip("jsbsim")
@@ -114,7 +115,7 @@ def test_units_and_places_of_a_small_file(tmp_path: Path) -> None:
         ("<ifthen><lt><property>velocities/mach</property><v>0.6</v></lt><v>2</v><v>3</v></ifthen>", 2.0),
         ("<ifthen><and><gt><p>velocities/mach</p><v>0</v></gt><v>0</v></and><v>2</v><v>3</v></ifthen>", 3.0),
         ("<property>aero/alpha-deg</property>", 5.729577951308232),
-        ("<property>velocities/vt-fps</property>", 50.0 / FT),
+        ("<property>velocities/vt-fps</property>", 50.0 / FOOT),
     ],
 )
 def test_operators_of_a_function(tmp_path: Path, text: str, expected: float) -> None:

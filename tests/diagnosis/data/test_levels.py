@@ -1,0 +1,80 @@
+"""The numbers of the check of data, each given another value. Truth: what the formula of its docstring makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import pytest
+
+import casid as cs
+from casid.diagnosis.data.criteria import DataCriteria
+from casid.diagnosis.data.levels import level_terms
+from casid.diagnosis.data.reading import Read, Reading
+from casid.diagnosis.data.response import Response
+from casid.diagnosis.data.smooth import smooth
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+from problems.blind.sets import fly_set
+from problems.faults.fault import DataFault, with_fault
+
+Flown = tuple[Aircraft, Sequence[Record]]
+
+
+@pytest.fixture(scope="module")
+def flown() -> Flown:
+    one = fly_set("do328", "clean-1", 1)
+    return one.aircraft, one.records[:2]
+
+
+def read(record: Record, reading: Reading, criteria: DataCriteria) -> Read:
+    return Read(smooth(record, criteria.quick, criteria), reading)
+
+
+def lift(aircraft: Aircraft, criteria: DataCriteria) -> Callable[[Read], float]:
+    channels = frozenset(("alpha", "V", "rho", "az"))
+    return next(term for uses, term in level_terms(aircraft, 9.81, criteria) if uses == channels)
+
+
+def test_what_cannot_be_costs_as_much_as_the_criterion_says(flown: Flown) -> None:
+    """Air of negative density, by every level that knows density alone."""
+    criteria = DataCriteria(impossible=-33.0)
+    negative = read(flown[1][0], Reading(factor={"rho": -1.0}), criteria)
+    found = [term(negative) for uses, term in level_terms(None, 9.81, criteria) if uses == {"rho"}]
+    assert -33.0 in found and set(found) <= {-33.0, 0.0}
+
+
+def test_a_derivative_of_the_other_sign_costs_as_much_as_the_criterion_says(flown: Flown) -> None:
+    """The elevator turned round in the file alone: the evidence differs by what its sign may cost at most."""
+    aircraft, records = flown
+    turned = aircraft.with_derivatives({"Cm_delta_e": -aircraft.derivatives["Cm_delta_e"]})
+
+    def likelihood(criteria: DataCriteria) -> float:
+        return Response(turned, criteria).likelihood([read(one, Reading(), criteria) for one in records])
+
+    much, more = (likelihood(DataCriteria(impossible_sign=one)) for one in (-1.0, -2.0))
+    assert much - more == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_errors_of_a_lift_curve_settle(flown: Flown) -> None:
+    """Twice as many iterations change nothing; one is not enough, nor are errors of a tenth of their 1-sigmas."""
+    aircraft, (record, _) = flown
+    heavy = replace(aircraft, mass=2.0 * aircraft.mass, trim={})  # by the constants of the file it does not fly
+
+    def likelihood(criteria: DataCriteria) -> float:
+        return lift(heavy, criteria)(read(record, Reading(), criteria))
+
+    settled = likelihood(DataCriteria())
+    assert likelihood(DataCriteria(error_steps=24)) == pytest.approx(settled, rel=1e-6)
+    assert likelihood(DataCriteria(error_steps=1)) != pytest.approx(settled, rel=1e-3)
+    assert likelihood(DataCriteria(largest_error=0.1)) > settled
+
+
+def test_factors_of_time_agree_within_the_criterion(flown: Flown) -> None:
+    """Time stretched by five is found where relations may differ by a tenth, and not where they may not differ."""
+    aircraft, records = flown
+    stretched = with_fault(DataFault(kind="data_unit", target="t", records=("m1", "m2"), value=5.0), records, seed=3)
+    found = cs.check(stretched, aircraft)
+    assert ("data_unit", "t") in {(one.kind, one.target) for one in found.findings}
+    refused = cs.check(stretched, aircraft, criteria=DataCriteria(one_factor=1e-9))
+    assert ("data_unit", "t") not in {(one.kind, one.target) for one in refused.findings}
