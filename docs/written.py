@@ -18,7 +18,7 @@ from casid.diagnosis.criterion import listed
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS, Kind
 from problems.blind.case import Hidden
-from problems.blind.do328 import fly
+from problems.blind.do328 import plane
 
 RESULTS = Path(__file__).resolve().parent.parent / "problems" / "blind" / "results.csv"
 DEG = np.pi / 180.0
@@ -148,7 +148,7 @@ def _picture(kind: str, folder: Path) -> str | None:
             onset_s={"m1": example["onset"]} if "onset" in example else {},
             parameters=example.get("parameters", {}),
         )
-        without, with_it = fly("m1", t, moves), fly("m1", t, moves, [hidden])
+        without, with_it = plane().fly("m1", t, moves), plane().fly("m1", t, moves, [hidden])
         _draw(t, {name: with_it[name] - without[name] for name in SHOWN}, file)
     return file.name
 

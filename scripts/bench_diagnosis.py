@@ -33,6 +33,7 @@ from casid.records.record import Record
 from problems.bench.table import exponent, parser, publish
 from problems.blind import do328 as blind_do328
 from problems.blind.case import RECORDS, Hidden
+from problems.blind.flown import FLOWN_HZ
 from problems.blind.manoeuvres import draw_segments, histories
 from problems.jsbsim.flight import NOISE
 
@@ -106,18 +107,18 @@ def _screening(found: Diagnosis) -> dict[str, Any]:
 def _flown(hidden: Sequence[Hidden], seconds: float) -> tuple[Aircraft, list[Record]]:
     """An aircraft file that is off, and four records."""
     rng = np.random.default_rng([SEED, round(seconds)])
-    every, records = round(blind_do328.FLOWN_HZ / RATE_HZ), []
-    t = np.arange(round(seconds * blind_do328.FLOWN_HZ) + 1) / blind_do328.FLOWN_HZ
+    every, records = round(FLOWN_HZ / RATE_HZ), []
+    t = np.arange(round(seconds * FLOWN_HZ) + 1) / FLOWN_HZ
     for i, name in enumerate(RECORDS):
-        inputs = draw_segments(rng, seconds, blind_do328.UNITS_S, throttle=True)
-        flown = blind_do328.fly(name, t, histories(inputs, t, blind_do328.SIZES), hidden, seed=SEED + i)
+        inputs = draw_segments(rng, seconds, blind_do328.plane().units_s, throttle=True)
+        flown = blind_do328.plane().fly(name, t, histories(inputs, t, blind_do328.plane().sizes), hidden, seed=SEED + i)
         read = {}
         for channel in (*CHANNELS, "delta_e", "delta_a", "delta_r", "thrust", "rho"):
             exact = flown[channel][::every]
             sigma = NOISE[channel] * (float(np.mean(exact)) if channel == "thrust" else 1.0)
             read[channel] = exact + sigma * rng.standard_normal(len(exact))
         records.append(Record(name=name, t=t[::every], channels=read))
-    aircraft = blind_do328.exact(blind_do328.level_flight())
+    aircraft = blind_do328.plane().aircraft
     off = {n: v * (1.0 + OFF * rng.choice([-1.0, 1.0])) for n, v in aircraft.derivatives.items()}
     return aircraft.with_derivatives(off), records
 

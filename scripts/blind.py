@@ -2,17 +2,18 @@
 
 Question     how often is the hidden effect named first, how often something wrong, on clean data, on two effects at
              once, on effects that the catalogue does not have; are sizes and onsets inside their intervals?
-Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSBSim with the effect made there; the
-             same with "_instruments": recorded by instruments as they are (`problems.blind.instruments`). Every
-             set has four records and an aircraft file with derivatives that are 10 to 30 % off; inputs, rates, noise,
-             kind, place, size and onset come from the seed. Seeds below 1000 are for development, seeds from 1000 on
+Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSBSim with the effect made there; "f16":
+             the F-16 of NASA's check cases, on its tables and in closed loop (CASID_DATA names its files); the same
+             with "_instruments": recorded by instruments as they are (`problems.blind.instruments`). Every set has
+             four records and an aircraft file with derivatives that are 10 to 30 % off; inputs, rates, noise, kind,
+             place, size and onset come from the seed. Seeds below 1000 are for development, seeds from 1000 on
              for reported results. The sealed answers are opened only when all diagnoses are done; the process that
              diagnoses is given nothing but the folder with records and aircraft file.
 Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean data without a name.
              DIR/blind.md, DIR/blind.csv (a line per set), DIR/confusion_<set>.csv and .svg, DIR/run.json. Ctrl-C
              makes them of the sets that are finished; the same command resumes, also after worse.
 
-    python scripts/blind.py [--sets do328 jsbsim do328_instruments jsbsim_instruments] [--seeds 1..1] [--kinds GLOB ...]
+    python scripts/blind.py [--sets do328 jsbsim f16 do328_instruments ...] [--seeds 1..1] [--kinds GLOB ...]
         [--sizes 1 0.5 0.25] [--naming rules|score] [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
         [--table FILE]
 """

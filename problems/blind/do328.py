@@ -1,193 +1,25 @@
-"""The Do 328 as a blind aircraft: flown by casid with effects of its own vocabulary, at four times the recorded rate
-or more, so that truth and estimate do not share a step."""
+"""The Do 328 as a blind aircraft, flown by casid."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
-import casadi as ca
-import numpy as np
-from scipy import signal
-from scipy.optimize import root
-
-from casid.errors import InputError
-from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.applied import Applied, apply_effects
-from casid.model.effects import effect_of
-from casid.model.operators import TURNING
-from casid.model.path import OUTPUTS
-from casid.model.simulate import simulate
-from casid.model.trim import Trim, trim
-from casid.records.record import Record
-from casid.signals import SURFACES
-from problems.blind.case import Hidden
-from problems.blind.outside import SIGNALS, Outside, along
+from casid.model.trim import trim
+from problems.blind.flown import Flown
 from problems.do328 import THRUST, V_TRIM, do328
 
-FLOWN_HZ = 200.0
-SIZES: Mapping[str, float] = {"delta_e": 0.035, "delta_a": 0.055, "delta_r": 0.055, "throttle": 0.25}
-UNITS_S: Mapping[str, float] = {"delta_e": 0.6, "delta_a": 0.8, "delta_r": 0.9, "throttle": 1.2}
-_PICARD, _SETTLED = 25, 1e-7
+_SPAN = 20.98  # m; the lengths of its rates are half of 20.8 m
 
 
-def exact(level: Trim) -> Aircraft:
-    """The healthy aircraft with its trim point."""
+@cache
+def plane() -> Flown:
+    level = trim(do328(), V=V_TRIM, thrust=THRUST)
     at = {"V": level.V, "alpha": level.alpha, "theta": level.theta, **level.inputs}
-    return replace(do328(), trim=at, relative_uncertainty=0.3)
-
-
-def level_flight() -> Trim:
-    return trim(do328(), V=V_TRIM, thrust=THRUST)
-
-
-def fly(
-    name: str,
-    t: np.ndarray,
-    deviations: Mapping[str, np.ndarray],
-    hidden: Sequence[Hidden] = (),
-    outside: Outside | None = None,
-    seed: int = 0,
-) -> Record:
-    """One record at FLOWN_HZ, without noise: outputs, commanded surfaces, thrust, density.
-
-    deviations  of the controls from trim, (N,) each; the throttle as a fraction of the trim thrust
-    outside     acts in this record beside `hidden`;  seed  of the turbulence
-    Raises InputError when the motion diverges.
-    """
-    level = level_flight()
-    here = [one for one in hidden if name in one.records]
-    values = [effect_value(one) for one in here if one.kind != "turbulence"]
-    instruments = [value for value in values if effect_of(value).output is not None]
-    aircraft = exact(level).with_effects([value for value in values if value not in instruments])
-    record = _commanded(name, t, deviations, level.inputs)
-    start, at_trim = _trimmed(apply_effects(aircraft, [record], outputs=OUTPUTS), level)
-    applied = apply_effects(aircraft, [_commanded(name, t, deviations, at_trim)], outputs=OUTPUTS)
-    gusts = dict[str, np.ndarray]()
-    for one in here:
-        if one.kind == "turbulence":
-            gusts = air(t, one.value, seed)
-    if any(one.kind in ("wind_shear", "gust") for one in here):
-        in_truth = exact(level).with_effects([v for v in aircraft.effects if not v.kind.startswith("sensor_")])
-        record = _with_attitude(in_truth, applied.records[0], start, gusts, outside)
-        applied = apply_effects(aircraft, [record], outputs=OUTPUTS)
-    outputs = _flown(applied, start, gusts, outside)
-    read = dict(applied.records[0].channels) | dict(zip(OUTPUTS, outputs.T, strict=True))
-    for value in instruments:
-        effect = effect_of(value)
-        assert effect.output is not None
-        read |= effect.output(t, read, {"value": value.value, **value.parameters})
-    return Record(name=name, t=t, channels=read)
-
-
-def _with_attitude(
-    aircraft: Aircraft, record: Record, start: np.ndarray, gusts: Mapping[str, np.ndarray], outside: Outside | None
-) -> Record:
-    """The record with the attitude in which the aircraft meets a wind that stays where it is, over the ground."""
-    before = np.zeros(0)
-    for _ in range(_PICARD + 1):
-        outputs = _flown(apply_effects(aircraft, [record], outputs=OUTPUTS), start, gusts, outside)
-        record = record.with_channels(**{key: outputs[:, OUTPUTS.index(key)] for key in TURNING})
-        if len(before) and np.abs(outputs - before).max() < _SETTLED * np.abs(outputs).max():
-            break
-        before = outputs
-    return record
-
-
-def effect_value(hidden: Hidden) -> EffectValue:
-    """The entry of an aircraft file."""
-    onsets = {r: (at, at) for r, at in hidden.onset_s.items()} if hidden.onset_s else None
-    parameters = {k: v for k, v in hidden.parameters.items() if k != "share"}
-    return EffectValue(
-        kind=hidden.kind,
-        target=hidden.target,
-        term=hidden.term,
-        value=hidden.value,
-        records=hidden.records,
-        onset_s=onsets,
-        parameters=parameters,
+    return Flown(
+        aircraft=replace(do328(), trim=at, relative_uncertainty=0.3),
+        level=level,
+        span=_SPAN,
+        sizes={"delta_e": 0.035, "delta_a": 0.055, "delta_r": 0.055, "throttle": 0.25},
+        units_s={"delta_e": 0.6, "delta_a": 0.8, "delta_r": 0.9, "throttle": 1.2},
     )
-
-
-def _commanded(name: str, t: np.ndarray, deviations: Mapping[str, np.ndarray], at_trim: Mapping[str, float]) -> Record:
-    channels = {key: at_trim[key] + deviations[key] for key in SURFACES}
-    channels["thrust"] = at_trim["thrust"] + THRUST * deviations["throttle"]
-    return Record(name=name, t=t, channels={**channels, "rho": np.full_like(t, at_trim["rho"])})
-
-
-def _trimmed(applied: Applied, level: Trim) -> tuple[np.ndarray, dict[str, float]]:
-    """Level flight at the trim speed and density with the effects of the file in force: state and inputs."""
-    model = applied.model
-    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
-    p, calm = model.nominal_vector(), np.zeros(len(model.disturbances))
-    fixed = {name: float(applied.records[0][name][0]) for name in model.inputs}
-
-    def at(z: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        alpha, phi, *surfaces, thrust = z.tolist()
-        controls = fixed | dict(zip(SURFACES, surfaces, strict=True)) | {"thrust": THRUST * thrust}
-        return np.array([level.V * np.cos(alpha), 0.0, level.V * np.sin(alpha), 0.0, 0.0, 0.0, phi, alpha]), controls
-
-    def imbalance(z: np.ndarray) -> np.ndarray:
-        x, controls = at(z)
-        return f(x, [controls[name] for name in model.inputs], p, calm).full()[:6, 0]
-
-    solution = root(imbalance, np.array([level.alpha, 0.0, level.delta_e, 0.0, 0.0, 1.0]), tol=1e-12)
-    if np.abs(imbalance(solution.x)).max() > 1e-6:
-        raise InputError(f"Do 328 with a hidden effect has no steady flight ({solution.message})")
-    return at(solution.x)
-
-
-def _flown(applied: Applied, start: np.ndarray, gusts: Mapping[str, np.ndarray], outside: Outside | None) -> np.ndarray:
-    """(N, outputs). An effect outside the catalogue follows the motion that it changes: by iteration."""
-    record = applied.records[0]
-    flown = simulate(applied.model, record, start, disturbances=dict(gusts))
-    if outside is None:
-        return flown.outputs
-    for _ in range(_PICARD):
-        seen = {name: flown.output(name) for name in SIGNALS}
-        acting = {f"d{name}": series for name, series in along(outside, record.t, seen).items()}
-        again = simulate(applied.model, record, start, disturbances={**gusts, **acting})
-        change = np.abs(again.states - flown.states).max()
-        flown = again
-        if change < _SETTLED * np.abs(flown.states).max():
-            return flown.outputs
-    raise InputError(f"Do 328: the motion under '{outside.kind}' does not settle; choose a smaller size")
-
-
-def air(t: np.ndarray, sigma: float, seed: int) -> dict[str, np.ndarray]:
-    """The turbulence of the flight with that seed, see `turbulence`."""
-    return turbulence(np.random.default_rng([seed, 3]), t, sigma, V_TRIM)
-
-
-def turbulence(rng: np.random.Generator, t: np.ndarray, sigma: float, V: float) -> dict[str, np.ndarray]:
-    """Dryden turbulence (MIL-F-8785C, above 2000 ft: L = 533 m): velocity [m/s] and rotation [rad/s] of the air,
-    r.m.s. velocity `sigma` per axis, (N,) each by disturbance station."""
-    dt, L, span = float(t[1] - t[0]), 533.0, 20.98
-    lead = int(200.0 / dt)  # some 50 time constants: stationary when the record begins
-
-    def filtered(numerator: Sequence[float], denominator: Sequence[float]) -> np.ndarray:
-        white = rng.standard_normal(lead + len(t)) / np.sqrt(dt)
-        b, a = signal.bilinear(numerator, denominator, 1.0 / dt)
-        return np.asarray(signal.lfilter(b, a, white))[lead:]
-
-    T = L / V
-    longitudinal = sigma * np.sqrt(2.0 * T) * filtered([1.0], [T, 1.0])
-    across = [sigma * np.sqrt(T) * filtered([np.sqrt(3.0) * T, 1.0], [T**2, 2.0 * T, 1.0]) for _ in "yz"]
-    roll_T = 4.0 * span / (np.pi * V)
-    roll = sigma * np.sqrt(0.8 * (np.pi * L / (4.0 * span)) ** (1.0 / 3.0) / (L * V)) * filtered([1.0], [roll_T, 1.0])
-    pitch_T, yaw_T = 4.0 * span / (np.pi * V), 3.0 * span / (np.pi * V)
-    rate = [_rate(w, V, T_, dt) for w, T_ in ((across[1], pitch_T), (across[0], yaw_T))]
-    return {
-        "wind_x": longitudinal,
-        "wind_y": across[0],
-        "wind_z": across[1],
-        "gust_p": roll,
-        "gust_q": -rate[0],
-        "gust_r": rate[1],
-    }
-
-
-def _rate(w: np.ndarray, V: float, time_constant: float, dt: float) -> np.ndarray:
-    """Rotation of the air from the gradient of a velocity along the path."""
-    b, a = signal.bilinear([1.0 / V, 0.0], [time_constant, 1.0], 1.0 / dt)
-    return np.asarray(signal.lfilter(b, a, w - w[0]))

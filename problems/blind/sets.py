@@ -3,10 +3,10 @@
     python -c "from problems.blind import hide; hide('jsbsim', 'actuator_lag', 3, 'sets', 'answers')"
 
 writes sets/<name>/m1.csv .. m4.csv and aircraft.toml, which know nothing of it, and answers/<name>.json. The name says
-nothing either. Sets of "do328" are flown by casid with its own effects; sets of "jsbsim" by JSBSim, with the effect
-made there. Both also come as instruments as they are record them (`instruments`): "do328_instruments" and
-"jsbsim_instruments". Seeds below REPORTING_FROM are for development, the others for reported results; in "jsbsim" the
-two do not even share an aircraft.
+nothing either. Sets of "do328" and "f16" are flown by casid with its own effects, the F-16 on its tables and in closed
+loop; sets of "jsbsim" by JSBSim, with the effect made there. All also come as instruments as they are record them
+(`instruments`): "do328_instruments" and so on. Seeds below REPORTING_FROM are for development, the others for reported
+results; in "jsbsim" the two do not even share an aircraft.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,11 @@ from casid.model.vocabulary import KINDS
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.signals import SURFACES
-from problems.blind import do328 as blind_do328
+from problems.blind import do328, f16
 from problems.blind import jsbsim as blind_jsbsim
 from problems.blind.case import NOT_DRAWN, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
+from problems.blind.flown import Flown
 from problems.blind.instruments import Instruments
 from problems.blind.manoeuvres import Segment, draw_segments, histories
 from problems.blind.outside import SIGNALS, Outside, along, drift
@@ -43,7 +45,9 @@ from problems.jsbsim.flight import NOISE
 
 REPORTING_FROM = 1000
 WITH_INSTRUMENTS = "_instruments"
-SETS = ("do328", "jsbsim", "do328" + WITH_INSTRUMENTS, "jsbsim" + WITH_INSTRUMENTS)
+_FLOWN = MappingProxyType({"do328": do328.plane, "f16": f16.plane})  # by casid
+_AIRCRAFT = ("do328", "jsbsim", "f16")
+SETS = (*_AIRCRAFT, *(name + WITH_INSTRUMENTS for name in _AIRCRAFT))
 CASES: tuple[str, ...] = (
     *(f"clean-{i}" for i in range(1, 11)),
     *(kind for kind in KINDS if kind not in NOT_DRAWN),
@@ -120,7 +124,7 @@ class _Plan:
     seed: int
     durations: tuple[float, ...]
     segments: tuple[tuple[Segment, ...], ...]
-    frame: Airframe | None
+    by: Airframe | Flown
     sizes: Mapping[str, float]
 
     def fly(self, healthy: Sequence[Record], hidden: Sequence[Hidden], outside: Outside | None = None) -> list[Record]:
@@ -132,10 +136,10 @@ class _Plan:
                 continue
             t = np.arange(round(self.durations[i] * RATE_HZ) + 1) / RATE_HZ
             deviations = histories(self.segments[i], t, self.sizes)
-            if self.frame is None:
-                record = blind_do328.fly(name, t, deviations, hidden, outside, self.seed + i)
+            if isinstance(self.by, Flown):
+                record = self.by.fly(name, t, deviations, hidden, outside, self.seed + i)
             else:
-                record = blind_jsbsim.fly(self.frame, name, deviations, hidden, outside, self.seed + i)[1]
+                record = blind_jsbsim.fly(self.by, name, deviations, hidden, outside, self.seed + i)[1]
             for channel, most in _MOST.items():
                 if not np.abs(record[channel] - record[channel][0]).max() < most:
                     raise InputError(f"record {name}: {channel} leaves the range of a manoeuvre")
@@ -144,13 +148,8 @@ class _Plan:
 
 
 def _plan(of: str, case: str, seed: int, rng: np.random.Generator) -> _Plan:
-    frame, sizes, units = None, blind_do328.SIZES, blind_do328.UNITS_S
-    if of.startswith("jsbsim"):
-        able = [fleet_airframe(n) for n in (DEVELOPMENT if seed < REPORTING_FROM else REPORTING)]
-        if case == "configuration_change":
-            able = [one for one in able if one.configuration]
-        frame = able[rng.integers(len(able))]
-        sizes, units = frame.sizes, frame.units_s
+    aircraft = of.removesuffix(WITH_INSTRUMENTS)
+    by = _FLOWN[aircraft]() if aircraft in _FLOWN else _of_the_fleet(case, seed, rng)
     amplitude = float(rng.uniform(0.85, 1.15))
     durations = tuple(float(round(d)) for d in rng.uniform(21.0, 30.0, len(RECORDS)))
     throttled = rng.random(len(RECORDS)) < 0.6
@@ -160,10 +159,17 @@ def _plan(of: str, case: str, seed: int, rng: np.random.Generator) -> _Plan:
         noise=float(np.exp(rng.uniform(np.log(0.5), np.log(1.8)))),
         seed=int(rng.integers(2**31)),
         durations=durations,
-        frame=frame,
-        segments=tuple(draw_segments(rng, d, units, bool(t)) for d, t in zip(durations, throttled, strict=True)),
-        sizes={name: amplitude * size for name, size in sizes.items()},
+        by=by,
+        segments=tuple(draw_segments(rng, d, by.units_s, bool(t)) for d, t in zip(durations, throttled, strict=True)),
+        sizes={name: amplitude * size for name, size in by.sizes.items()},
     )
+
+
+def _of_the_fleet(case: str, seed: int, rng: np.random.Generator) -> Airframe:
+    able = [fleet_airframe(n) for n in (DEVELOPMENT if seed < REPORTING_FROM else REPORTING)]
+    if case == "configuration_change":
+        able = [one for one in able if one.configuration]
+    return able[rng.integers(len(able))]
 
 
 def _attempt(of: str, case: str, seed: int, size: float, rng: np.random.Generator) -> Set:
@@ -208,22 +214,25 @@ def _attempt(of: str, case: str, seed: int, size: float, rng: np.random.Generato
 
 def _scene(plan: _Plan, healthy: Sequence[Record]) -> tuple[Scene, Aircraft, Regression]:
     """The flight to hide something in, the aircraft without aerodynamics, and its exact aerodynamics."""
-    if plan.frame is None:
-        bare = blind_do328.exact(blind_do328.level_flight())
+    if isinstance(plan.by, Flown) and plan.by.aircraft.aerodynamics is None:
+        bare = plan.by.aircraft
         values = {c: _by_term(bare, c) for c in bare.coefficients}
         found = Regression(values=values, R2=dict.fromkeys(values, 1.0))
         structure = {c: tuple(terms) for c, terms in values.items()}
+    elif isinstance(plan.by, Flown):
+        bare = f16.without_aerodynamics(plan.by)
+        structure, found = demanded(bare, [_thinned(r) for r in healthy])
     else:
-        log, record = blind_jsbsim.fly(plan.frame, "trim", {name: np.zeros(20) for name in (*SURFACES, "throttle")})
-        bare = geometry(plan.frame.name, log, record)
+        log, record = blind_jsbsim.fly(plan.by, "trim", {name: np.zeros(20) for name in (*SURFACES, "throttle")})
+        bare = geometry(plan.by.name, log, record)
         structure, found = demanded(bare, [_thinned(r) for r in healthy])
     scene = Scene(
         aircraft=bare,
         records=tuple(_thinned(r) for r in healthy),
         structure=structure,
         sizes=plan.sizes,
-        configuration={} if plan.frame is None else plan.frame.configuration_steps,
-        free_steps=plan.frame is None,
+        configuration={} if isinstance(plan.by, Flown) else plan.by.configuration_steps,
+        free_steps=isinstance(plan.by, Flown),
     )
     return scene, bare, found
 
@@ -291,12 +300,12 @@ def _as_flown(hidden: Hidden, plan: _Plan) -> Hidden:
     squares = []
     for i, name in enumerate(RECORDS):
         t = np.arange(round(plan.durations[i] * RATE_HZ) + 1) / RATE_HZ
-        if plan.frame is None:
-            met = blind_do328.air(t, hidden.value, plan.seed + i)
+        if isinstance(plan.by, Flown):
+            met = plan.by.air(t, hidden.value, plan.seed + i)
             squares += [np.mean(met[f"wind_{axis}"] ** 2) for axis in "xyz"]
         else:
             still = {n: np.zeros_like(t) for n in (*SURFACES, "throttle")}
-            log, _ = blind_jsbsim.fly(plan.frame, name, still, [hidden], None, plan.seed + i)
+            log, _ = blind_jsbsim.fly(plan.by, name, still, [hidden], None, plan.seed + i)
             squares += [np.mean(log.channels[f"turb_{axis}"] ** 2) for axis in "xyz"]
     return replace(hidden, value=float(f"{np.sqrt(np.mean(squares)):.4g}"))
 

@@ -42,7 +42,7 @@ from casid.model.causes import (
 )
 from casid.model.effects import catalogue
 from casid.report.lead import pictures
-from problems.blind.do328 import turbulence
+from problems.blind.flown import turbulence
 from problems.do328 import V_TRIM, do328
 
 HIDDEN = [
@@ -143,7 +143,7 @@ def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missin
 def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> None:
     """Dryden turbulence of 1 m/s: its first-order model has it within three of its sigmas; and one naming is enough."""
     t, said = np.arange(0.0, 20.0, 1.0 / 25.0), list[str]()
-    records = flights(seed=7, count=4, disturbance=turbulence(np.random.default_rng(7), t, 1.0, V_TRIM))
+    records = flights(seed=7, count=4, disturbance=turbulence(np.random.default_rng(7), t, 1.0, V_TRIM, 20.98))
     found = diagnose(rough_file(), records, report=said.append)
     assert said.count("naming, round 1") == 1
     assert [c.kind for c in found.causes] == ["turbulence"], str(found)

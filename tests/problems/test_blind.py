@@ -23,6 +23,7 @@ from problems.blind import do328 as blind_do328
 from problems.blind import jsbsim as blind_jsbsim
 from problems.blind.case import FAMILIES, NOT_DRAWN, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
+from problems.blind.flown import FLOWN_HZ, effect_value, turbulence
 from problems.blind.manoeuvres import CONTROLS, draw_segments, histories
 from problems.blind.outside import SIGNALS, Outside, along
 from problems.blind.scene import Scene, even_products
@@ -33,28 +34,28 @@ from problems.jsbsim.airframe import RATE_HZ
 from problems.jsbsim.apriori import coefficients, geometry, regress, regressors_of
 from problems.jsbsim.fleet import DEVELOPMENT, REPORTING, fleet_airframe
 
-T = np.arange(0.0, 20.0, 1.0 / blind_do328.FLOWN_HZ)
+T = np.arange(0.0, 20.0, 1.0 / FLOWN_HZ)
 
 
 @lru_cache
 def deviations() -> dict[str, np.ndarray]:
-    segments = draw_segments(np.random.default_rng(5), 20.0, blind_do328.UNITS_S, throttle=True)
-    return histories(segments, T, blind_do328.SIZES)
+    segments = draw_segments(np.random.default_rng(5), 20.0, blind_do328.plane().units_s, throttle=True)
+    return histories(segments, T, blind_do328.plane().sizes)
 
 
 @lru_cache
 def healthy() -> Record:
-    return blind_do328.fly("m1", T, deviations())
+    return blind_do328.plane().fly("m1", T, deviations())
 
 
 def flown(*hidden: Hidden, outside: Outside | None = None) -> Record:
-    return blind_do328.fly("m1", T, deviations(), hidden, outside, seed=3)
+    return blind_do328.plane().fly("m1", T, deviations(), hidden, outside, seed=3)
 
 
 @lru_cache
 def scene() -> Scene:
     """Four times the same flight of the Do 328."""
-    aircraft = blind_do328.exact(blind_do328.level_flight())
+    aircraft = blind_do328.plane().aircraft
     records = tuple(healthy().between(0.0, 20.0, name) for name in RECORDS)
     structure = {
         c: ("0", "alpha", "q", "delta_e") if c in ("CL", "CD", "Cm") else ("0", "beta", "p", "r", "delta_a", "delta_r")
@@ -64,7 +65,7 @@ def scene() -> Scene:
         aircraft=aircraft,
         records=records,
         structure=structure,
-        sizes=blind_do328.SIZES,
+        sizes=blind_do328.plane().sizes,
         configuration={"CL": 0.1, "CD": 0.02},
         free_steps=True,
     )
@@ -100,8 +101,8 @@ def test_the_solver_is_told_nothing(of: str, tmp_path: Path) -> None:
 
 
 def test_names_do_not_follow_the_case() -> None:
-    names = {set_name(of, case, seed) for of in ("do328", "jsbsim") for case in CASES for seed in range(5)}
-    assert len(names) == 2 * len(CASES) * 5
+    names = {set_name(of, case, seed) for of in ("do328", "jsbsim", "f16") for case in CASES for seed in range(5)}
+    assert len(names) == 3 * len(CASES) * 5
     assert all(len(name) == 10 and set(name) <= set("0123456789abcdef") for name in names)
 
 
@@ -119,7 +120,7 @@ def test_every_kind_is_drawn_in_the_words_of_the_vocabulary(kind: str) -> None:
         assert one.value != 0.0
         assert set(one.records) <= set(RECORDS)
         if kind != "turbulence":
-            assert blind_do328.effect_value(one).unit == one.unit
+            assert effect_value(one).unit == one.unit
         if one.onset_s is not None:
             assert set(one.onset_s) == set(one.records)
             edge = Criteria().screening.edge
@@ -169,7 +170,7 @@ def test_an_instrument_fault_shows_in_its_channel_alone(hidden: Hidden, channel:
     if hidden.kind == "sensor_bias":
         np.testing.assert_allclose(faulty["q"] - right["q"], 0.006, atol=1e-12)
     if hidden.kind == "sensor_delay":
-        shift = round(0.1 * blind_do328.FLOWN_HZ)
+        shift = round(0.1 * FLOWN_HZ)
         np.testing.assert_allclose(faulty["alpha"][shift:], right["alpha"][:-shift], atol=1e-9)
 
 
@@ -188,11 +189,11 @@ def test_flight_begins_in_steady_flight_with_the_effect_in_force() -> None:
 def test_wind_meets_the_aircraft_and_not_what_its_instruments_say() -> None:
     """A shear that stays over the ground turns with the true heading: what is flown with a biased yaw rate, from
     which a heading would be wrong by 8 deg, differs in that reading alone."""
-    t = np.arange(0.0, 12.0, 1.0 / blind_do328.FLOWN_HZ)
+    t = np.arange(0.0, 12.0, 1.0 / FLOWN_HZ)
     turn = {"delta_a": 0.03 * ((t > 2.0) & (t < 4.0)), "delta_r": 0.0 * t, "delta_e": 0.0 * t, "throttle": 0.0 * t}
     shear = Hidden(kind="wind_shear", target="x", value=-0.4, onset_s={"m1": 3.0}, records=("m1",))
     bias = Hidden(kind="sensor_bias", target="r", value=0.012)
-    one, both = (blind_do328.fly("m1", t, turn, hidden) for hidden in ((shear,), (shear, bias)))
+    one, both = (blind_do328.plane().fly("m1", t, turn, hidden) for hidden in ((shear,), (shear, bias)))
     assert np.abs(one["phi"]).max() > 0.1, "it does not turn"
     for channel in ("V", "beta", "p", "phi", "ay"):
         assert both[channel] == pytest.approx(one[channel], abs=1e-9)
@@ -201,7 +202,7 @@ def test_wind_meets_the_aircraft_and_not_what_its_instruments_say() -> None:
 
 def test_turbulence_has_its_rms() -> None:
     """r.m.s. per axis over an hour, within 15 % (some 300 correlation lengths)."""
-    gusts = blind_do328.turbulence(np.random.default_rng(1), np.arange(0.0, 3600.0, 0.05), 1.5, 144.0)
+    gusts = turbulence(np.random.default_rng(1), np.arange(0.0, 3600.0, 0.05), 1.5, 144.0, 20.98)
     for axis in "xyz":
         assert np.std(gusts[f"wind_{axis}"]) == pytest.approx(1.5, rel=0.15)
 
@@ -209,11 +210,11 @@ def test_turbulence_has_its_rms() -> None:
 def test_manoeuvres_move_every_surface_and_return() -> None:
     for seed in range(30):
         t = np.arange(0.0, 24.0, 0.01)
-        segments = draw_segments(np.random.default_rng(seed), 24.0, blind_do328.UNITS_S, throttle=seed % 2 == 0)
-        moved = histories(segments, t, blind_do328.SIZES)
+        segments = draw_segments(np.random.default_rng(seed), 24.0, blind_do328.plane().units_s, throttle=seed % 2 == 0)
+        moved = histories(segments, t, blind_do328.plane().sizes)
         for name in CONTROLS[:3]:
-            assert np.ptp(moved[name]) > blind_do328.SIZES[name]
-            assert abs(moved[name]).max() < 2.5 * blind_do328.SIZES[name]
+            assert np.ptp(moved[name]) > blind_do328.plane().sizes[name]
+            assert abs(moved[name]).max() < 2.5 * blind_do328.plane().sizes[name]
             assert moved[name][-1] == pytest.approx(0.0, abs=1e-3)
         assert bool(np.ptp(moved["throttle"])) == (seed % 2 == 0)
 
@@ -224,7 +225,7 @@ def test_an_effect_outside_follows_the_motion_that_it_makes(kind: str) -> None:
     outside = Outside(kind=kind, target="Cl", size=0.002, V=144.0, frequency_hz=0.8, threshold=0.05)
     record = flown(outside=outside)
     law = along(outside, record.t, {name: record[name] for name in SIGNALS})
-    aircraft = blind_do328.exact(blind_do328.level_flight())
+    aircraft = blind_do328.plane().aircraft
     found, of_law = coefficients(aircraft, record), {"Cl": 0.0, "Cm": 0.0, "Cn": 0.0} | law
     variables = regressors_of(aircraft, record) | {"0": 1.0}
     for name in ("Cl", "Cm", "Cn"):

@@ -23,7 +23,7 @@ from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, win
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.records.record import Record
-from problems.blind import do328 as blind_do328
+from problems.blind import flown
 from problems.do328 import STABLE, V_TRIM, do328
 
 _T = np.arange(0.0, 20.0, 1.0 / 25.0)
@@ -95,7 +95,7 @@ def matters(effect: Effect) -> float:
 
 @cache
 def _in_turbulence() -> Flight:
-    air = blind_do328.turbulence(np.random.default_rng(7), _T, 1.0, V_TRIM)
+    air = flown.turbulence(np.random.default_rng(7), _T, 1.0, V_TRIM, 20.98)
     return prepare(rough_file(), flights(seed=7, count=3, disturbance=air))
 
 
