@@ -67,11 +67,13 @@ def number(value: Any, what: str, *, least: float | None = None, positive: bool 
     """`value` as a finite float, not below `least`; InputError otherwise."""
     wanted = "a positive number" if positive else "a finite number" if least is None else f"a number from {least:g} on"
     plain = value.item() if getattr(value, "shape", None) == () else value  # a numpy scalar
-    if isinstance(plain, bool) or not isinstance(plain, Real):
-        raise InputError(f"{what} is {given(value)}; expected {wanted}")
-    result = float(plain)
+    try:
+        result = math.nan if isinstance(plain, bool) or not isinstance(plain, Real) else float(plain)
+    except OverflowError:  # an integer of hundreds of digits
+        result = math.nan
     if not math.isfinite(result) or (positive and result <= 0.0) or (least is not None and result < least):
-        raise InputError(f"{what} is {result:g}; expected {wanted}")
+        stands = given(plain) if math.isnan(result) else f"{result:g}"
+        raise InputError(f"{what} is {stands}; expected {wanted}")
     return result
 
 

@@ -30,6 +30,16 @@ def repo() -> Path:
     return REPO
 
 
+def data_folder(name: str, file: str) -> Path | None:
+    """The data folder `name` that holds `file`, where CASID_DATA says, or in ../shared/data beside the checkout; None
+    when there is none.
+
+    CASID_DATA is that folder, the one that holds it, or one beside it.
+    """
+    root = Path(os.environ.get("CASID_DATA") or REPO.parent / "shared" / "data")
+    return next((one for one in (root / name, root, root.parent / name) if (one / file).is_file()), None)
+
+
 @pytest.fixture(scope="session")
 def flight_data() -> Path:
     """Folder with the flight records of Jategaonkar's book (hfb320_1_10.asc, fAttasElv1.mat, ...).
@@ -37,12 +47,9 @@ def flight_data() -> Path:
     CASID_DATA names that folder or the one that holds it as `fvsysid`; without it, ../shared/data beside the checkout.
     The test is skipped when there is none, and fails when CASID_DATA is set but wrong.
     """
-    named = os.environ.get("CASID_DATA")
-    root = Path(named) if named else REPO.parent / "shared" / "data"
-    for folder in (root / "fvsysid", root):
-        if (folder / FLIGHT_DATA_FILE).is_file():
-            return folder
-    if named:
+    if (folder := data_folder("fvsysid", FLIGHT_DATA_FILE)) is not None:
+        return folder
+    if named := os.environ.get("CASID_DATA"):
         pytest.fail(
             f"CASID_DATA={named} holds no {FLIGHT_DATA_FILE}; name the folder with the flight records, or unset it"
         )
@@ -58,11 +65,8 @@ def known_faults_data() -> Path:
 
     The test is skipped when there is none.
     """
-    named = os.environ.get("CASID_DATA")
-    root = Path(named) if named else REPO.parent / "shared" / "data"
-    for base in (root, root.parent):
-        if (base / "sidpac" / "totter_f1_017.raw.csv").is_file():
-            return base / "sidpac"
+    if (folder := data_folder("sidpac", "totter_f1_017.raw.csv")) is not None:
+        return folder
     pytest.skip(
         "no flights with known faults: convert the sample records of SIDPAC (NASA) into a folder 'sidpac' beside the "
         "flight data and set CASID_DATA to the folder that holds both"
@@ -75,11 +79,8 @@ def regression_data() -> Path:
 
     The test is skipped when there is none.
     """
-    named = os.environ.get("CASID_DATA")
-    root = Path(named) if named else REPO.parent / "shared" / "data"
-    for base in (root, root.parent):
-        if (base / "strd" / "MGH17.dat").is_file():
-            return base / "strd"
+    if (folder := data_folder("strd", "MGH17.dat")) is not None:
+        return folder
     pytest.skip(
         "no reference data: get the nonlinear regression sets of NIST/ITL StRD (itl.nist.gov/div898/strd) into a "
         "folder 'strd' and set CASID_DATA to the folder that holds it"

@@ -11,11 +11,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from casid.arguments import a_path
+from casid.arguments import a_path, number, numbers_by_name
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
 from casid.model.aerodynamics import Aerodynamics
-from casid.model.aircraft_file import number, number_table, numbers, toml_text
+from casid.model.aircraft_file import numbers, toml_text
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
 from casid.model.airframe import Inertia
 from casid.model.daveml import fields_of_daveml
@@ -117,7 +117,7 @@ class Aircraft:
         values["engine_y"] = numbers(self.engine_y, "'engine_y'")
         for name in POSITIONS:
             values[name] = numbers(getattr(self, name), f"'{name}'", 3)
-        values["relative_uncertainty"] = number(self.relative_uncertainty, "'relative_uncertainty'", non_negative=True)
+        values["relative_uncertainty"] = number(self.relative_uncertainty, "'relative_uncertainty'", least=0.0)
         values["noise"] = _checked(self.noise, [c for c in CHANNELS if c != "t"], "noise", "channel", CHANNELS)
         values["trim"] = _checked(self.trim, _TRIM, "trim", "key", _POSITIVE_TRIM)
         if self.force_axes not in AXES_COEFFICIENTS:
@@ -148,7 +148,7 @@ class Aircraft:
     def _checked_derivatives(self) -> dict[str, float]:
         if not (self.derivatives or self.tables or self.aerodynamics):
             raise InputError("'derivatives' is empty; give at least one, like Cm_alpha = -1.2")
-        derivatives = number_table(self.derivatives, "derivatives")
+        derivatives = numbers_by_name(self.derivatives, "derivatives")
         for name in derivatives:
             coefficient, term = derivative_term(name, "derivatives")
             self._check_coefficient(coefficient, f"derivatives: '{name}'")
@@ -164,7 +164,7 @@ class Aircraft:
         for coefficient, given in self.terms.items():
             self._check_coefficient(coefficient, "terms")
             table = terms.setdefault(coefficient, {})
-            for spelled, value in number_table(given, f"terms: '{coefficient}'").items():
+            for spelled, value in numbers_by_name(given, f"terms: '{coefficient}'").items():
                 term = parse_term(spelled, f"terms: '{coefficient}'")
                 name = derivative_name(coefficient, term)
                 if term.name in table or name in derivatives:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from casid.arguments import given, number
 from casid.errors import InputError, unknown
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
@@ -28,50 +28,22 @@ def subtable(table: Mapping[str, Any], key: str, section: str) -> dict[str, Any]
     """The table under `key`, empty when absent; raises InputError when something else stands there."""
     value = table.get(key, {})
     if not isinstance(value, dict):
-        raise InputError(f"{section}: '{key}' must be a table of names and values, got {shown(value)}")
+        raise InputError(f"{section}: '{key}' is {given(value)}; expected a table of names and values")
     return value
-
-
-def number(value: Any, what: str, *, positive: bool = False, non_negative: bool = False) -> float:
-    """`value` as a finite float; raises InputError, `what` names it in the message."""
-    wanted = "a positive number" if positive else "a number not below zero" if non_negative else "a finite number"
-    try:
-        result = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        result = math.nan
-    if not math.isfinite(result) or (positive and result <= 0.0) or (non_negative and result < 0.0):
-        raise InputError(f"{what} must be {wanted}, got {shown(value)}")
-    return result
 
 
 def numbers(value: Any, what: str, count: int | None = None) -> tuple[float, ...]:
     """`value` as a tuple of finite floats, `count` of them when given; raises InputError."""
     if not isinstance(value, (list, tuple)) or (count is not None and len(value) != count):
-        raise InputError(f"{what} must be a list of {count or 'finite'} numbers, got {shown(value)}")
+        raise InputError(f"{what} is {given(value)}; expected a list of {count or 'finite'} numbers")
     return tuple(number(item, what) for item in value)
-
-
-def number_table(value: Any, what: str) -> dict[str, float]:
-    """`value` as a name -> finite float table in its order; raises InputError."""
-    if not isinstance(value, Mapping):
-        raise InputError(f"{what} must be a table of names and numbers, got {shown(value)}")
-    return {key: number(item, f"{what}: '{key}'") for key, item in value.items()}
 
 
 def text(value: Any, what: str) -> str:
     """`value` when it is a string; raises InputError."""
     if not isinstance(value, str):
-        raise InputError(f"{what} must be a text in quotes, got {shown(value)}")
+        raise InputError(f"{what} is {given(value)}; expected a text in quotes")
     return value
-
-
-def shown(value: Any) -> str:
-    """A value for a one-line message, cut when it is long; an integer of thousands of digits cannot be printed."""
-    try:
-        result = repr(value)
-    except ValueError:
-        return "a number too large"
-    return result if len(result) <= 40 else result[:37] + "..."
 
 
 def toml_text(sections: Iterable[tuple[str, Mapping[str, Any]]]) -> str:

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from casid.arguments import given, number, numbers_by_name
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
-from casid.model.aircraft_file import check_keys, number, number_table, numbers, quoted, shown, subtable, text
+from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, text
 from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
 from casid.model.daveml import DaveAerodynamics, dave_aerodynamics
 from casid.model.effect_value import EffectValue
@@ -88,7 +89,7 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
             raise InputError(f'{where}: name one file beside held and cm: jsbsim = "plane.xml" or daveml = "plane.dml"')
         return None
     path = folder / text(table[named[0]], f"{where} {named[0]}")
-    held = number_table(table.get("held", {}), f"{where} held")
+    held = numbers_by_name(table.get("held", {}), f"{where} held")
     if "daveml" in table:
         return dave_aerodynamics(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
     return aerodynamics_of(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
@@ -120,7 +121,7 @@ def _effects(tables: Any) -> tuple[EffectValue, ...]:
         for key in ("kind", "target", "term", "unit", "sentence"):
             text(table.get(key, ""), f"{where}: {key}")
         if not isinstance(table.get("records", []), list):
-            raise InputError(f"{where}: records must be a list of names, got {shown(table['records'])}")
+            raise InputError(f"{where}: records is {given(table['records'])}; expected a list of names")
         for key in ("onset_s", "parameters"):
             subtable(table, key, where)
         try:

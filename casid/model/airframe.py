@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from casid.arguments import number
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
-from casid.model.aircraft_file import number
 from casid.model.tables import Table
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")

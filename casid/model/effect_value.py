@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from casid.arguments import given, number, numbers_by_name
 from casid.errors import InputError, unknown
-from casid.model.aircraft_file import number, number_table, numbers, shown, text
+from casid.model.aircraft_file import numbers, text
 from casid.model.vocabulary import KINDS, check_effect, effect_unit
 
 
@@ -51,20 +52,20 @@ class EffectValue:
     def __post_init__(self) -> None:
         where = f"effect '{self.kind}'"
         if isinstance(self.records, str):
-            raise InputError(f"{where}: records must be a list of names, got {shown(self.records)}")
+            raise InputError(f"{where}: records is {given(self.records)}; expected a list of names")
         check_effect(self.kind, self.target, self.term)
         unit = effect_unit(self.kind, self.target, self.term)
         if self.unit not in ("", unit):
-            raise InputError(f"{where}: unit {shown(self.unit)} does not fit; expected '{unit}', a value in SI")
+            raise InputError(f"{where}: unit is {given(self.unit)}; expected '{unit}', a value in SI")
         values = {
             "target": self.target or "",
             "term": KINDS[self.kind].term_named(self.term),
             "value": number(self.value, f"{where}: value"),
-            "std": number(self.std, f"{where}: std", non_negative=True),
+            "std": number(self.std, f"{where}: std", least=0.0),
             "unit": unit,
             "records": tuple(text(name, f"{where}: a name in records") for name in self.records),
             "onset_s": self._onsets(where),
-            "parameters": number_table(self.parameters, f"{where}: parameters"),
+            "parameters": numbers_by_name(self.parameters, f"{where}: parameters"),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)

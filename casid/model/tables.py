@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from casid.arguments import an
+from casid.arguments import an, given, number
 from casid.arguments import names as argument_names
 from casid.errors import InputError, unknown
-from casid.model.aircraft_file import check_keys, number, shown, text
+from casid.model.aircraft_file import check_keys, text
 from casid.model.grid import Grid
 from casid.model.terms import COEFFICIENTS, VARIABLES, parse_term
 
@@ -186,12 +186,12 @@ def read_tables(tables: Mapping[str, Any]) -> tuple[Table, ...]:
     for name, entry in tables.items():
         where = f"[aerodynamics.tables.{name}]"
         if not isinstance(entry, dict):
-            raise InputError(f"{where} must be a table with coefficient, axes, breakpoints, values; got {shown(entry)}")
+            raise InputError(f"{where} is {given(entry)}; expected a table with coefficient, axes, breakpoints, values")
         check_keys(entry, _KEYS, where, _REQUIRED)
         axes = entry["axes"] if isinstance(entry["axes"], list) else [entry["axes"]]
         options = {key: text(entry[key], f"{where}: {key}") for key in ("times", "method", "outside") if key in entry}
         if not isinstance(entry.get("free", False), bool):
-            raise InputError(f"{where}: free must be true or false, got {shown(entry['free'])}")
+            raise InputError(f"{where}: free is {given(entry['free'])}; expected true or false")
         if not isinstance(entry["breakpoints"], list):
             raise InputError(f"{where}: breakpoints must be a list of numbers, or one per axis")
         found.append(

@@ -13,8 +13,8 @@ from typing import Any
 
 import casadi as ca
 
+from casid.arguments import number
 from casid.errors import InputError, unknown
-from casid.model.aircraft_file import number
 from casid.model.airframe import Inertia
 from casid.model.daveml.functions import DaveFile, Values, dave_file
 from casid.model.jsbsim.aircraft import INCREMENTS

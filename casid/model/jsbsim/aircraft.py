@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from casid.arguments import number
 from casid.errors import InputError
-from casid.model.aircraft_file import number
 from casid.model.airframe import Inertia
 from casid.model.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
 from casid.model.jsbsim.mass import mass_properties
