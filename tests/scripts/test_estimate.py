@@ -317,7 +317,7 @@ def test_hfb320_script(flight_data, run_in_process, tmp_path):
 def attas_run(flight_data, load_script, tmp_path_factory) -> tuple[Path, str]:
     """The folder that scripts/attas.py writes, and what it prints.
 
-    Its diagnosis looks at one round and the likeliest causes only: here it has to say that linear models leave something.
+    Its diagnosis looks at one round and the likeliest causes only: it has to say that linear models leave something.
     """
     module, out = load_script("attas"), tmp_path_factory.mktemp("attas")
     numerics = Criteria().numerics

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from scipy.special import expit
 
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
-from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.explanations.predictive import predicted
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.reading import PosteriorReading
 from casid.diagnosis.explanations.refit import Explained, explain
-from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.view import view_of
 from casid.diagnosis.given.as_given import AsGiven
 from casid.diagnosis.given.budget import budget_of
@@ -24,6 +21,8 @@ from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.held_out import held_gains, judge_on
 from casid.diagnosis.judging.verdict import smallest_detectable, turbulence_cause
 from casid.diagnosis.kinematics.kinematics import Turbulence, still_air
+from casid.diagnosis.kinematics.stage import KinematicFindings
+from casid.diagnosis.naming.baseline import Baseline
 from casid.diagnosis.naming.round import Round
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
@@ -32,22 +31,14 @@ from casid.model.causes import turbulence as effect_of_turbulence
 from casid.records.record import Record
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Begun:
-    """Where the naming begins: the file refitted in calm air, with structure that is demanded put in, and the same in
-    the air as it moves, `start`, where that is `turbulence`; the ranking of `kinematic` causes by kinematics alone, and
-    the file as it is `given`, on the fitted and on the held-out records."""
-
-    calm: FlightFit
-    structure: Sequence[Attached]
-    structured: FlightFit
-    start: FlightFit
-    turbulence: Turbulence
-    kinematic: tuple[Candidate, ...]
-    given: AsGiven
-
-
-def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: Stages) -> Diagnosis:
+def by_score(
+    aircraft: Aircraft,
+    begun: Baseline,
+    found: KinematicFindings,
+    given: AsGiven,
+    held: Sequence[Record],
+    stages: Stages,
+) -> Diagnosis:
     """Name causes by the posterior over explanations, and judge the model that has them on `held` records."""
     criteria = begun.calm.criteria
     explained, turbulence, in_air = _explained(begun, criteria.priors, stages.begin)
@@ -79,18 +70,18 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
         minor=reading.minor,
         ranking=candidates[: criteria.numerics.naming.ranking],
         rounds=(Round(candidates=candidates, trials=(), equivalents=(), named=False),),
-        as_given=begun.given.fitted,
+        as_given=given.fitted,
         refitted=view_of(begun.calm),
         extended=view_of(final),
-        held_out_as_given=begun.given.held,
+        held_out_as_given=given.held,
         held_out_refitted=on_held[0],
         held_out_extended=on_held[1],
-        budget=budget_of(begun.given, *on_held),
+        budget=budget_of(given, *on_held),
         bare=first,
         missing_before=before,
         missing_after=after,
         unexplained=tuple(one for one, _ in reading.unexplained),
-        kinematic=begun.kinematic,
+        kinematic=tuple(found.ranked),
         turbulence=turbulence,
         detectable=smallest_detectable(candidates, criteria.verdict),
         seconds=stages.seconds,
@@ -102,7 +93,7 @@ def by_score(aircraft: Aircraft, begun: Begun, held: Sequence[Record], stages: S
     )
 
 
-def _explained(begun: Begun, priors: Priors, begin: Callable[[str], None]) -> tuple[Explained, Turbulence, float]:
+def _explained(begun: Baseline, priors: Priors, begin: Callable[[str], None]) -> tuple[Explained, Turbulence, float]:
     """The posterior in the air as it moves by kinematics; in calm air where that explains as much with the same causes;
     and the probability that the air moves."""
     if not begun.turbulence.named:

@@ -17,6 +17,8 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.view import View, view_of
 from casid.errors import InputError
+from casid.model.applied import values_of
+from casid.model.effects import effect_of
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
@@ -56,6 +58,20 @@ def fly_recorded(
         return fly_as_given(flight.with_records(flight.aircraft, fitted), held, known).mended
     except InputError:
         return None
+
+
+def attached_effects(flight: Flight) -> list[Attached]:
+    """The effects that the aircraft file already has in the records of the flight, to be fitted further."""
+    found = []
+    for value in flight.aircraft.effects:
+        effect = effect_of(value)
+        onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in flight.names}
+        records = tuple(r for r in value.records if r in flight.names)
+        elsewhere = not onsets if effect.timed else bool(value.records) and not records
+        if not effect.stochastic and not elsewhere:
+            values = effect.in_words(values_of(value, effect))  # a time constant below zero acts as its size does
+            found.append(Attached(effect=effect, values=values, onsets=onsets, records=records))
+    return found
 
 
 def _flown(flight: Flight, known: Sequence[Attached]) -> View:

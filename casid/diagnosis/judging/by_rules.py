@@ -1,0 +1,81 @@
+"""The diagnosis from where the naming begins, by rules: causes one by one, kept where held-out records agree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import missing_inputs
+from casid.diagnosis.flight.view import view_of
+from casid.diagnosis.given.as_given import AsGiven
+from casid.diagnosis.given.budget import budget_of
+from casid.diagnosis.given.flight_values import flight_values
+from casid.diagnosis.judging.extension import extended_aircraft
+from casid.diagnosis.judging.kept import keep
+from casid.diagnosis.judging.left import what_is_left
+from casid.diagnosis.judging.verdict import causes_of, smallest_detectable, verdict_of
+from casid.diagnosis.kinematics.stage import KinematicFindings
+from casid.diagnosis.naming.baseline import Baseline, named
+from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.stages import Stages
+from casid.model.aircraft import Aircraft
+from casid.records.record import Record
+
+
+def by_rules(
+    aircraft: Aircraft,
+    begun: Baseline,
+    found: KinematicFindings,
+    given: AsGiven,
+    held: Sequence[Record],
+    stages: Stages,
+) -> Diagnosis:
+    """Name causes one after the other, by rules about what each gains, and judge the model that has them on `held`."""
+    criteria, known = begun.calm.criteria, begun.calm.attached
+    begun, naming = named(begun, found, known, stages.begin)
+    stages.begin("held-out records")
+    kept = keep(held, begun, naming)
+    stages.begin("missing inputs")
+    left = naming.missing if kept.evidence is naming.evidence else tuple(missing_inputs(kept.evidence))
+    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
+    stages.begin("verdict")
+    structure, required = (kept.structure, kept.structure_gain), begun.required
+    causes, minor = causes_of(naming, kept.evidence, begun.turbulence, kept.gains, structure, required, left)
+    minor, unexplained = what_is_left(kept, naming, left, (causes, minor), required)
+    verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
+    bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
+    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
+    candidates = naming.rounds[0].candidates
+    refitted, extended, held_refitted, held_extended = [
+        view_of(one) for one in (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
+    ]
+    values = flight_values(kept.evidence)
+    extended_file = extended_aircraft(begun.calm.flight.aircraft, kept.fit, causes, minor)
+    stages.end()
+    return Diagnosis(
+        verdict=verdict,
+        headline=sentence,
+        sentence=sentence,
+        aircraft=aircraft,
+        extended_aircraft=extended_file,
+        causes=causes,
+        minor=minor,
+        ranking=candidates[: criteria.numerics.naming.ranking],
+        rounds=naming.rounds,
+        as_given=given.fitted,
+        refitted=refitted,
+        extended=extended,
+        held_out_as_given=given.held,
+        held_out_refitted=held_refitted,
+        held_out_extended=held_extended,
+        budget=budget_of(given, held_refitted, held_extended),
+        flight=values,
+        bare=bare,
+        missing_before=tuple(first),
+        missing_after=tuple(exact),
+        unexplained=tuple(unexplained),
+        kinematic=tuple(found.ranked),
+        turbulence=begun.turbulence,
+        detectable=smallest_detectable(candidates, criteria.verdict),
+        seconds=stages.seconds,
+    )
