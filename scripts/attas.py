@@ -34,7 +34,7 @@ from casid.diagnosis.flight.noise_level import with_noise_level
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.result import Diagnosis
 from casid.estimation import Fit, solve
-from casid.estimation.fit import channel_fit
+from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state
 from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_scale, vane_position
 from casid.model.effect import Effect

@@ -115,28 +115,21 @@ def test_imports_point_down(path: Path) -> None:
     assert not wrong, f"{room} may import {sorted(LAYERS[room])} only"
 
 
-def imported_at_once(nodes: list[ast.stmt]) -> Iterator[ast.Import | ast.ImportFrom]:
-    """The imports that run when a module is loaded: none inside functions, none for type checkers alone."""
-    for node in nodes:
-        if isinstance(node, (ast.Import, ast.ImportFrom)):
-            yield node
-        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
-            yield from imported_at_once([*node.body, *node.orelse])
-        elif isinstance(node, ast.Try):
-            yield from imported_at_once(node.body)
+# A record is made from arrays with every check that a file gets: these make records themselves.
+ALTERNATIVE_CONSTRUCTORS = ("casid.records.record", "casid.records.from_memory")
 
 
 def test_no_file_imports_itself_around_a_corner() -> None:
-    """Which files a file of casid loads, directly or through others: never itself. Finer than the rooms above."""
-    files = {".".join(p.relative_to(REPO).with_suffix("").parts).removesuffix(".__init__"): p for p in sources("casid")}
+    """Files by what they import: at the top, late, or for type checkers alone. Finer than the rooms above."""
     graph: dict[str, set[str]] = {}
-    for name, path in files.items():
-        body = imported_at_once(ast.parse(path.read_text(encoding="utf-8")).body)
-        package = ".".join(path.relative_to(REPO).parent.parts)
-        found = {module for _, module in imported_modules("\n".join(map(ast.unparse, body)), package)}
-        graph[name] = {module for module in found if module in files and module != name}
-    assert any(graph.values())
-    tuple(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError
+    for path in sources("casid", "problems"):
+        name = ".".join(path.relative_to(REPO).with_suffix("").parts).removesuffix(".__init__")
+        graph[name] = {module for _, module in imports_of(path)} - {name}
+    own = {name: {module for module in wanted if module in graph} for name, wanted in graph.items()}
+    home, other = ALTERNATIVE_CONSTRUCTORS
+    own[home].remove(other)
+    assert any(own.values())
+    tuple(graphlib.TopologicalSorter(own).static_order())  # raises CycleError
 
 
 @pytest.mark.parametrize(
@@ -258,25 +251,6 @@ def test_numbers_of_the_diagnosis_stand_among_its_criteria() -> None:
                 if any(type(value) in (int, float) for value in inside):
                     found.append(f"{path.relative_to(REPO)}:{node.lineno}")
     assert not found
-
-
-def test_modules_import_each_other_in_no_circle() -> None:
-    """At module level, where the order of loading decides; within one room, too."""
-    graph = {}
-    for path in sources("casid", "problems"):
-        parts = path.relative_to(REPO).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        top = [
-            n for n in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(n, ast.Import | ast.ImportFrom)
-        ]
-        wanted = {
-            module
-            for _, module in imported_modules(
-                ast.unparse(ast.Module(top, [])), ".".join(path.relative_to(REPO).parent.parts)
-            )
-        }
-        graph[name] = {module for module in wanted if module.split(".")[0] in {"casid", "problems"}} - {name}
-    tuple(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError
 
 
 def test_import_casid_is_light_and_leaves_the_environment_alone() -> None:

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.estimation.checks import check_plain
 from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
+from casid.estimation.problem import check_plain
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import inverse_along

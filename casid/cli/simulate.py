@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, say_idle_effects
 from casid.errors import InputError
-from casid.estimation.fit import channel_fit
+from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects

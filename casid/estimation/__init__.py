@@ -3,8 +3,10 @@
 from casid.estimation.constraints import linear, parameter, path
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
-from casid.estimation.fit import ChannelFit, Estimate, Fit, StateHistory
-from casid.estimation.problem import InitialState, Problem
+from casid.estimation.fit import Fit
+from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
+from casid.estimation.initial_state import InitialState
+from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.newton import Automatic

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,14 +11,12 @@ from casid.arguments import an, given, names, number, numbers_by_name
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.estimation.cost import RangeWeights
+from casid.estimation.initial_state import InitialState
 from casid.model.aircraft import Aircraft
 from casid.model.feedback import SampledFeedback
 from casid.model.path import INPUTS, STATES
 from casid.model.system import Model
 from casid.records.record import Record
-
-if TYPE_CHECKING:
-    from casid.estimation.problem import InitialState, Problem
 
 
 def check_model(model: Any) -> None:
@@ -113,80 +111,6 @@ def check_initial_state(model: Model, initial: InitialState, records: Sequence[s
     for name, std in numbers_by_name(initial.std, "Problem: initial_state std").items():
         if std < 0.0:
             raise InputError(f"Problem: initial_state std of '{name}' is {std:g}; expected 0 (exact) or a 1-sigma")
-
-
-def check_logarithmic(problem: Problem) -> None:
-    """Raise EstimationError for a logarithm of what may not be positive."""
-    start = dict(zip(problem.parameters, problem.start_vector, strict=True))
-    for name in problem.logarithmic:
-        if not problem.model.nominal[name] > 0.0:
-            raise EstimationError(
-                f"Problem: log: the a-priori value of '{name}' is {problem.model.nominal[name]:g}; expected a positive "
-                "one"
-            )
-        for full, value in start.items():
-            if full.split("[")[0] == name and not value > 0.0:
-                raise EstimationError(f"Problem: log: the start of '{full}' is {value:g}; expected a positive value")
-    for constraint in problem.constraints:
-        if not isinstance(constraint, LinearConstraint) or len(constraint.coefficients) < 2:
-            continue
-        for name in constraint.coefficients:
-            if name.split("[")[0] in problem.logarithmic:
-                raise EstimationError(
-                    f"Problem: '{name}' is estimated by its logarithm and stands in a sum with others; only limits of "
-                    "its own are linear then"
-                )
-
-
-def check_combination(problem: Problem) -> None:
-    """Raise EstimationError for initial states by formula and noise per sample where they have no meaning."""
-    model, both = problem.model, all(w > 0.0 for w in problem.weights)
-    if problem.feedback is not None and (model.initial or problem.sigma_channels or problem.logarithmic):
-        raise EstimationError(
-            "Problem: a control law in the loop was made for the model as it is; it takes no `initial` of the model, "
-            "no noise per sample and no log"
-        )
-    if model.initial and both:
-        raise EstimationError(
-            "Problem: the model's `initial` holds simulated states, and the equation part of CombinedError takes "
-            "measured ones; use OutputError()"
-        )
-    if problem.sigma_channels and model.states and problem.weights[1] > 0.0:
-        raise EstimationError("Problem: noise per sample is that of outputs; equations take one 1-sigma per channel")
-    for name, channel in problem.sigma_channels.items():
-        if name not in model.outputs:
-            raise unknown("output", name, model.outputs, "Problem: noise")
-        for record in problem.records:
-            _check_sigma(record, name, channel)
-    for constraint in problem.path_constraints:
-        if constraint.name in model.initial or constraint.name in problem.sigma_channels:
-            raise EstimationError(
-                f"Problem: a path constraint on '{constraint.name}', which has an initial value by formula or a noise "
-                "per sample; put it on an output of its own"
-            )
-
-
-def check_plain(problem: Problem, what: str) -> None:
-    """Raise EstimationError for a problem that is posed in other coordinates than those that `what` knows."""
-    for found, words in (
-        (problem.logarithmic, "parameters by their logarithm"),
-        (problem.model.initial, "initial states by formula"),
-        (problem.sigma_channels, "noise per sample"),
-    ):
-        if found:
-            raise EstimationError(f"{what}: {words} ({', '.join(found)}) is not taken here; pose the problem without")
-
-
-def _check_sigma(record: Record, name: str, channel: str) -> None:
-    if channel not in record:
-        raise unknown("channel", channel, record.channels, f"record '{record.name}': noise of '{name}'")
-    if name in record:
-        bad = np.flatnonzero(np.isfinite(record[name]) & ~(record[channel] > 0.0))
-        if len(bad):
-            raise InputError(
-                f"record '{record.name}': '{channel}', the 1-sigma of '{name}', is {record[channel][bad[0]]:g} at "
-                f"t = {record.t[bad[0]]:g} s; expected a positive number"
-            )
 
 
 def check_noise(noise: Any, model: Model) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 from casid.arguments import an, given, whole
 from casid.errors import EstimationError, InputError
 from casid.estimation.failure import status_in_words
-from casid.estimation.fit import Fit, StateHistory, channel_fit
+from casid.estimation.fit import Fit
+from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.integration import (
     MOST_STEPS,
     TOLERANCE,
@@ -21,11 +22,11 @@ from casid.estimation.integration import (
     stable_steps,
     steps_for,
 )
+from casid.estimation.many_starts import best_of
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic, to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
-from casid.estimation.starts import best_of
 from casid.estimation.transcriptions.transcription import (
     Collocation,
     MultipleShooting,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.errors import unknown
+from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import remarks
 from casid.estimation.starts import Starts
@@ -24,61 +25,6 @@ if TYPE_CHECKING:
 
     from casid.model.simulate import Simulation
     from casid.records.record import Record
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """A parameter: std by Cramer-Rao, std_corrected for coloured residuals, prior value and prior_std (inf: none).
-    A parameter on an active limit has std 0 when nothing else moves it."""
-
-    name: str
-    value: float
-    std: float
-    std_corrected: float
-    prior: float
-    prior_std: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelFit:
-    """How well one channel is fitted, over the samples present.
-
-    Attributes
-    ----------
-    rms
-        Of measured minus predicted.
-    R2
-        1 - rms^2 / variance.
-    theil
-        Theil's inequality coefficient rms / (rms measured + rms predicted).
-    samples
-        How many are present.
-    """
-
-    rms: float
-    R2: float
-    theil: float
-    samples: int
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class StateHistory:
-    """States of a record at the solution.
-
-    Attributes
-    ----------
-    trajectory
-        (N, states) at the record's samples.
-    nodes, node_times
-        (M, states) at the starts of the segments, and their times (M,) [s].
-    """
-
-    trajectory: np.ndarray
-    nodes: np.ndarray
-    node_times: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"<StateHistory: {self.trajectory.shape[0]} samples of {self.trajectory.shape[1]} states>"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -255,7 +201,14 @@ class Fit:
     def remarks(self) -> tuple[str, ...]:
         """What a person should know besides the status, a sentence each: a channel whose mean explains it better, a
         parameter three a-priori deviations from the file or of the opposite sign."""
-        return remarks(self)
+        return remarks(
+            self.problem,
+            self.channels,
+            self.parameters,
+            converged=self.converged,
+            misfit=self.cost - self.prior_cost,
+            many_starts=self.starts is not None,
+        )
 
     def plot(self, record: str | None = None) -> Any:
         """Measured and predicted channels of a record, by name; default the first.
@@ -318,18 +271,3 @@ class Fit:
         for name, c in self.channels.items():
             lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")
         return "\n".join(lines)
-
-
-def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
-    """Statistics of one channel over all its samples; NaN are missing."""
-    good = np.isfinite(measured)
-    z, y = measured[good], predicted[good]
-    count, error, centred = len(z), z - y, z - z.mean()
-    rms, spread = math.sqrt(error @ error / count), float(centred @ centred) / count
-    size = math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
-    return ChannelFit(
-        rms=rms,
-        R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
-        theil=rms / size if size > 0 else 0.0,
-        samples=count,
-    )

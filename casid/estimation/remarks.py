@@ -3,51 +3,63 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
 
 from casid.estimation.cost import OutputError, RangeWeights
+from casid.estimation.fitted import ChannelFit, Estimate
+from casid.estimation.problem import Problem
 from casid.model.numbers import with_deviation
-
-if TYPE_CHECKING:
-    from casid.estimation.fit import Fit
 
 _FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
 _SURE = 2.0  # standard errors: the sign is known
 _UNEXPLAINED = 2.0  # times the given noise: chosen; by chance a hundred samples are not beyond 1.3
 
 
-def remarks(fit: Fit) -> tuple[str, ...]:
+def remarks(
+    problem: Problem,
+    channels: Mapping[str, ChannelFit],
+    parameters: Mapping[str, Estimate],
+    *,
+    converged: bool,
+    misfit: float,
+    many_starts: bool,
+) -> tuple[str, ...]:
     """One sentence each, none when all is well: channels that their own mean explains better, parameters three a-priori
-    deviations from the file or of the opposite sign, standard errors that no sample is left for."""
-    return (*_noise(fit), *_channels(fit), *_parameters(fit), *_errors(fit))
+    deviations from the file or of the opposite sign, standard errors that no sample is left for.
+
+    `misfit` is half the sum of squares of weighted residuals; `many_starts`: whether other minima were looked for.
+    """
+    found = [*_channels(channels), *_parameters(problem, parameters)]
+    if not converged:
+        return tuple(found)
+    samples = sum(channel.samples for channel in channels.values())
+    return (*_noise(problem, misfit, samples, many_starts), *found, *_errors(parameters))
 
 
-def _noise(fit: Fit) -> Iterator[str]:
+def _noise(problem: Problem, misfit: float, samples: int, many_starts: bool) -> Iterator[str]:
     """Residuals that a given noise does not explain: the model is wrong, or the minimum is not the lowest."""
-    samples = sum(channel.samples for channel in fit.channels.values())
-    if fit.problem.noise is None or isinstance(fit.problem.noise, str | RangeWeights) or not fit.converged:
+    if problem.noise is None or isinstance(problem.noise, str | RangeWeights):
         return
-    times = math.sqrt(max(2.0 * (fit.cost - fit.prior_cost), 0.0) / samples)
-    if times > _UNEXPLAINED and isinstance(fit.problem.cost, OutputError):
-        tried = "" if fit.starts is not None else ": solve(..., starts=20) tells"
+    times = math.sqrt(max(2.0 * misfit, 0.0) / samples)
+    if times > _UNEXPLAINED and isinstance(problem.cost, OutputError):
+        tried = "" if many_starts else ": solve(..., starts=20) tells"
         yield (
             f"the residuals are {times:.2g} times the given noise: the model cannot follow these data, or another "
             f"minimum is lower{tried}"
         )
 
 
-def _channels(fit: Fit) -> Iterator[str]:
-    for name, channel in fit.channels.items():
+def _channels(channels: Mapping[str, ChannelFit]) -> Iterator[str]:
+    for name, channel in channels.items():
         if channel.R2 < 0.0:
             yield f"{name}: R2 is {channel.R2:.2g}, its own mean explains it better than the model"
         elif math.isnan(channel.R2):
             yield f"{name}: measured as constant; nothing can be learnt from it"
 
 
-def _parameters(fit: Fit) -> Iterator[str]:
-    known = fit.problem.model.prior_std
-    for name, e in fit.parameters.items():
+def _parameters(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    known = problem.model.prior_std
+    for name, e in parameters.items():
         std = known.get(name.split("[")[0], math.inf)
         far = abs(e.value - e.prior) / std if std > 0.0 else 0.0
         error = e.std_corrected if math.isfinite(e.std_corrected) else 0.0
@@ -60,6 +72,6 @@ def _parameters(fit: Fit) -> Iterator[str]:
             yield f"{name}: {far:.1f} a-priori deviations from its a-priori value, {numbers}"
 
 
-def _errors(fit: Fit) -> Iterator[str]:
-    if fit.converged and all(math.isnan(e.std) for e in fit.parameters.values()):
+def _errors(parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    if all(math.isnan(e.std) for e in parameters.values()):
         yield "no standard errors: as many unknowns as samples, and the noise is estimated with them"

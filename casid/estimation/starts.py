@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm, qmc
@@ -14,14 +12,9 @@ from scipy.stats import norm, qmc
 from casid.errors import InputError
 from casid.estimation.problem import Problem
 
-if TYPE_CHECKING:
-    from casid.estimation.fit import Fit
-
 _DECADES = 1.0  # either way of a start of which nothing else is known
 _TAIL = 0.0014  # of a normal distribution beyond three deviations, which is not drawn
-_SAME, _LIKELY = 0.5, 0.1  # standard deviations and ln(likelihood) between two ends that are one
 _SHOWN = 4  # minima in a line
-_ROUNDED = 1e-6  # of an estimate, likewise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,18 +72,6 @@ class Starts:
         return f"<Starts: of {self.count} ended {', '.join(ends)}>"
 
 
-def best_of(problem: Problem, starts: int, seed: int, solved: Callable[[Problem], Fit]) -> Fit:
-    """The best of the fits that `solved` gives from the problem's own start and from others drawn over its ranges, with
-    an account of all. Raises InputError for a parameter without a range."""
-    fits = [solved(problem)]
-    fits += [solved(replace(problem, start=start)) for start in drawn(problem, starts - 1, seed)]
-    good = [fit for fit in fits if fit.converged]
-    best = min(good or fits[:1], key=_badness)
-    seconds = sum(fit.seconds for fit in fits)
-    account = Starts(minima=_minima(good), lost=Counter(fit.status for fit in fits if not fit.converged))
-    return replace(best, problem=problem, seconds=seconds, starts=account)
-
-
 def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:
     """Starts at the points of a scrambled Sobol sequence: where a parameter has two limits, between them, on a
     logarithmic scale if it is estimated on one; where it has a prior, as that is distributed; else within a decade
@@ -136,36 +117,3 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
             f"cs.parameter('{name}', lower=-1.0, upper=1.0), or another start"
         )
     return lambda u: float(np.clip(start * 10.0 ** (_DECADES * (2.0 * u - 1.0)), low, high))
-
-
-def _badness(fit: Fit) -> float:
-    """-ln(likelihood x prior), up to a constant of the problem."""
-    value, objective = fit.uncertainty.value, fit.uncertainty.objective
-    found = value.cost if value.noise.levels.fixed else objective.likelihood_cost(value)
-    return found if math.isfinite(found) else math.inf
-
-
-def _minima(fits: Sequence[Fit]) -> tuple[Minimum, ...]:
-    """Distinct ends, the best first."""
-    groups: list[list[Fit]] = []
-    for fit in sorted(fits, key=_badness):
-        own = next((group for group in groups if _same(group[0], fit)), None)
-        if own is None:
-            groups.append([fit])
-        else:
-            own.append(fit)
-    ends = [group[0] for group in groups]
-    return tuple(
-        Minimum(count=len(group), cost=end.cost, behind=_badness(end) - _badness(ends[0]), values=dict(end.values))
-        for group, end in zip(groups, ends, strict=True)
-    )
-
-
-def _same(one: Fit, other: Fit) -> bool:
-    """Whether two ends are one minimum: no data could tell them apart."""
-    if abs(_badness(one) - _badness(other)) > _LIKELY:
-        return False
-    value = np.array(list(one.values.values()))
-    std = np.sqrt(np.maximum(np.diagonal(one.covariance), 0.0))
-    apart = np.abs(value - np.array(list(other.values.values())))
-    return bool((apart <= _SAME * np.where(np.isfinite(std), std, 0.0) + _ROUNDED * np.abs(value)).all())

@@ -16,9 +16,11 @@ import numpy as np
 
 from casid.errors import EstimationError
 from casid.estimation.constraints import LinearConstraint
-from casid.estimation.fit import Fit, StateHistory, channel_fit
+from casid.estimation.fit import Fit
+from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.guess import guessed_states
-from casid.estimation.problem import InitialState, Problem
+from casid.estimation.initial_state import InitialState
+from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.uncertainty import Rescaled
 from casid.model.system import Model, unguessed_states

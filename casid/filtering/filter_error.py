@@ -20,9 +20,8 @@ from scipy.optimize import minimize
 
 from casid.arguments import an
 from casid.errors import EstimationError, unknown
-from casid.estimation.checks import check_plain
 from casid.estimation.cost import OutputError
-from casid.estimation.problem import Problem
+from casid.estimation.problem import Problem, check_plain
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError, unknown
-from casid.records.arrays import loaded, table_of
 from casid.records.clock import seconds_of
+from casid.records.named_arrays import loaded, table_of
 from casid.records.table import RawTable
 
 # Channel -> (topic, field, factor) of a PX4 fixed wing; the attitude is a quaternion of its own topic.

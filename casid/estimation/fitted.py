@@ -1,0 +1,78 @@
+"""Parts of a fit: a parameter, a channel, the states of a record."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A parameter: std by Cramer-Rao, std_corrected for coloured residuals, prior value and prior_std (inf: none).
+    A parameter on an active limit has std 0 when nothing else moves it."""
+
+    name: str
+    value: float
+    std: float
+    std_corrected: float
+    prior: float
+    prior_std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFit:
+    """How well one channel is fitted, over the samples present.
+
+    Attributes
+    ----------
+    rms
+        Of measured minus predicted.
+    R2
+        1 - rms^2 / variance.
+    theil
+        Theil's inequality coefficient rms / (rms measured + rms predicted).
+    samples
+        How many are present.
+    """
+
+    rms: float
+    R2: float
+    theil: float
+    samples: int
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class StateHistory:
+    """States of a record at the solution.
+
+    Attributes
+    ----------
+    trajectory
+        (N, states) at the record's samples.
+    nodes, node_times
+        (M, states) at the starts of the segments, and their times (M,) [s].
+    """
+
+    trajectory: np.ndarray
+    nodes: np.ndarray
+    node_times: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"<StateHistory: {self.trajectory.shape[0]} samples of {self.trajectory.shape[1]} states>"
+
+
+def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
+    """Statistics of one channel over all its samples; NaN are missing."""
+    good = np.isfinite(measured)
+    z, y = measured[good], predicted[good]
+    count, error, centred = len(z), z - y, z - z.mean()
+    rms, spread = math.sqrt(error @ error / count), float(centred @ centred) / count
+    size = math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
+    return ChannelFit(
+        rms=rms,
+        R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
+        theil=rms / size if size > 0 else 0.0,
+        samples=count,
+    )
