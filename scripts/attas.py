@@ -27,10 +27,12 @@ import numpy as np
 
 from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit as Reconstruction
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise_level import with_noise_level
+from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.result import Diagnosis
 from casid.estimation import Fit, solve
@@ -79,11 +81,13 @@ def judged(record: Record, outputs: tuple[str, ...], simulated: np.ndarray) -> d
 
 
 def instruments(records: Sequence[Record]) -> dict[str, Any]:
-    """Instrument errors by kinematics alone, in calm air, all together: "found" name -> (estimate, 1-sigma), SI, and by
-    how much the deviance grows when the air data are taken as late and not as measured ahead of the c.g."""
+    """Instrument errors by kinematics alone, in calm air, all together: "found" name -> (estimate, 1-sigma with colour
+    and stretches of record that disagree allowed for), SI, and by how much the deviance grows when the air data are
+    taken as late and not as measured ahead of the c.g."""
     flight = with_noise_level(prepare(attas.aircraft(), records), ())
     ahead, late = (reconstructed(flight, (*INSTRUMENTS, *air_data)) for air_data in (AHEAD, LATE))
-    found = {one.name: (ahead[one.name], ahead.std(one.name)) for one in ahead.attached}
+    honest = flight_values(weigh(ahead, discrepancy=False))
+    found = {one.name: (ahead[one.name], honest[one.name].std) for one in ahead.attached}
     return {"found": found, "late_instead_of_ahead": late.deviance - ahead.deviance}
 
 
@@ -94,7 +98,7 @@ def reconstructed(flight: Flight, effects: Sequence[Effect]) -> Reconstruction:
 
 def told(diagnosis: Diagnosis, by_kinematics: Mapping[str, Mapping[str, Any]]) -> str:
     """What the diagnosis says, and the instruments from both sets of records side by side."""
-    lines = [str(diagnosis), "", "instruments by kinematics alone, SI (1-sigma as if their noise were white):"]
+    lines = [str(diagnosis), "", "instruments by kinematics alone, SI (1-sigma that allows for their colour):"]
     lines.append(f"{'':22}" + "".join(f"{label:>24}" for label in by_kinematics))
     sets = list(by_kinematics.values())
     for name in sets[0]["found"]:

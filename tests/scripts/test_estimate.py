@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import redirect_stdout
-from dataclasses import replace
-from functools import partial
-from io import StringIO
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -17,7 +13,6 @@ import pytest
 
 from casid.cli.app import COMMANDS
 from casid.cli.run import call, script
-from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.applied import apply_effects
@@ -27,7 +22,7 @@ from casid.model.trim import trim
 from casid.records.readers import read_record, write_record
 from casid.records.record import Record
 from problems.do328 import STABLE, do328
-from problems.real import attas, hfb320, hfb320_aircraft
+from problems.real import hfb320, hfb320_aircraft
 
 LEVEL = trim(do328(), V=144.0, thrust=10e3)
 NOISE = {"V": 0.1, "alpha": 5e-4, "theta": 5e-4, "q": 5e-4, "ax": 0.02, "az": 0.05, "qdot": 2e-3}
@@ -311,65 +306,3 @@ def test_hfb320_script(flight_data, run_in_process, tmp_path):
     assert after["log_likelihood_per_sample"] > before["log_likelihood_per_sample"] + 1.0
     for channel, rms in after["one_step_rms"].items():
         assert rms < before["one_step_rms"][channel], channel
-
-
-@pytest.fixture(scope="module")
-def attas_run(flight_data, load_script, tmp_path_factory) -> tuple[Path, str]:
-    """The folder that scripts/attas.py writes, and what it prints.
-
-    Its diagnosis looks at one round and the likeliest causes only: it has to say that linear models leave something.
-    """
-    module, out = load_script("attas"), tmp_path_factory.mktemp("attas")
-    numerics = Criteria().numerics
-    few = replace(numerics.naming, rounds=1, trials=1, further_trials=1, rivals=1, branches=0)
-    criteria = Criteria(numerics=replace(numerics, naming=few))
-    with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as printed:
-        patched.setattr(module, "diagnose", partial(module.diagnose, criteria=criteria))
-        patched.setattr(sys, "argv", ["attas.py", str(flight_data), "--out", str(out)])
-        module.main()
-    return out, printed.getvalue()
-
-
-@pytest.mark.slow
-def test_attas_script(attas_run):
-    """Independent estimates within two standard errors that allow for coloured residuals; high R2 all the same.
-
-    The repeats say which standard error is meant: estimates of two flights differ by several Cramer-Rao deviations.
-    """
-    folder, printed = attas_run
-    assert "Which is honest" in printed and "late, not ahead" in printed
-    result = json.loads((folder / "attas.json").read_text())
-    for part, values in (("lateral", attas.LATERAL), ("longitudinal", attas.LONGITUDINAL)):
-        assert result[part]["converged"]
-        for name, value in values.items():
-            parameter = result[part]["parameters"][name]
-            assert abs(parameter["value"] - value) < 2.0 * parameter["std_corrected"], name
-    for manoeuvre in result["held_out"].values():
-        for channel, found in manoeuvre.items():
-            assert found["R2"] > 0.94 and found["lag1"] > 0.75, channel
-    for ratio in result["repeatability"].values():
-        assert ratio["std"] > 3.0 and ratio["std_corrected"] < 0.5 * ratio["std"]
-    diagnosis = json.loads((folder / "diagnosis.json").read_text())
-    assert diagnosis["verdict"] != "adequate"
-    assert diagnosis["gain"]["held_out"]["records"] == ["fAttasAilRud2-1", "fAttasAilRud2-2", "fAttasElv2"]
-
-
-@pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="biases of r in the two sets of flights differ by 18 %: noise is read otherwise now"
-)
-def test_instruments_of_attas_are_the_same_in_both_sets_of_flights(attas_run):
-    """What kinematics alone find in one set of flights they find in the other, which shares nothing with it."""
-    result = json.loads((attas_run[0] / "attas.json").read_text())
-    once, again = (one["found"] for one in result["instruments"].values())
-    close = {"sensor_bias": {"rel": 0.15}, "vane_position": {"rel": 0.15}, "sensor_scale": {"abs": 0.01}}
-    close["sensor_delay"] = {"abs": 0.01}  # s, a quarter of a sample
-    for name in ("vane_position(alpha)", "vane_position(beta)"):  # a nose boom of an aircraft 20.6 m long
-        assert 11.0 < once[name][0] < 17.0, name
-    for name in once:
-        assert once[name][0] == pytest.approx(again[name][0], **close[name.partition("(")[0]]), name
-
-
-def test_attas_without_its_records_says_so(run_in_process, tmp_path):
-    with pytest.raises(InputError, match=r"fAttasAilRud1.mat: no such file"):
-        run_in_process("attas", tmp_path, "--out", tmp_path / "out")
