@@ -1,8 +1,8 @@
 """Score every cause of the catalogue at once, from one linearisation of the fitted baseline.
 
-With the fitted slots eliminated (their Gram matrix, prior included) from the fingerprint m of a cause, statistic
-T = (m'e)^2 / m'm is the predicted drop of the deviance, chi-square with one degree of freedom when the cause is absent,
-and m'e / m'm its predicted size.
+The fitted slots are projected off the fingerprint m of a cause, their prior included. Then T = (m'e)^2 / m'm is the
+predicted drop of the deviance, chi-square with one degree of freedom when the cause is absent. Its predicted size is
+m'e / m'm.
 """
 
 from __future__ import annotations

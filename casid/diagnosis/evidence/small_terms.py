@@ -1,7 +1,7 @@
 """The small structural errors that any linear aircraft model has: which terms, how large, and how alike they are.
 
 Of a coefficient every low-order term that symmetry allows and the model lacks may be present. What they make together
-is a function of the motion; of it, each of the orthogonal parts that the fitted terms leave has a prior 1-sigma of a
+is a function of the motion. Each of its orthogonal parts that the fitted terms leave has the same prior 1-sigma: a
 small part of the variation of the coefficient, times a scale that says how nonlinear it is (Zellner's g-prior).
 The prior is thus one of functions: no matter which terms are written down, and in what order, and a curve with a kink
 needs no large terms that cancel.

@@ -1,10 +1,10 @@
 """Colour that is left: how many independent readings the readings of a channel are worth, and evidence so tempered.
 
 Innovations of a right model are white. On real flights what is left of a channel moves slowly, whatever is named, and
-to count its samples as independent makes every probability 0 or 1. Slow histories of the model take some of that. Of
-what they leave, a channel whose residual has the density d at low frequencies, in units of that of white noise of unit
-variance, tells a slow cause as much as 1 / d of its readings would if they were independent: the power to which its
-likelihood is raised. Assumed is that what is left has the same colour throughout, and that causes are slow beside it.
+to count its samples as independent makes every probability 0 or 1. Slow histories of the model take some of that. Let
+what they leave of a channel have the density d at low frequencies, in units of that of white noise of unit variance.
+Then its readings are worth 1 / d as many independent ones, which is the power to which its likelihood is raised.
+Assumed is that what is left has the same colour throughout, and that causes are slow against it.
 
 What is fitted is slow and takes what is slow of the noise. The density is therefore power over what fitted sizes leave
 free of it, cosine by cosine (one less leverage), from the lowest frequency on until enough is free.

@@ -80,10 +80,10 @@ def posterior(
 ) -> Posterior:
     """What the explanations of a search say together.
 
-    others     searches about other fits, of rivals that were fitted as wholes: what such a one says of the names that
-               it was fitted with, those of its best explanation, counts in place of what the first predicts of them
-    predicted  name of a cause of the first search -> log likelihood ratio of its predictions of records not fitted
-    wholes     of each of the others the same ratio of the whole of it, to the first
+    others     searches about fits of rivals; of the names in its best explanation, such a fit counts in place of the
+               linearisation of the first
+    predicted  name of a cause of the first search -> log likelihood ratio of its predictions of held-out records
+    wholes     log likelihood ratio of each of the others to the first, in the held-out records
     """
     ratios = {id(of): ratio for of, ratio in zip(others, wholes, strict=False)}
     pairs = []
@@ -127,8 +127,10 @@ def _together(found: Found, others: Sequence[Found], predicted: Collection[str])
 
 
 def _refused(found: Found, one: Explanation, predicted: Mapping[str, float]) -> float:
-    """What records that were not fitted say of an explanation that lacks some of the causes that they were asked about:
-    of a cause in the place of one of these, so much as the response to it does not have in common."""
+    """Log likelihood ratio of held-out records for an explanation that lacks causes whose predictions are known.
+
+    Another cause in the place of one of these shares its ratio by the squared cosine of the responses to both.
+    """
     names = {found.innovations.causes[e.column].name for e in one.elements}
     shared = {c: max((found.cosine(c, name) ** 2 for name in names), default=0.0) for c in predicted}
     return -float(sum((1.0 - shared[cause]) * ratio for cause, ratio in predicted.items()))

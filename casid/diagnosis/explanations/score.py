@@ -1,8 +1,8 @@
 """The score: marginal likelihoods of explanations, from one Gram matrix of whitened columns.
 
-All but the noise is Gaussian, so that an explanation is a choice of prior precisions over columns. With histories,
-nuisance and small terms eliminated (`background`), K = F' S^-1 F and z = F' S^-1 y remain of the causes' columns F, S
-being the covariance of all that is in the background. Then, beside whatever is there already,
+Noise and priors are Gaussian, so that an explanation is a choice of prior precisions over columns. Histories, nuisance
+and small terms are eliminated first (`background`); S is the covariance of all these. Of the causes' columns F then
+K = F' S^-1 F and z = F' S^-1 y remain. Given what is in an explanation already,
 
     a cause with amplitude N(mu, s^2)   adds 1/2 [(s^2 z^2 + 2 z mu - K mu^2) / (1 + s^2 K) - ln(1 + s^2 K)]
     an unknown history of level v       adds 1/2 [z' (1/v^2 + K)^-1 z - ln det(1 + v^2 K)]

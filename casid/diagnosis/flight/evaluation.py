@@ -35,8 +35,12 @@ class Slot:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """What a model is linearised about: the trajectory X (N, R, nx), and the most likely histories of the coloured
-    disturbances (N, R, nc) and of the noise of the recorded inputs (N, R, ni), in the order of the acting noise."""
+    """What a model is linearised about.
+
+    X         (N, R, nx) trajectory
+    coloured  (N, R, nc) most likely histories of the coloured disturbances
+    inputs    (N, R, ni) and of the noise of the recorded inputs, in the order of the acting noise
+    """
 
     X: np.ndarray
     coloured: np.ndarray

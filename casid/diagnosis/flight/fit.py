@@ -36,9 +36,9 @@ def fit(
     recorded input does no more to the motion than in `start`, whatever the control's effectiveness. Both are those of
     the first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
 
-    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. Converged when
-    the last step changed the sum of squares (`_squares`) and the next one promises to lower it by less than
-    `tolerance`, in units of what is left per reading where that is more than noise. A fit that after three iterations
+    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. It has converged
+    when the last step changed the sum of squares (`_squares`) by less than `tolerance` and the next promises no more.
+    The unit is what is left per reading, where that is more than noise. A fit that after three iterations
     is unlikely to come below the deviance `give_up` is left as it stands. Raises InputError where even the first point
     cannot be flown.
     """

@@ -1,7 +1,7 @@
 """The aircraft file as it is given, flown through the records: its own values, its own effects, nothing fitted.
 
 Only where a flight begins is not in the file: the initial state is the one that fits the first seconds of each record
-best. A fit over the whole record would bend it to make up for what is wrong with the file.
+best. Fitted to the whole record it would make up for what is wrong with the file.
 """
 
 from __future__ import annotations

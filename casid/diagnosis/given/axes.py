@@ -31,7 +31,7 @@ class Axes:
 
 
 def axes_that_tell(records: Sequence[Record], wanted: str | None = None, criteria: GivenCriteria | None = None) -> Axes:
-    """The axes that surfaces and motion of the records can tell of, or those that were `asked` for.
+    """The axes that surfaces and motion of the records can tell of, or those that are `wanted`.
 
     Where surfaces and flow angle of an axis move little beside the other's, small couplings and the air make as much of
     its motion as its surfaces do.

@@ -30,7 +30,7 @@ class Contradiction:
 
     parameter  name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
     given      what the file says, in `unit`; `flight` what the records say with its honest 1-sigma `std`, NaN where
-               they were not asked
+               nothing was fitted
     reversed   flight has the other sign; `impossible` no aircraft has what the file says
     """
 

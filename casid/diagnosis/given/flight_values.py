@@ -35,7 +35,7 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     """Name -> what flight says of every fitted number of a model.
 
     The 1-sigma allows for small terms of the structure, for stretches of record that disagree, and for coloured
-    residuals, whichever asks for most.
+    residuals, whichever is largest.
     """
     fit, found = evidence.fit, {}
     coloured = coloured_deviation(fit)

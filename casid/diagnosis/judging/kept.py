@@ -64,7 +64,7 @@ def keep(held: Sequence[Record], begun: Baseline, naming: Naming) -> Kept:
     evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
     structure = [*begun.structure, *_put_in_later(begun, final)]
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
-    if unsure:  # records that do not tell a term from the others give it any size
+    if unsure:  # a term that these records do not determine takes any size
         final = without(final, unsure)
         evidence, held_final = weigh(final), judge_on(held, final)
     return Kept(

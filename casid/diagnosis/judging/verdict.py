@@ -46,15 +46,15 @@ def causes_of(
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
-    evidence    of the final fit; what is not in it lost on the held-out records: it is not confirmed and stands under
-                minor, and so does a cause of which little or nothing sure is left, or that is not needed, beside
-                others, or that never mattered
+    evidence    of the final fit. What is not in it lost on the held-out records, is not confirmed and minor. So is a
+                cause that is not sure, not needed or not large enough any more beside the others.
     held_gains  log likelihood per held-out sample of turbulence and then of every named round
     structure   what is expected of any aircraft and was put into the model beforehand, and what that together gained
-                on the held-out records: minor, unless it is a term that gains more than `least`,
-                matters twice as much as one that is named must, three times beside what gains more, nothing is
-                unexplained, which distorts it, and little is `left` missing at its coefficient. What is expected of
-                some aircraft, and was named, is minor unless it cannot be told from another cause
+                on the held-out records: minor, unless it passes `_expected`
+    required    gain that a term of the structure must exceed where the air is turbulent
+    left        inputs that are missing in the fitted records
+
+    What is expected of some aircraft, and was named, is minor unless it is equivalent to another cause.
     """
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
@@ -178,6 +178,12 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
 def _expected(
     name: str, evidence: Evidence, held: float | None, required: float, left: float, strongest: float
 ) -> Cause:
+    """Something that was put in beforehand, which is a cause (`meaningful`) only when it is unusually large.
+
+    It must be sure, gain more than is `required`, and have lost nothing on the `held` out records. It must matter twice
+    as much as what is named must, three times where the `strongest` gains more. And little may be `left` missing at its
+    coefficient, as that distorts it.
+    """
     fit, criteria = evidence.fit, evidence.criteria
     by = criteria.verdict
     one = next(a for a in fit.attached if a.name == name)
@@ -299,9 +305,12 @@ def still_missing(
     required: float,
     share: float | None = None,
 ) -> list[MissingInput]:
-    """Where something enters that no cause of the catalogue explains, largest gain first: unknown inputs `left` and an
-    oscillation that gain more than usual, than `least` and than what rough `causes` leave, and that matter: more than a
-    `share` of the variation, by default what matters of a cause."""
+    """Where something enters that no cause of the catalogue explains, largest gain first.
+
+    These are the inputs `left` and an oscillation. Each must gain more than the criterion for a missing input, than is
+    `required` in turbulence and than rough `causes` leave. It must also make more than a `share` of the variation, by
+    default what matters of a cause.
+    """
     by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
     rough = sum((by.left_by_an_event if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)
     enough = max(evidence.criteria.verdict.missing, required, rough)

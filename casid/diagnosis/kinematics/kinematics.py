@@ -154,10 +154,10 @@ def gusts(
     """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m], by default that of the criteria, along
     `axes`, as first-order Gauss-Markov processes.
 
-    `moments` has for some of dCl, dCm and dCn the scale of what the air's own rotation about that axis makes of the
-    moment, 1 for the rolling over the span of an aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p
-    = 1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of
-    it: with the one that is fitted, a fit gains by more damping, for which there is then more that it explains.
+    `moments` has for some of dCl, dCm and dCn the scale of the moment that the air's own rotation about it makes. It is
+    1 for the rolling over the span of an aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p =
+    1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of the
+    rotation. A fitted damping would grow, since a larger one explains more.
     """
     aircraft, speed, criteria = flight.aircraft, _speed(flight), flight.criteria.turbulence
     length = criteria.scale_length if length is None else length

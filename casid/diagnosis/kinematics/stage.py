@@ -37,8 +37,8 @@ class KinematicFindings:
 
 
 def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]) -> KinematicFindings:
-    """The kinematics beside effects that are `known` and the small `offsets` of instruments that a baseline asks for,
-    and beside the skews that the kinematics ask for themselves."""
+    """What kinematics find with effects that are `known`, the small `offsets` of instruments of a baseline, and the
+    skews between instruments that the kinematics demand themselves."""
     if not kinematics.available(flight):
         return KinematicFindings(
             evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
@@ -98,7 +98,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
 
     Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
     no turbulence, or when they explain more in moving air than it does beside them; and one drifting instrument that
-    tells more than all moving air is one. All beside small offsets of all instruments.
+    gains more than all moving air is one. Small offsets of all instruments are in the model throughout.
     """
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
     criteria = flight.criteria

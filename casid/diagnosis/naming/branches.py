@@ -1,8 +1,8 @@
-"""Another cause in the place of one that was named, and what can be named beside it then.
+"""Another cause in the place of one that was named, and what can be named together with it.
 
 Where the noise of the records is what a fit leaves, a wrong cause leaves nothing missing: what it cannot explain goes
-into the noise. Two causes that explain about as much, as a lag of a vane and a vane metres ahead do, are then told
-apart by what else can be named beside each: one may bend what the other leaves straight for a third to explain.
+into the noise. Two causes may explain about as much, as a lag of a vane and a vane metres ahead do. They are then
+compared by the best joint fit with further causes: one may distort what the other leaves for a third to explain.
 """
 
 from __future__ import annotations

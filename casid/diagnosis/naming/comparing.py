@@ -1,4 +1,4 @@
-"""Trials beside each other: which comes first, and which cannot be told apart."""
+"""Trials compared: which comes first, and which are equivalent."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import plausible
 
 
-def can_be_named(trial: Trial, least: float) -> bool:
-    """Whether a trial gains more than `least`, and matters or is an instrument's fault that does not."""
+def can_be_named(trial: Trial, required: float) -> bool:
+    """Whether a trial gains more than is `required`, and matters or is an instrument's fault that does not."""
     gained = trial.gain.total if trial.effect.regressor else trial.gain.net
-    return gained > least and (trial.meaningful or _is_small(trial)) and not trial.refuted
+    return gained > required and (trial.meaningful or _is_small(trial)) and not trial.refuted
 
 
 def _is_small(trial: Trial) -> bool:
@@ -50,10 +50,12 @@ def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial
 
 
 def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> tuple[Trial, ...]:
-    """Trials whose gain is too near to the best one's to tell them apart, to kinematics too. The gains of two causes
-    whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of 2 sqrt(gain) sin x. Where
-    the fingerprints have nothing in common both may be true, however near the gains. A fault of an instrument may be
-    too small to matter and explain as much as one elsewhere that is not."""
+    """Trials whose gain is too near to the best one's to prefer either, by kinematics too.
+
+    The gains of two causes whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of
+    2 sqrt(gain) sin x. Where the fingerprints have nothing in common both may be true, however near the gains. A fault
+    of an instrument may be too small to matter and explain as much as one elsewhere that is not.
+    """
     key = best.effect.key  # a variant of the best is no other cause
     found, by = [], criteria.naming
     for trial in trials:

@@ -175,8 +175,8 @@ def _members(strength: np.ndarray, criteria: EventCriteria) -> list[int]:
 def is_sudden(evidence: Evidence, one: Attached, beside: Evidence) -> bool:
     """Whether a jump gains clearly more on a fit than a slow change of the same would, a cubic of time in each of its
     records; or more, where nothing to speak of is missing `beside` it, in the fit that has it. What depends on speed in
-    a long record, or on anything that drifts, resembles a jump somewhere. What acts only now and then cannot tell the
-    two apart, and counts as sudden."""
+    a long record, or on anything that drifts, resembles a jump somewhere. What acts only now and then fits both, and
+    counts as sudden."""
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]

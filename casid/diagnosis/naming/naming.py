@@ -59,9 +59,11 @@ def name_causes(
     report: Callable[[str], None],
 ) -> Naming:
     """Greedy naming from the fitted baseline, under its noise, with the evidence of `kinematic` and their ranking
-    `observed`; stops when nothing in the catalogue gains the required gain and matters. When
-    nothing is missing by any measure, instruments are still looked at, whose faults have a shape that no anonymous
-    input has, and what small terms of a nonlinear coefficient explain as well, but no events."""
+    `observed`; it stops when nothing in the catalogue has the required gain and matters.
+
+    When no unknown input gains, events are not looked for any more. Faults of instruments still are, whose shape no
+    unknown input has, and so is what small terms of a nonlinear coefficient explain as well.
+    """
     accepted = state = _standing(baseline, kinematic, observed, (), {})
     criteria, numerics = baseline.criteria.naming, baseline.criteria.numerics.naming
     for number in range(1, numerics.rounds + 1):

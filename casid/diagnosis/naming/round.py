@@ -98,8 +98,8 @@ class Trial:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Round:
-    """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, which trials
-    cannot be told from the first, and why that was not believed, "" if it was."""
+    """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, which trials are
+    equivalent to the first, and why the first was not accepted, "" if it was."""
 
     candidates: tuple[Candidate, ...]
     trials: tuple[Trial, ...]

@@ -50,8 +50,11 @@ def meaningful_share(fitted: FlightFit, one: Attached) -> float:
 
 
 def _consequence(fitted: FlightFit, one: Attached) -> float:
-    """Largest r.m.s. difference that an operator on a surface makes to a coefficient, or one on a reading to a channel,
-    over the part of its variation that is of consequence, or of a channel over its noise; infinite for others."""
+    """Largest r.m.s. difference that an operator makes, in units of what is of consequence; infinite for other effects.
+
+    Of a surface it is the difference of a coefficient, over a part of its variation; of a reading that of the channel,
+    over such a part or over its noise.
+    """
     least = fitted.criteria.size.consequence
     names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
     if one.effect.output is not None:

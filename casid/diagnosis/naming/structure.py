@@ -1,8 +1,8 @@
 """Structure that every real aircraft has and that a linear aircraft file leaves out: no cause, but in the way.
 
-A parabolic drag polar, and the roll due to yaw rate and yaw due to roll rate that grow with lift (strip theory), are
-put into the model before anything is named when the data demand them. So are small offsets of the instruments and a
-few milliseconds between attitudes and rates, which every instrumentation has: a few of them together look like moving
+A parabolic drag polar is put into the model before anything is named when the data demand it. So are the roll due to
+yaw rate and the yaw due to roll rate that grow with lift (strip theory). Small offsets of the instruments are, too, and
+a few milliseconds between attitudes and rates, which every instrumentation has. A few of them together look like moving
 air, and what milliseconds do to a bank angle can be made of an offset of the accelerometers. They stand under `minor`.
 """
 
@@ -33,7 +33,8 @@ SKEWED = (*_UNIT, *_ATTITUDES)  # what may come milliseconds late without being 
 
 
 def demanded_structure(base: FlightFit) -> list[Attached]:
-    """Expected terms that the aircraft file lacks and the data of the fitted baseline ask for, ready to be fitted."""
+    """Expected terms that the aircraft file lacks and that improve the fitted baseline significantly, ready to be
+    fitted."""
     aircraft = base.flight.aircraft
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     present |= {(a.effect.target, a.effect.term or "") for a in base.attached}
@@ -53,7 +54,7 @@ def demanded_structure(base: FlightFit) -> list[Attached]:
 
 
 def demanded_offsets(base: FlightFit) -> list[Attached]:
-    """Offsets of instruments that the data of the fitted baseline ask for and that are too small to matter, ready to be
+    """Offsets of instruments that improve the fitted baseline significantly and are too small to matter, ready to be
     fitted."""
     channels = base.model.outputs
     enter = np.broadcast_to(np.eye(len(channels)), (*base.read.shape, len(channels)))
@@ -77,10 +78,12 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
 
 
 def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[list[Attached], float]:
-    """Those of `effects`, which add `enter` (N, R, ny, effects) to the readings, that the data ask for and that are too
-    small to matter, and what all that they ask for gain; by forward selection, because some of them can hardly be told
-    from each other. Those that matter are chosen as well, so that small ones do not imitate them, and left for the
-    naming."""
+    """Those of `effects`, which add `enter` (N, R, ny, effects) to the readings, that gain significantly and are too
+    small to matter; and the gain of all that are chosen.
+
+    By forward selection, because the responses to some are nearly collinear. Effects that matter are chosen as well, so
+    that small ones do not imitate them, and left for the naming.
+    """
     taken = {a.effect.key for a in base.attached}
     offered = [i for i, e in enumerate(effects) if e.key not in taken]
     if not offered:

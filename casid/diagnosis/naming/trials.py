@@ -121,7 +121,7 @@ def try_cause(
     one = fitted.attached[-1]
     raw = evidence.deviance - joint.deviance
     spared = evidence.deviance_at_scales(joint.scales) - evidence.deviance
-    # a term is one of those that bend the coefficient, and makes it look more nonlinear: it is judged by the others
+    # a term makes its coefficient look more nonlinear: the scale of the others is what it was without it
     clear = raw + spared if one.effect.regressor else raw
     share = meaningful_share(fitted, one)
     check = kinematic_check(kinematic, one)
