@@ -203,6 +203,8 @@ def test_a_diagnosis_becomes_a_data_frame_and_a_notebooks_table(diagnosis: Diagn
 
 def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, tmp_path: Path) -> None:
     diagnosis.save(tmp_path / "found.casid")
+    samples = sum(map(len, records()))
+    assert (tmp_path / "found.casid").stat().st_size < 5000 * samples, "more than 20 MB for the demonstration"
     found = load(tmp_path / "found.casid")
     assert str(found) == str(diagnosis) and json.dumps(found.to_dict()) == json.dumps(diagnosis.to_dict())
     assert found.extended_aircraft == diagnosis.extended_aircraft

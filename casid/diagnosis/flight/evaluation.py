@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,16 +12,22 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.held_noise import held_noise
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise, disturbance_series, readings
+from casid.diagnosis.flight.late import earlier, lateness
 from casid.diagnosis.flight.prior import OFFSET, prior
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
-from casid.model.causes import group_channels
 from casid.model.station import Station
 from casid.model.system import Model
 
 # what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
 # nothing
 Free = Literal["all", "effects", "offsets", "states"]
+
+# what a fit in a file is without: most of its size, and made again from the rest when it is asked for
+_MADE_AGAIN = frozenset(
+    ["model", "batch", "functions", "linear", "read", "filter"]
+    + ["disturbances", "errors", "white", "columns", "known", "regressors"]
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,8 +62,9 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlightFit:
-    """A fitted hypothesis.
+    """A fitted hypothesis. In a file it is its values and its motion; the rest is made again when it is asked for.
 
+    free         what was fitted
     parameters   (R, np) parameters of the model in every record
     values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
     noise        of instruments and recorded inputs; `held` what does no more to the motion than it did in the fit
@@ -74,6 +81,7 @@ class FlightFit:
 
     flight: Flight
     attached: tuple[Attached, ...]
+    free: Free
     model: Model
     batch: Batch
     noise: NoiseModel
@@ -100,6 +108,23 @@ class FlightFit:
     deviance: float
     data_deviance: float
     converged: bool
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = {name: value for name, value in self.__dict__.items() if name not in _MADE_AGAIN}
+        # a filter that is held is of another fit
+        return state | ({"filter": replace(self.filter, linear=self.filter.through)} if self.filter_held else {})
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """What a file is without."""
+            if name not in _MADE_AGAIN or "motion" not in self.__dict__:
+                raise AttributeError(f"a fit has no '{name}'")
+            work = Work(self.flight, self.attached, self.noise, self.free)
+            work.reference, work.filter = self.reference, self.__dict__.get("filter")
+            again = evaluate(work, self.attached, self.values, self.motion)
+            self.__dict__.update({one: again.__dict__[one] for one in _MADE_AGAIN})
+            return self.__dict__[name]
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[[s.name for s in self.slots].index(name)])
@@ -166,6 +191,7 @@ class Work:
 
     def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> None:
         self.flight, self.noise = flight, noise
+        self.free: Free = free
         self.model = flight.model([a.effect for a in attached])
         self.batch = flight.batch(self.model)
         self.dt = float(np.median(self.batch.dt))
@@ -198,9 +224,9 @@ class Work:
         depend on a motion that does not know of them, and a fit stops short of its maximum."""
         return known | self.regressors.recorded
 
-    def seen_earlier(self, late: np.ndarray) -> Batch:
+    def seenearlier(self, late: np.ndarray) -> Batch:
         """The batch with readings at the time of what they speak of: the sensitivities are wanted there."""
-        return replace(self.batch, Z=np.where(_earlier(np.isfinite(self.batch.Z), late), 0.0, np.nan))
+        return replace(self.batch, Z=np.where(earlier(np.isfinite(self.batch.Z), late), 0.0, np.nan))
 
     def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
         """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
@@ -248,12 +274,12 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)
-    late, seen = _lateness(attached, work.flight, model), np.isfinite(batch.Z)
-    moved = work.seen_earlier(late) if late.any() else batch
+    late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
+    moved = work.seenearlier(late) if late.any() else batch
     linear = linearise(work.functions, moved, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
-    linear = replace(linear, residual=_earlier(residual, late) if late.any() else residual)
+    linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
@@ -267,6 +293,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     return FlightFit(
         flight=work.flight,
         attached=attached,
+        free=work.free,
         model=model,
         batch=batch,
         noise=work.noise,
@@ -294,39 +321,6 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         deviance=data + float(np.sum(work.weight * deviation**2)),
         converged=False,
     )
-
-
-def _lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.ndarray:
-    """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
-    outputs, records = model.outputs, flight.records
-    late = np.zeros((len(records), len(outputs)), dtype=int)
-    for one in (a for a in attached if a.effect.late):
-        rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
-        for j, record in enumerate(records):
-            late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0
-    return np.maximum(late, 0)
-
-
-def _earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """(N, R, ny, ...) series of readings moved to the time of what they speak of; zero at the end."""
-    moved = series.copy()
-    for j, i in np.argwhere(late):
-        k = min(late[j, i], len(series))
-        moved[: len(series) - k, j, i], moved[len(series) - k :, j, i] = series[k:, j, i], 0
-    return moved
-
-
-def as_read(fit: FlightFit, series: np.ndarray) -> np.ndarray:
-    """(N, R, ny, ...) series of a fit, in which late readings stand at the time of what they speak of, with each
-    reading at the time at which it was made."""
-    late = _lateness(fit.attached, fit.flight, fit.model)
-    if not late.any():
-        return series
-    moved = series.copy()
-    for j, i in np.argwhere(late):
-        k = min(late[j, i], len(series))
-        moved[k:, j, i], moved[:k, j, i] = series[: len(series) - k, j, i], 0
-    return moved
 
 
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
@@ -376,7 +370,7 @@ def _columns(
         else:
             chains = [[side if a is one else a for a in attached] for side in sides]
             plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
-            Y.append(np.where(linear.seen, _earlier((plus - minus) / (2 * h), late), 0.0)[..., None])
+            Y.append(np.where(linear.seen, earlier((plus - minus) / (2 * h), late), 0.0)[..., None])
             F.append(np.zeros((*linear.defect.shape, 1)))
     return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
 
@@ -385,7 +379,7 @@ def gauss_newton_step(work: Work, now: FlightFit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
-    late = _lateness(now.attached, now.flight, now.model)
+    late = lateness(now.attached, now.flight, now.model)
     by_slot = _columns(work, now.attached, now.linear, work.with_recorded(now.known), late)
     nx = len(work.model.states)
     F[:, :, :nx] -= by_slot[1] @ change[:, None]

@@ -10,9 +10,10 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.screening import Candidate, equivalence
-from casid.diagnosis.flight.evaluation import FlightFit, as_read
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.late import as_read, lateness
 from casid.diagnosis.kinematics.check import hopeless, kinematic_check
 from casid.diagnosis.naming.events import Intervals, at_peak, further_records, is_sudden, weak_members
 from casid.diagnosis.naming.round import Gain, Trial
@@ -205,7 +206,8 @@ def _std(fitted: FlightFit, one: Attached) -> float:
 
 def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarray:
     """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
-    flat = as_read(fitted, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
+    late = lateness(fitted.attached, fitted.flight, fitted.model)
+    flat = as_read(late, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
     own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
     known = {slot.name for slot in base.slots}
     basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in known]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.held_noise import as_strong
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.kinematics import gusts
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
     actuator_lag,
@@ -163,3 +165,22 @@ def test_a_structural_mode_is_fitted_to_the_end_from_what_the_screening_tries(fr
     assert np.all(np.abs(step) < 0.3 * np.sqrt(np.diag(fitted.covariance)))
     assert fitted[f"{hidden.name}.frequency_hz"] == pytest.approx(frequency_hz, rel=0.01)
     assert abs(fitted[hidden.name] - 0.15) < 3.0 * deviation(weigh(fitted), hidden.name)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.0])
+def test_a_fit_in_a_file_is_its_values_and_its_motion(sigma: float) -> None:
+    """All that is made again is what it was, also by the filter that a fit in turbulence holds."""
+    flight = prepare(do328(), flights([LATE], seed=1, count=2))
+    noise = flight.noise(gusts(flight, sigma) if sigma else {})
+    fitted = fit(flight, [LATE], noise, fit(flight, [], noise, iterations=2), iterations=3)
+    assert fitted.filter_held == bool(sigma)
+    body = pickle.dumps(fitted)
+    found = pickle.loads(body)
+    for name in ("white", "columns", "read", "errors"):
+        np.testing.assert_allclose(getattr(found, name), getattr(fitted, name), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.filter.gain, fitted.filter.gain, rtol=1e-7, atol=1e-12)
+    assert found.known.keys() == fitted.known.keys() and found.readings == fitted.readings
+    if not sigma:
+        assert len(body) < 0.1 * fitted.columns.nbytes
+    with pytest.raises(AttributeError, match="'colums'"):
+        _ = found.colums  # pyright: ignore[reportAttributeAccessIssue]

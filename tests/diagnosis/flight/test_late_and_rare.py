@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from diagnosis_flights import flights
 
-from casid.diagnosis.flight.evaluation import as_read
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.late import as_read, lateness
 from casid.model.causes import sensor_delay
 from problems.do328 import do328
 
@@ -28,5 +28,6 @@ def test_a_late_channel_that_is_read_rarely() -> None:
     assert abs(fitted[name] - 0.12) < 4.0 * fitted.std(name)
     assert fitted.std(name) < 0.01
     beta = fitted.model.outputs.index("beta")
-    seen = as_read(fitted, fitted.linear.seen.astype(float))[..., beta] > 0.0
+    late = lateness(fitted.attached, fitted.flight, fitted.model)
+    seen = as_read(late, fitted.linear.seen.astype(float))[..., beta] > 0.0
     assert set(np.flatnonzero(seen[:, 0]) % 6) == {0}
