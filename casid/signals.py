@@ -153,6 +153,11 @@ def si_factor(unit: str, channel: str, where: str = "") -> float:
     return factor
 
 
+def for_a_person(unit: str) -> tuple[float, str]:
+    """(factor, unit) in which a person reads a channel: degrees for radians, else SI."""
+    return (1.0 / DEGREE, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
+
+
 def unit_of(channel: str) -> str:
     """SI unit of a channel; "" for one that casid does not know."""
     return CHANNELS[channel].unit if channel in CHANNELS else ""

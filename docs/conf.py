@@ -17,6 +17,7 @@ project = "casid"
 copyright = "casid developers"  # noqa: A001
 version = release = casid.__version__
 extensions = [
+    "mathml",
     "myst_parser",
     "numpydoc",
     "sphinx.ext.autodoc",
@@ -31,9 +32,11 @@ autosummary_generate = True
 numpydoc_show_class_members = False
 autodoc_typehints = "none"
 intersphinx_mapping = {}
+html_math_renderer = "mathml"
 html_theme = "pydata_sphinx_theme"
 html_title = "casid"
 html_static_path = ["_static"]
+html_css_files = ["casid.css"]
 html_show_sourcelink = False
 html_sidebars = {"*": []}  # pages of their own have no section to navigate
 html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "secondary_sidebar_items": ["page-toc"]}

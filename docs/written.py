@@ -17,6 +17,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.criterion import listed
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS, Kind
+from casid.model.vocabulary import effect_unit
 from problems.blind.case import Hidden
 from problems.blind.do328 import plane
 
@@ -85,7 +86,7 @@ def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) ->
         "",
         f"> {sentence}",
         "",
-        f"- Value: {kind.quantity}, in {_unit(kind.unit)}.",
+        f"- Value [{_unit(kind.unit)}]: {kind.quantity}.",
         f"- Targets: {targets}{', joined with +' if kind.joined else ''}.",
     ]
     formula, symbols = EQUATIONS[kind.kind]
@@ -122,8 +123,15 @@ def _rates(kind: str, blind: list[dict[str, str]]) -> list[str]:
             sizes.setdefault(found[1], []).append(abs(float(found[2])))
     if sizes:
         lines += ["", "| target | smallest size found |", "|---|---|"]
-        lines += [f"| `{t or '-'}` | {min(values):.3g} |" for t, values in sorted(sizes.items())]
+        lines += [f"| `{t or '-'}` | {_sized(min(values), kind, t)} |" for t, values in sorted(sizes.items())]
     return lines
+
+
+def _sized(value: float, kind: str, target: str) -> str:
+    """With its unit; `target` as in tables, "Cm:alpha^2"."""
+    channel, _, term = target.partition(":")
+    unit = effect_unit(kind, channel, term or None)
+    return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
 
 
 def _kinds(named: str) -> Iterator[str]:
@@ -163,7 +171,8 @@ def _doublet(t: np.ndarray, at: float) -> np.ndarray:
 def _example(kind: str) -> str:
     example = EXAMPLES[kind]
     target = ", ".join(str(example[k]) for k in ("target", "term") if example.get(k))
-    return f"Drawn for a value of {example['value']:.3g}" + (f" of `{target}`." if target else ".")
+    size = _sized(example["value"], kind, ":".join(str(example[k]) for k in ("target", "term") if example.get(k)))
+    return f"Drawn for a value of {size}" + (f" of `{target}`." if target else ".")
 
 
 def _draw(t: np.ndarray, change: dict[str, np.ndarray], file: Path) -> None:

@@ -16,6 +16,8 @@ Expectation  the independent values within two standard errors that allow for co
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +27,6 @@ from typing import Any
 
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit as Reconstruction

@@ -11,9 +11,10 @@ Expectation  multiple shooting over 10 samples nearly always, single shooting se
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 from statistics import median
 
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from problems.bench.table import parser, publish
 from problems.paper.shooting import AIRCRAFT, METHODS, run

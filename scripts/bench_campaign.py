@@ -11,13 +11,14 @@ Expectation  nearly as many times as there are processors: estimations do not kn
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import os
 import tempfile
 import time
 
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.cli.start import run_script
 from casid.errors import InputError
 from problems.bench.table import parser, publish
 from problems.paper.cases import parse_cases

@@ -14,6 +14,8 @@ The effects are timed at 28 s; the growth is that of the first of them.
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import time
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -21,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import screen

@@ -12,6 +12,7 @@ Expectation  about a fifth to a third of the peak; best of many calls, since ano
 from __future__ import annotations
 
 from casid.cli.start import run_script
+
 from casid.errors import InputError
 from casid.estimation import MultipleShooting
 from casid.estimation.estimate import build_objective

@@ -13,9 +13,10 @@ Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends el
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 from statistics import median
 
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from casid.estimation import Fit, solve
 from problems.bench.table import parser, processor_seconds, processor_seconds_of, publish

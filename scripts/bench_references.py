@@ -17,6 +17,8 @@ there is said and left out.
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import math
 import os
 import time
@@ -26,7 +28,6 @@ from statistics import median
 
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.errors import InputError
 from casid.estimation import Automatic, Collocation, Fit, Ipopt, MultipleShooting, Problem, solve
 from problems.bench.table import Row, parser, publish

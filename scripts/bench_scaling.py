@@ -13,6 +13,8 @@ Expectation  exponent of seconds per iteration over samples at most 1.1; below 1
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import resource
 import tracemalloc
 from collections.abc import Callable
@@ -20,7 +22,6 @@ from statistics import median
 from typing import Any
 
 from casid.analysis import input_noise_errors
-from casid.cli.start import run_script
 from casid.errors import InputError
 from casid.estimation import Problem, solve
 from problems.bench.long_flight import long_problem

@@ -12,6 +12,8 @@ Expectation  At most three times the seconds of the linear aircraft.
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 from dataclasses import replace
 from statistics import median
 from typing import Any
@@ -19,7 +21,6 @@ from typing import Any
 import numpy as np
 
 import casid as cs
-from casid.cli.start import run_script
 from casid.errors import InputError
 from casid.estimation import InitialState, OutputError, Problem, solve
 from casid.model.aircraft import Aircraft

@@ -20,6 +20,8 @@ Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean da
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 import re
@@ -35,7 +37,6 @@ from casid.campaign.counting import counted
 from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.cli.start import run_script
 from casid.errors import InputError
 from casid.model.vocabulary import KINDS
 from casid.report.confusion import confusion_matrix

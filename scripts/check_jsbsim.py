@@ -11,6 +11,8 @@ Expectation  1e-6 relative, or a reason; the difference of the glides shrinks wi
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import json
 import os
@@ -21,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.errors import InputError
 from problems.jsbsim.agreement import Rig, compare, file_of, gliding, rig
 

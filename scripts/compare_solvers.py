@@ -20,11 +20,12 @@ DIR: folder with hfb320_1_10.asc, fAttasElv1.mat ... (see README); without it, t
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import time
 from dataclasses import replace
 from pathlib import Path
 
-from casid.cli.start import run_script
 from casid.errors import InputError
 from casid.estimation import Automatic, Fit, Ipopt, Problem, solve
 from problems.bench.table import Row, parser, publish

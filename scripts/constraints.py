@@ -12,12 +12,13 @@ Expectation  without constraint the pitch derivatives are off by half; the stati
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 from pathlib import Path
 from typing import Any, NoReturn
 
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress

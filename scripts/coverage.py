@@ -13,6 +13,8 @@ Expectation  clean: all kinds within 93-97 %. Noisy surfaces and coloured noise:
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 from pathlib import Path
@@ -22,7 +24,6 @@ from casid.campaign.counting import counted
 from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress

@@ -17,6 +17,8 @@ Expectation  found, in its set or refused in 98 %; wrong in none; clean flights 
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 from collections import Counter
@@ -24,7 +26,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from casid.cli.start import run_script
 from casid.diagnosis.data.check import check
 from casid.diagnosis.diagnose import diagnose
 from casid.errors import CasidError, InputError

@@ -13,6 +13,8 @@ Expectation  designs scatter less in the mean over all parameters, as the bound 
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 from pathlib import Path
@@ -20,7 +22,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.errors import InputError, unknown
 from casid.records.record import Record

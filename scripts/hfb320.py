@@ -18,6 +18,8 @@ Expectation  1. every published value within one standard error; 2. residuals fa
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import json
 import time
@@ -26,7 +28,6 @@ from typing import Any
 
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.statistics import whiteness
 from casid.diagnosis.result import Diagnosis

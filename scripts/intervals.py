@@ -13,6 +13,8 @@ Expectation  they agree where residuals are white and inputs exact; otherwise th
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 import hashlib
@@ -27,7 +29,6 @@ from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.draws import draw, draw_tasks, fit_of
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.cli.start import run_script
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation import Fit
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance

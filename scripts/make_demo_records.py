@@ -11,10 +11,11 @@ Expectation  the same version of jsbsim makes the same files, to the last digit.
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 from pathlib import Path
 
-from casid.cli.start import run_script
 from casid.records.readers import write_record
 from casid.report.folder import out_folder
 from problems.jsbsim.apriori import aircraft_file

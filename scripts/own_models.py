@@ -11,6 +11,8 @@ Expectation  First or in its set 95 %; clean flights without a name.
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import json
 import time
@@ -19,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from casid.campaign.blind import solve
-from casid.cli.start import run_script
 from casid.report.folder import out_folder
 from problems.blind.score import NOTHING, score
 from problems.jsbsim.own_model import hide_in_own

@@ -12,11 +12,12 @@ Expectation  1 coefficients, 2 outputs, 3-5 the terms of Cl, Cm, Cn in time, 6 t
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 from pathlib import Path
 from typing import NoReturn
 
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress

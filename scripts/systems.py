@@ -7,10 +7,11 @@ Every seed hides one fault in each system; `--clean` hides none. Prints a line p
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import time
 
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from problems.systems.count import SYSTEMS, outcome
 

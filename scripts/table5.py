@@ -13,6 +13,8 @@ Expectation  A and C exact; no departure with multiple shooting, where the paper
 
 from __future__ import annotations
 
+from casid.cli.start import run_script
+
 import argparse
 import csv
 import time
@@ -23,7 +25,6 @@ from casid.campaign.counting import counted
 from casid.campaign.digest import ENGINE, source_digest
 from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
-from casid.cli.start import run_script
 from casid.errors import InputError, unknown
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress

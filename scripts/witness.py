@@ -32,9 +32,10 @@ from typing import Any, NoReturn, TypeGuard
 import casid as cs
 
 # isort: split
+from casid.cli.start import run_script
+
 import numpy as np
 
-from casid.cli.start import run_script
 from casid.report.folder import provenance
 from problems.blind.sets import fly_set
 from problems.every_problem import DEMO, demo_problem

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from casid.cli.options import AsJson, Files, Folder, Whole
+from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
 from casid.design.separation import separating_manoeuvre
@@ -79,7 +79,7 @@ def design(
     for name, value in {"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g}.items():
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{name} {value:g}: expected a positive number")
-    file = Aircraft.read(aircraft)
+    file = aircraft_of(aircraft)
     limits = Limits(
         surfaces=dict.fromkeys(SURFACES["full"], math.radians(deflection_deg)),
         channels={name: math.radians(angle_deg) for name in ("alpha", "beta")}

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, Whole, records_of, say_idle_effects
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, Whole, aircraft_of, records_of, say_idle_effects
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -94,7 +94,7 @@ def estimate(
     given = Choices(
         cost=cost, equation_weight=equation_weight, method=method, interval=interval, defects=defects, solver=solver
     )
-    file = Aircraft.read(aircraft)
+    file = aircraft_of(aircraft)
     read = records_of(records, maps or [])
     say_idle_effects(file, read)
     made_with = provenance(0)

@@ -12,10 +12,9 @@ from cyclopts import Parameter
 from casid.analysis import Identifiability
 from casid.analysis import identifiability as identifiability_of
 from casid.analysis.excitation import Suggestion
-from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, records_of
+from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, aircraft_of, records_of
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
-from casid.model.aircraft import Aircraft
 from casid.model.applied import apply_effects, default_free
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
@@ -53,7 +52,7 @@ def identifiability(
     """
     if bool(records) != bool(aircraft):
         raise InputError("identifiability: give records and --aircraft FILE together, or neither for the demonstration")
-    file = Aircraft.read(aircraft or DEMO / "aircraft.toml")
+    file = aircraft_of(aircraft or DEMO / "aircraft.toml")
     read = records_of(records or (str(DEMO / "m1.csv"),), maps or [])
     made_with = provenance(0)
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter, Token
 
 from casid.model.aircraft import Aircraft
+from casid.model.plausible import impossibilities
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_records
 from casid.records.record import Record
@@ -49,6 +50,15 @@ def records_of(patterns: Sequence[str], maps: Sequence[str], own: Sequence[str] 
         for note in record.notes:
             print(f"note: {record.name}: {note}", file=sys.stderr)
     return records
+
+
+def aircraft_of(file: str | Path) -> Aircraft:
+    """The aircraft of a file; what is to be said of it, and what in it is impossible, is said."""
+    aircraft = Aircraft.read(file)
+    said = (*aircraft.notes, *(one.sentence for one in impossibilities(aircraft) if one.parameter != "inertia"))
+    for note in said:
+        print(f"note: {Path(file).name}: {note}", file=sys.stderr)
+    return aircraft
 
 
 def say_idle_effects(aircraft: Aircraft, records: Sequence[Record]) -> None:

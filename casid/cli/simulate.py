@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, say_idle_effects
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, aircraft_of, records_of, say_idle_effects
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state
@@ -102,7 +102,7 @@ def fleet(paths: Sequence[Path]) -> dict[str, Aircraft]:
     labels = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}-{p.stem}" for p in paths]
     if len(set(labels)) < len(labels):
         raise InputError(f"--aircraft: two files are called '{labels[0]}'; give them different names")
-    return {label: Aircraft.read(path) for label, path in zip(labels, paths, strict=True)}
+    return {label: aircraft_of(path) for label, path in zip(labels, paths, strict=True)}
 
 
 def fly(applied: Applied, record: Record) -> np.ndarray | str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_IMPORTERS = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
 _received: list[int] = []  # signals that came after `ready`: an import in mid-air may swallow what they raise
 
 
@@ -83,6 +84,14 @@ def leave(status: int) -> NoReturn:
     sys.exit(status)
 
 
+def _imported_by_a_script() -> bool:
+    """Whether the file that is run imports this itself, and no worker process does."""
+    frame = sys._getframe(1)
+    while frame is not None and frame.f_code.co_filename in (__file__, *_IMPORTERS):
+        frame = frame.f_back
+    return frame is not None and frame.f_globals.get("__name__") == "__main__"
+
+
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
     os.write(2, f"{_WORDS[signal.Signals(number)]}; nothing had begun\n".encode())
     os._exit(128 + number)
@@ -110,3 +119,7 @@ def _said(error: Exception) -> int:
         raise error
     print(f"error: {' '.join(message.split())}", file=sys.stderr)
     return 2
+
+
+if _imported_by_a_script():  # scripts import this before all else, and are quiet from there on
+    begin()

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from casid.model.vocabulary import effect_title
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cause:
@@ -50,9 +52,6 @@ class Cause:
     @property
     def statement(self) -> str:
         """Its sentence, and what these data cannot tell it apart from."""
-        others = []
-        for one in self.indistinguishable_from:
-            inside = ":".join(str(part) for part in (one["target"], one["term"]) if part)
-            others.append(f"{one['kind']}({inside})" if inside else str(one["kind"]))
+        others = [effect_title(one["kind"], one["target"], one["term"]) for one in self.indistinguishable_from]
         alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
         return self.sentence + alike

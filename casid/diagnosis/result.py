@@ -183,7 +183,7 @@ class Diagnosis:
         lines = [f"verdict: {self.verdict}", self.sentence]
         lines += [f"  - data: {one.sentence}" for one in self.data]
         lines += [f"  - values: {one.sentence}" for one in self.contradicted]
-        lines += [f"  - {cause.sentence} (gain {cause.statistic:.0f})" for cause in self.causes]
+        lines += [f"  - {cause.sentence} (log likelihood ratio {0.5 * cause.statistic:.0f})" for cause in self.causes]
         lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
         lines += [f"  - not judged: {one.what} ({one.because})" for one in self.not_judged]
         steps = self.budget.together

@@ -12,6 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from casid.model.aircraft import Aircraft
+from casid.model.effect import Effect
+from casid.model.effects import effect_of
+from casid.model.vocabulary import effect_title
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +70,31 @@ _STANDARD_GRAVITY = 9.80665
 def doubts(aircraft: Aircraft) -> tuple[Doubt, ...]:
     """What of a file cannot be, by itself: nothing of these when all is well."""
     return (*_constants(aircraft), *_geometry(aircraft), *_slopes(aircraft), *_trim(aircraft))
+
+
+def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
+    """What no aircraft has, whatever it weighs: effects of a size that cannot be, an inertia of no rigid body."""
+    effects = [(value.value, effect_of(value)) for value in aircraft.effects]
+    sizes = [
+        Doubt(
+            parameter=effect.name,
+            given=value,
+            unit=effect.unit,
+            sentence=f"{effect_title(*effect.key)}: {value:.3g} {effect.unit} in the file, which is impossible.",
+        )
+        for value, effect in effects
+        if not possible(effect, value)
+    ]
+    bodies = [
+        Doubt(parameter="inertia", given=math.nan, unit="kg m2", sentence=f"The file's {note}.")
+        for note in aircraft.inertia.notes
+    ]
+    return (*sizes, *bodies)
+
+
+def possible(effect: Effect, value: float) -> bool:
+    """Whether the size of an effect is within what is plausible, and no lag or width below zero."""
+    return abs(value) <= effect.limit and not ("value" in effect.unsigned and value < 0.0)
 
 
 def _outside(value: float, bounds: tuple[float, float]) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from casid.records.channel_faults import update_interval
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
-from casid.signals import CHANNELS, unit_of
+from casid.signals import CHANNELS, for_a_person, unit_of
 
 _GAP = 1.5  # sampling intervals
 
@@ -55,9 +55,7 @@ def _row(name: str, records: Sequence[Record]) -> ChannelRow:
     series = [record[name] for record in records]
     values = np.concatenate(series)
     good = values[np.isfinite(values)]
-    unit = unit_of(name)
-    shown = unit.replace("rad", "deg")
-    factor = math.degrees(1.0) if shown != unit else 1.0
+    factor, shown = for_a_person(unit_of(name))
     least, median, most = factor * np.quantile(good, (0.0, 0.5, 1.0)) if len(good) else (math.nan,) * 3
     intervals = [update_interval(record, name) for record in records]
     known = [interval for interval in intervals if math.isfinite(interval)]

@@ -223,3 +223,13 @@ def test_an_effect_of_another_record_is_said_to_do_nothing(tmp_path: Path, capsy
     words = [str(DEMO / "m1.csv"), "--aircraft", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]
     assert call(script(simulate), words) == 0
     assert "actuator_lag of the aircraft file is of zz alone: it does nothing here" in capsys.readouterr().err
+
+
+def test_an_impossible_lag_of_the_file_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    effect = '\n[[effects]]\nkind = "actuator_lag"\ntarget = "delta_e"\nvalue = -1.0\n'
+    (tmp_path / "a.toml").write_text((DEMO / "aircraft.toml").read_text() + effect)
+    words = [str(DEMO / "m1.csv"), "--aircraft", str(tmp_path / "a.toml")]
+    assert call(script(check), words) == 1
+    assert "elevator: actuator lag: -1 s in the file, which is impossible" in capsys.readouterr().out
+    assert call(script(simulate), [*words, "--out", str(tmp_path / "out")]) == 0
+    assert "note: a.toml: elevator: actuator lag: -1 s" in capsys.readouterr().err

@@ -11,7 +11,8 @@ import pytest
 
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
-from casid.model.plausible import believable, doubts
+from casid.model.effect_value import EffectValue
+from casid.model.plausible import believable, doubts, impossibilities
 from problems.do328 import do328
 from problems.faults.flights import REAL, real_flight
 
@@ -68,3 +69,21 @@ def test_what_is_in_doubt_is_left_out() -> None:
     assert "rho" not in believable(wrong, doubts(wrong)).trim
     assert believable(wrong, doubts(wrong)).gravity == pytest.approx(9.80665)
     assert believable(plane(), ()) is not None and believable(plane(), ()).trim == TRIM
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "bad"),
+    [
+        ("actuator_lag", -1.0, True),
+        ("actuator_lag", 30.0, True),
+        ("actuator_lag", 0.5, False),
+        ("input_delay", -0.1, False),
+        ("backlash", -0.01, True),
+    ],
+)
+def test_a_lag_or_a_width_below_zero_is_impossible_and_a_delay_is_not(kind: str, value: float, bad: bool) -> None:
+    """What acts may be ahead of its record; nothing answers before its command."""
+    effect = EffectValue(kind=kind, target="delta_e", value=value)
+    found = impossibilities(replace(plane(), effects=(effect,)))
+    assert [one.parameter for one in found] == ([f"{kind}(delta_e)"] if bad else [])
+    assert all("impossible" in one.sentence for one in found)

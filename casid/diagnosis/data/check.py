@@ -23,14 +23,14 @@ from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_rea
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.given import given_aircraft
-from casid.model.plausible import Doubt, believable, doubts
+from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
 from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults
 from casid.records.channel_table import ChannelRow, as_text, channel_table
 from casid.records.checks import INPUTS
 from casid.records.given import given_records
 from casid.records.record import Record
-from casid.signals import SURFACES, unit_of
+from casid.signals import SURFACES, for_a_person, unit_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,6 +49,8 @@ class DataFindings:
         Every channel of the records as they were given, in units that a person reads.
     doubts
         Numbers of the aircraft file that cannot be, or with which flight agrees in another unit only.
+    impossible
+        Effects of the aircraft file of a size that cannot be, and an inertia of no rigid body.
     """
 
     findings: tuple[Finding, ...]
@@ -56,11 +58,12 @@ class DataFindings:
     recorded: tuple[Record, ...]
     table: tuple[ChannelRow, ...]
     doubts: tuple[Doubt, ...] = ()
+    impossible: tuple[Doubt, ...] = ()
 
     @property
     def clean(self) -> bool:
         """Whether nothing is wrong."""
-        return not (self.findings or self.doubts)
+        return not (self.findings or self.doubts or self.impossible)
 
     @property
     def reported(self) -> tuple[Finding, ...]:
@@ -72,7 +75,7 @@ class DataFindings:
         return {
             "records": [record.name for record in self.recorded],
             "data": [one.to_dict() for one in self.findings],
-            "file": [one.to_dict() for one in self.doubts],
+            "file": [one.to_dict() for one in (*self.doubts, *self.impossible)],
             "channels": {row.name: row.to_dict() for row in self.table},
         }
 
@@ -85,7 +88,7 @@ class DataFindings:
         said = [f"- {one.sentence}" for one in self.findings] or [
             "Nothing is wrong with these data, as far as they tell."
         ]
-        file = [f"- Aircraft file: {one.sentence}" for one in self.doubts]
+        file = [f"- Aircraft file: {one.sentence}" for one in (*self.doubts, *self.impossible)]
         return "\n".join([text, "", *(said if self.findings or not file else []), *file])
 
 
@@ -143,6 +146,7 @@ def check(
         recorded=given,
         table=channel_table(given),
         doubts=_of_the_file(plane, cannot_be, weighing.units),
+        impossible=impossibilities(plane) if plane is not None else (),
     )
 
 
@@ -182,7 +186,8 @@ def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: S
     level = faults[0].value
     share = float(np.mean(np.concatenate([fault.at for fault in faults])))
     names = tuple(fault.record for fault in faults)
-    stands = f" at {level:.4g} {unit_of(target)}" if level is not None else ""
+    factor, unit = for_a_person(unit_of(target))
+    stands = f" at {factor * level:.4g} {unit}" if level is not None else ""
     sentence = words.of_channel(kind, target, names, len(names) == len(records) > 1, share, stands)
     handled: Handled = "reported" if undo else "corrected" if target in INPUTS else "excluded"
     if handled != "excluded":

@@ -19,9 +19,8 @@ from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.numbers import with_deviation
-from casid.model.plausible import Doubt
+from casid.model.plausible import Doubt, impossibilities, possible
 from casid.model.terms import derivative_term
-from casid.model.vocabulary import effect_title
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,54 +127,25 @@ def _effects(
     for value in aircraft.effects:
         effect = effect_of(value)
         stated = _flight_says(effect, flight)
-        if (
-            stated is not None
-            and stated.determined
-            and _possible(effect.limit, value.value, "value" in effect.unsigned)
-        ):
+        if stated is not None and stated.determined and possible(effect, value.value):
             margin = value.std or criteria.unstated * abs(value.value)
             yield _against(effect.name, effect.unit, value.value, stated, margin), margin
 
 
 def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
     """What no aircraft has: effects beyond what is plausible, and inertias of no rigid body."""
-    for value in aircraft.effects:
-        effect = effect_of(value)
-        if _possible(effect.limit, value.value, "value" in effect.unsigned):
-            continue
-        stated, title = _flight_says(effect, flight), effect_title(*effect.key)
-        says = f" Flight says {_number(stated, effect.unit)}." if stated is not None and stated.determined else ""
-        yield Contradiction(
-            parameter=effect.name,
-            unit=effect.unit,
-            given=value.value,
-            flight=stated.value if stated else math.nan,
-            std=stated.std if stated else math.nan,
-            reversed=False,
-            impossible=True,
-            sentence=f"{title}: {value.value:.3g} {effect.unit} in the file, which is impossible.{says}",
-        )
-    for note in aircraft.inertia.notes:
-        yield Contradiction(
-            parameter="inertia",
-            unit="kg m2",
-            given=math.nan,
-            flight=math.nan,
-            std=math.nan,
-            reversed=False,
-            impossible=True,
-            sentence=f"The file's {note}.",
-        )
+    effects = {effect.name: effect for effect in map(effect_of, aircraft.effects)}
+    for doubt in impossibilities(aircraft):
+        stated = _flight_says(effects[doubt.parameter], flight) if doubt.parameter in effects else None
+        says = f" Flight says {_number(stated, doubt.unit)}." if stated is not None and stated.determined else ""
+        told = impossible(replace(doubt, sentence=f"{doubt.sentence}{says}"))
+        yield replace(told, flight=stated.value, std=stated.std) if stated is not None else told
 
 
 def _flight_says(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightValue | None:
     """What flight says of the size of an effect, as it is stated."""
     one = flight.get(effect.name)
     return replace(one, value=effect.in_words({"value": one.value})["value"]) if one else None
-
-
-def _possible(limit: float, value: float, unsigned: bool) -> bool:
-    return abs(value) <= limit and not (unsigned and value < 0.0)
 
 
 def _against(name: str, unit: str, given: float, flight: FlightValue, margin: float) -> Contradiction:

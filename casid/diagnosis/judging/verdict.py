@@ -368,7 +368,7 @@ def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
 
 
 def _gain(gain: float) -> str:
-    return f"gain {gain:.0f} in 2 ln L"
+    return f"log likelihood ratio {0.5 * gain:.0f}"
 
 
 def smallest_detectable(candidates: Sequence[Candidate], criteria: VerdictCriteria) -> dict[str, float]:

@@ -192,3 +192,12 @@ def test_density_and_thrust_are_known_without_a_trim(flown: tuple[Aircraft, tupl
     turned = [r.with_channels(rho=r["rho"] / 515.3788184, thrust=r["thrust"] / 1000.0) for r in records]
     found = cs.check(turned, bare)
     assert sorted(kinds(found.findings)) == [("data_unit", "rho"), ("data_unit", "thrust")]
+
+
+def test_an_angle_is_told_in_degrees(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """Frozen at 0.1 rad, which is 5.73 deg; the number for a program stays in rad."""
+    record = flown[1][0]
+    beta = np.where(record.t > 5.0, 0.1, record["beta"])
+    (one,) = cs.check([record.with_channels(beta=beta)]).findings
+    assert one.kind == "data_stuck" and "frozen at 5.73 deg in" in one.sentence
+    assert one.value == pytest.approx(0.1) and one.unit == "rad"

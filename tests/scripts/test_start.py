@@ -1,0 +1,26 @@
+"""Every experiment leaves in one line when it is interrupted. Truth: status 130, as a shell has it for Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parents[2]
+SLOW = [path.name for path in sorted((REPO / "scripts").glob("*.py")) if path.name != "first_hour.py"]
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_ctrl_c_while_a_script_is_imported(tmp_path: Path, name: str) -> None:
+    """The signal comes with the first numerical package, whichever it is; nothing slow is imported before it."""
+    stopped = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5.0)\n"
+    for package in ("numpy", "casadi", "scipy", "matplotlib"):
+        (tmp_path / f"{package}.py").write_text(stopped)
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{REPO}"}
+    command = [sys.executable, str(REPO / "scripts" / name), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 130 and done.stdout == ""
+    assert done.stderr == "interrupted; nothing had begun\n"
