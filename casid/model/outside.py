@@ -7,7 +7,7 @@ by the size of each argument, all points of them in one batch. Nothing of it is 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, count
 from typing import Any
 
 import casadi as ca
@@ -18,6 +18,7 @@ from casid.errors import InputError, unknown
 
 Function = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
 _FIRST, _SECOND = np.finfo(float).eps ** (1 / 3), np.finfo(float).eps ** (1 / 4)  # steps of least error
+_NUMBERS = count()
 
 
 def outside(
@@ -84,6 +85,7 @@ class _Batch:
 
     def __init__(self, function: Function, takes: tuple[str, ...], gives: tuple[str, ...], size: np.ndarray) -> None:
         self.function, self.takes, self.gives, self.size = function, takes, gives, size
+        self.number = next(_NUMBERS)
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """(N, gives) of (N, takes)."""
@@ -134,7 +136,8 @@ class _Values(ca.Callback):
         self.batch, self.order = batch, order
         self.n, self.m = len(batch.takes), len(batch.gives)
         self.next: _Values | None = None  # CasADi does not keep what Python lets go
-        self.construct(f"outside_{order}", {})
+        # CasADi takes two calls of equal arguments to functions of one name for one expression
+        self.construct(f"outside_{batch.number}_{order}", {})
 
     def get_n_in(self) -> int:
         return 1 + self.order

@@ -121,3 +121,25 @@ def test_bad_arguments() -> None:
     ):
         with pytest.raises(InputError, match=says):
             cs.outside(*arguments)
+
+
+def test_two_functions_of_the_same_arguments_stay_two() -> None:
+    """One for the dynamics and one for the output: x' = a (1 - x), y = a^2 x, seen through as expressions are."""
+    takes, t = ("x", "a"), np.arange(0.0, 3.0, 0.05)
+
+    def model(dynamics: Any, output: Any) -> Model:
+        return cs.define_model(
+            "m", states=("x",), inputs=(), parameters={"a": 1.0}, outputs=("x",), dynamics=dynamics, output=output
+        )
+
+    plain = model(lambda s: {"x": s.a * (1.0 - s.x)}, lambda s: {"x": s.a**2 * s.x})
+    opaque = model(
+        cs.outside(lambda v: {"x": v["a"] * (1.0 - v["x"])}, takes, ("x",)),
+        cs.outside(lambda v: {"x": v["a"] ** 2 * v["x"]}, takes, ("x",)),
+    )
+    flown = cs.simulate(plain, Record(name="m", t=t, channels={}), [0.1], {"a": 1.3}).as_record("m")
+    record = flown.with_channels(x=flown["x"] + np.random.default_rng(5).normal(scale=0.01, size=len(t)))
+    fits = [cs.solve(cs.Problem(one, [record], free=["a"])) for one in (plain, opaque)]
+    assert all(fit.converged for fit in fits)
+    assert fits[1]["a"].value == pytest.approx(fits[0]["a"].value, rel=1e-7)
+    assert fits[1]["a"].std == pytest.approx(fits[0]["a"].std, rel=1e-6)
