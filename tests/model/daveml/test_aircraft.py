@@ -89,6 +89,7 @@ def test_static_shots_within_their_tolerances(f16: Path, name: str) -> None:
 
 
 STEP_S = 0.01  # of the integration of NASA's simulation: what it logs as forces is what acted over the step before
+SPAN, CHORD = 30.0, 11.32  # ft
 
 
 @pytest.fixture
@@ -106,15 +107,16 @@ def flown(f16: Path) -> Callable[[str], tuple[CubicSpline, np.ndarray, np.ndarra
 
 
 def motion_and_coefficients(row: dict[str, float]) -> tuple[list[float], list[float]]:
+    """NASA's simulation makes all three moments with the mean chord, where the file has the span for roll and yaw:
+    see `test_forces_of_nasas_lateral_steps`."""
     psi, theta, phi = (np.radians(row[f"eulerAngle_deg_{name}"]) for name in ("Yaw", "Pitch", "Roll"))
     u, v, w = body_velocity(np.array([row[f"feVelocity_ft_s_{axis}"] for axis in "XYZ"]), psi, theta, phi)
     V = row["trueAirspeed_nmi_h"] * 1852.0 / 3600.0 / 0.3048
     assert np.linalg.norm([u, v, w]) == pytest.approx(V, rel=1e-6)
     rates = [np.radians(row[f"bodyAngularRateWrtEi_deg_s_{name}"]) for name in ("Roll", "Pitch", "Yaw")]
     qS = 0.5 * row["airDensity_slug_ft3"] * V**2 * 300.0
-    lengths = {"L": 30.0, "M": 11.32, "N": 30.0}
     force = [row[f"aero_bodyForce_lbf_{axis}"] / qS for axis in "XYZ"]
-    moment = [row[f"aero_bodyMoment_ftlbf_{axis}"] / (qS * length) for axis, length in lengths.items()]
+    moment = [row[f"aero_bodyMoment_ftlbf_{axis}"] / (qS * CHORD) for axis in "LMN"]
     return [V, np.degrees(np.arctan2(w, u)), np.degrees(np.arcsin(v / V)), *rates], [*force, *moment]
 
 
@@ -149,6 +151,23 @@ def test_forces_of_nasas_altitude_step(f16: Path, flown: Callable) -> None:
     assert max(left.values()) < 2e-5, left
     late = unexplained_by_surfaces(f16, motion(6.0), logged[60])
     assert late > 1e-3  # at the time of its row: the step matters, and the check can fail
+
+
+@pytest.mark.parametrize(("name", "step_s"), [("13p3", 15.0), ("13p4", 20.0)])
+def test_forces_of_nasas_lateral_steps(f16: Path, flown: Callable, name: str, step_s: float) -> None:
+    """In check cases 13.3 and 13.4 the F-16 steps to another heading and aside; sideslip reaches 4 degrees.
+
+    With roll and yaw moments over the chord three surfaces explain all six coefficients to 3e-6, 2 s after the step.
+    Over the span, as the file and its static shots have it, more than 1e-3 is left, most of all in Cn: NASA's
+    simulation makes the lateral moments 11.32/30 of what the file says, and flies with these.
+    """
+    motion, t, logged = flown(name)
+    after = [i for i in range(int(10 * (step_s + 2.0)), int(10 * (step_s + 6.0)), 6)]
+    left = [unexplained_by_surfaces(f16, motion(t[i] - STEP_S), logged[i]) for i in after]
+    assert max(left) < 3e-6, left
+    by_span = np.array([1.0, 1.0, 1.0, CHORD / SPAN, 1.0, CHORD / SPAN])
+    other = unexplained_by_surfaces(f16, motion(t[after[0]] - STEP_S), by_span * logged[after[0]])
+    assert other > 1e-3
 
 
 def body_velocity(ned: np.ndarray, psi: float, theta: float, phi: float) -> np.ndarray:
