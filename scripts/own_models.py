@@ -1,12 +1,13 @@
-"""Are faults found in flights of JSBSim aircraft when the model is the aircraft's own XML?
+"""Are faults found in flights when the model is the aircraft's own file: JSBSim's XML, the F-16's DAVE-ML?
 
 Question     How often is the hidden effect named first, or in the set of the first, and how often is something named in
              clean flights, when nothing of the model's structure is approximated?
-Set-up       problems/jsbsim/own_model.py: the flights of problems/blind ("jsbsim"), with the XML that JSBSim flew as
-             the aircraft file. Cases in turn, seeds from `--seed` on; below 1000 are for development.
+Set-up       problems/jsbsim/own_model.py: the flights of problems/blind ("jsbsim", "f16"), with the file that was flown
+             as the aircraft file. Cases in turn, seeds from `--seed` on; below 1000 are for development.
 Expectation  First or in its set 95 %; clean flights without a name.
 
-    python scripts/own_models.py [--seed 1] [--minutes 15] [--naming rules|score] [--cases NAME ...] [--out DIR]
+    python scripts/own_models.py [--of jsbsim|f16] [--seed 1] [--minutes 15] [--naming rules|score] [--cases NAME ...]
+                                 [--out DIR]
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ CASES = (
 
 def main() -> None:
     options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    options.add_argument("--of", choices=("jsbsim", "f16"), default="jsbsim")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--minutes", type=float, default=15.0, help="after which no set is begun")
     options.add_argument("--naming", choices=("rules", "score"), default="rules")
@@ -65,7 +67,7 @@ def main() -> None:
     for case, seed in _in_turn(given.cases, given.seed):
         if time.monotonic() - begin > 60.0 * given.minutes:
             break
-        rows.append(_row(case, seed, given.out / f"{case}_{seed}", given.naming))
+        rows.append(_row(given.of, case, seed, given.out / f"{given.of}_{case}_{seed}", given.naming))
         print(json.dumps(rows[-1]), flush=True)
     hidden = [row for row in rows if not row["case"].startswith("clean")]
     clean = [row for row in rows if row["case"].startswith("clean")]
@@ -80,9 +82,9 @@ def _in_turn(cases: list[str], seed: int) -> Iterator[tuple[str, int]]:
         seed += 1
 
 
-def _row(case: str, seed: int, folder: Path, naming: str) -> dict[str, Any]:
+def _row(of: str, case: str, seed: int, folder: Path, naming: str) -> dict[str, Any]:
     begin = time.monotonic()
-    flown = hide_in_own(case, seed, folder)
+    flown = hide_in_own(of, case, seed, folder)
     found = solve({"folder": str(folder), "naming": naming})
     result = score(flown.answer, found)
     (folder / "found.json").write_text(json.dumps(found, default=str), encoding="utf-8")

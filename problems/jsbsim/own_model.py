@@ -1,7 +1,7 @@
-"""Blind sets of JSBSim aircraft with the aircraft's own XML as the model, so that nothing of its structure is missing.
+"""Blind sets with the aircraft's own file as the model, so that nothing of its structure is missing.
 
-Flights, hidden effects and answers are those of `problems.blind.sets`; the model is the file that JSBSim flew, healthy,
-as `Aircraft.from_jsbsim` reads it. Needs the optional package jsbsim.
+Flights, hidden effects and answers are those of `problems.blind.sets`. For "jsbsim" the model is the XML that JSBSim
+flew, healthy, as `Aircraft.from_jsbsim` reads it; needs the optional package jsbsim. For "f16" it is NASA's DAVE-ML.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from casid.model.aircraft import Aircraft
 from casid.records.readers import write_record
+from problems.blind import f16
 from problems.blind.sets import Set, fly_set
 from problems.jsbsim.agreement import file_of
 from problems.jsbsim.corpus import rounded
@@ -48,12 +49,15 @@ def own_aircraft(model: str, folder: Path, like: Aircraft) -> Aircraft:
     return replace(aircraft, trim=like.trim, gravity=like.gravity, noise=like.noise)
 
 
-def hide_in_own(case: str, seed: int, folder: Path) -> Set:
-    """Fly a set of "jsbsim", and write its records, its aircraft's XML and aircraft.toml into `folder`."""
-    flown = fly_set("jsbsim", case, seed)
+def hide_in_own(of: str, case: str, seed: int, folder: Path) -> Set:
+    """Fly a set of "jsbsim" or "f16", and write its records and aircraft.toml into `folder`, with an XML beside it."""
+    flown = fly_set(of, case, seed)
     folder.mkdir(parents=True, exist_ok=True)
     for record in flown.records:
         write_record(rounded(record), folder / f"{record.name}.csv")
-    aircraft = own_aircraft(flown.aircraft.name.removesuffix(", cruise"), folder, flown.aircraft)
+    if of == "f16":
+        aircraft = f16.plane().aircraft
+    else:
+        aircraft = own_aircraft(flown.aircraft.name.removesuffix(", cruise"), folder, flown.aircraft)
     aircraft.write(folder / "aircraft.toml")
     return replace(flown, aircraft=aircraft)
