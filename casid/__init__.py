@@ -32,6 +32,7 @@ _ROOMS = {
         "flight_inputs",
     ),
     "casid.model.feedback": ("SampledFeedback",),
+    "casid.model.fmu": ("fmu_model",),
     "casid.model.port": ("Port",),
     "casid.model.outside": ("outside",),
     "casid.model.simulate": (

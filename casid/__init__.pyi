@@ -37,6 +37,7 @@ from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
+from casid.model.fmu import fmu_model
 from casid.model.outside import outside
 from casid.model.port import Port
 from casid.model.simulate import Simulation, simulate
@@ -105,6 +106,7 @@ __all__ = [
     "diagnose",
     "filter_error",
     "flight_inputs",
+    "fmu_model",
     "identifiability",
     "linear",
     "load",

@@ -113,7 +113,7 @@ def _no_number_at_start(problem: Problem) -> str:
     function = ca.Function("at_start", [model.x, model.u, model.p, model.w], [both])
     calm = np.zeros(len(model.disturbances))
     for record, p in zip(problem.records, values, strict=True):
-        U = record.matrix(model.inputs) if model.inputs else np.zeros((len(record), 0))
+        U = record.matrix(model.inputs)
         X = model.guess(record)
         found = function.map(len(record))(
             X.T, U.T, np.tile(p[:, None], len(record)), np.tile(calm[:, None], len(record))

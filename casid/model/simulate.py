@@ -87,7 +87,7 @@ def simulate(
     whole(substeps, "simulate: substeps")
     n = len(record)
     _check_inputs(model, record)
-    U = record.matrix(model.inputs) if model.inputs else np.zeros((n, 0))
+    U = record.matrix(model.inputs)
     W = np.zeros((n, len(model.disturbances)))
     for name, series in table_of(disturbances or {}, "simulate: disturbances", "{'gust_z': series}").items():
         W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)

@@ -142,7 +142,8 @@ class Record:
 
     def matrix(self, names: Iterable[str]) -> np.ndarray:
         """(N, channels) of the named channels."""
-        return np.stack([self[name] for name in argument_names(names, "Record.matrix: names")], axis=1)
+        columns = [self[name] for name in argument_names(names, "Record.matrix: names")]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
 
     def with_channels(self, **channels: np.ndarray) -> Record:
         """The same record with channels added or replaced, (N,) each."""

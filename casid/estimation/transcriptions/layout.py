@@ -128,7 +128,7 @@ def _refined(values: np.ndarray, substeps: int) -> np.ndarray:
 
 def _inputs(model: Model, record: Record, substeps: int) -> tuple[np.ndarray, np.ndarray]:
     """Inputs at the start and at the end of every step; time itself never stands still."""
-    u = record.matrix(model.inputs) if model.inputs else np.zeros((len(record), 0))
+    u = record.matrix(model.inputs)
     straight = _refined(u, substeps)
     following = np.concatenate([straight[1:], straight[-1:]])
     if record.hold == "linear":

@@ -1,0 +1,242 @@
+"""A functional mock-up unit (FMI 2.0, model exchange) as a `Model`: its binary gives rates and outputs as numbers.
+
+The unit is called by `fmpy`; its derivatives are differences, as of any `outside` function. CasADi's own import was
+tried and is not used. Its Jacobians are zero for parameters, since no model description has dependencies on these, and
+it sets parameters where a unit may refuse them.
+"""
+
+from __future__ import annotations
+
+import atexit
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from ctypes import POINTER, c_double
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.arguments import a_path, names, number
+from casid.errors import InputError, unknown
+from casid.model.outside import outside
+from casid.model.system import Model, define_model
+
+_LATER = (1.0, 2.6180339)  # s after the start: rates that differ there depend on time
+_ROUNDS = 100  # of discrete states until they settle
+_VERSION = "2.0"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Variable:
+    """One of the description: `name` as casid has it, `start` in the unit's own unit."""
+
+    name: str
+    reference: int
+    start: float
+    size: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Described:
+    """What a model has of a description, in its order."""
+
+    name: str
+    states: tuple[_Variable, ...]
+    inputs: tuple[_Variable, ...]
+    parameters: tuple[_Variable, ...]
+    outputs: tuple[_Variable, ...]
+
+
+def fmu_model(
+    path: str | Path, parameters: Sequence[str] = (), *, prior_std: Mapping[str, float] | None = None
+) -> Model:
+    """The model of a functional mock-up unit: FMI 2.0, model exchange, without events. Needs the extra `fmu`.
+
+    Parameters
+    ----------
+    path
+        The .fmu file. Its binary is run: give only one that you trust.
+    parameters
+        Names of its Real parameters that may be estimated; the others keep their start values.
+    prior_std
+        A-priori 1-sigma of the parameters that have one.
+
+    Returns
+    -------
+    Model
+        Continuous states, Real inputs and outputs under the unit's names and in its units; without outputs, its states.
+        Letters that no name has become underscores, `motor.w[1]` is `motor_w_1`. Where rates depend on time, "t" is an
+        input. Derivatives are differences, and Python is called for every sample: see `outside`.
+
+    Raises
+    ------
+    InputError
+        Without the extra, for a file that cannot be run here, and for what is none of these.
+    """
+    where = f"fmu_model: {a_path(path, 'fmu_model')}"
+    description, unit = _opened(path, where)
+    own = _described(description, names(parameters, "fmu_model: parameters"), where)
+    running = _Running(unit, own, where)
+    timed = running.depends_on_time()
+    taken = [*own.states, *own.inputs, *own.parameters]
+    sizes = {v.name: v.size for v in taken}
+    takes = ([v.name for v in taken] + ["t"]) if timed else [v.name for v in taken]
+    return define_model(
+        own.name,
+        states=[v.name for v in own.states],
+        inputs=[*(v.name for v in own.inputs), *(["t"] if timed else [])],
+        parameters={v.name: v.start for v in own.parameters},
+        outputs=[v.name for v in own.outputs],
+        dynamics=outside(running.rates, takes, [v.name for v in own.states], sizes),
+        output=outside(running.outputs, takes, [v.name for v in own.outputs], sizes),
+        state_scale={v.name: v.size for v in own.states},
+        prior_std=prior_std,
+    )
+
+
+def _opened(path: str | Path, where: str) -> tuple[Any, Any]:
+    """Description and instance of a unit, unpacked until the process ends."""
+    try:
+        import fmpy
+        from fmpy.fmi2 import FMU2Model
+    except ImportError:
+        raise InputError("an FMU needs the extra fmu; install it: pip install 'casid[fmu]'") from None
+    if not Path(path).is_file():
+        raise InputError(f"{where}: no such file")
+    try:
+        description = fmpy.read_model_description(str(path), validate=False)
+        folder = str(fmpy.extract(str(path)))
+    except Exception as error:  # whatever a file may be that is no FMU
+        raise InputError(f"{where}: is no FMU: {str(error).splitlines()[0]}") from None
+    atexit.register(partial(shutil.rmtree, folder, ignore_errors=True))
+    if description.fmiVersion != _VERSION or description.modelExchange is None:
+        kinds = [k for k in ("modelExchange", "coSimulation", "scheduledExecution") if getattr(description, k, None)]
+        raise InputError(
+            f"{where}: FMI {description.fmiVersion}, {' and '.join(kinds)}; expected FMI {_VERSION} for model exchange"
+        )
+    if description.numberOfEventIndicators:
+        raise InputError(
+            f"{where}: has {description.numberOfEventIndicators} event indicators; rates that jump have no derivatives"
+        )
+    try:
+        unit = FMU2Model(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=description.modelExchange.modelIdentifier,
+            instanceName="casid",
+        )
+        unit.instantiate()
+    except Exception as error:  # a binary of another platform, a library that it needs
+        raise InputError(f"{where}: its binary does not run here: {str(error).splitlines()[0]}") from None
+    return description, unit
+
+
+def _described(description: Any, parameters: Sequence[str], where: str) -> _Described:
+    variables = list(description.modelVariables)
+    reals = [v for v in variables if v.type == "Real"]
+    driven = [v for v in variables if v.causality == "input"]
+    for v in driven:
+        if v.type != "Real":
+            raise InputError(f"{where}: input '{v.name}' is of type {v.type}; expected Real ones only")
+    states = [unknown_rate.variable.derivative for unknown_rate in description.derivatives]
+    outputs = [v for v in reals if v.causality == "output"] or states
+    able = {v.name: v for v in reals if v.causality == "parameter" and v.start is not None}
+    for name in parameters:
+        if name not in able:
+            raise unknown("parameter", name, able, where)
+    found = _Described(
+        name=str(description.modelName),
+        states=tuple(_variable(v, where) for v in states),
+        inputs=tuple(_variable(v, where) for v in driven),
+        parameters=tuple(_variable(able[name], where) for name in parameters),
+        outputs=tuple(_variable(v, where) for v in outputs),
+    )
+    if not found.states:
+        raise InputError(f"{where}: has no continuous states")
+    return found
+
+
+def _variable(variable: Any, where: str) -> _Variable:
+    """Of a letter that no name of casid has, an underscore stands in its place: `motor.w[1]` is `motor_w_1`."""
+    start = 0.0 if variable.start is None else number(float(variable.start), f"{where}: start of '{variable.name}'")
+    nominal = float(variable.nominal) if variable.nominal is not None else abs(start)
+    name = re.sub(r"\W+", "_", variable.name).strip("_")
+    return _Variable(name=name, reference=variable.valueReference, start=start, size=nominal or 1.0)
+
+
+class _Running:
+    """An instance that gives rates and outputs at points; its parameters are set anew when a point has others."""
+
+    def __init__(self, unit: Any, own: _Described, where: str) -> None:
+        self.unit, self.own, self.where = unit, own, where
+        self.at: tuple[float, ...] | None = None
+        n = len(own.states)
+        self.x, self.xdot = np.zeros(n), np.zeros(n)
+
+    def rates(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return self._by_point(v, self.own.states, self._rates)
+
+    def outputs(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        references = [one.reference for one in self.own.outputs]
+        return self._by_point(v, self.own.outputs, lambda: self.unit.getReal(references))
+
+    def depends_on_time(self) -> bool:
+        """Whether rates or outputs at the start differ between two later times."""
+        start = {v.name: np.full(2, v.start) for v in (*self.own.states, *self.own.inputs, *self.own.parameters)}
+        later = start | {"t": np.array(_LATER)}
+        return any(np.ptp(x) > 0.0 for found in (self.rates(later), self.outputs(later)) for x in found.values())
+
+    def _by_point(self, v: Mapping[str, np.ndarray], gives: Sequence[_Variable], call: Any) -> dict[str, np.ndarray]:
+        own = self.own
+        states, inputs, parameters = (
+            np.stack([v[one.name] for one in group], axis=1) if group else np.zeros((len(v[own.states[0].name]), 0))
+            for group in (own.states, own.inputs, own.parameters)
+        )
+        times = v.get("t", np.zeros(len(states)))
+        found = np.zeros((len(states), len(gives)))
+        references = [one.reference for one in own.inputs]
+        try:
+            for k in range(len(states)):
+                self._with_parameters(tuple(parameters[k].tolist()))
+                self.unit.setTime(float(times[k]))
+                self.x[:] = states[k]
+                self.unit.setContinuousStates(_pointer(self.x), len(self.x))
+                if references:
+                    self.unit.setReal(references, inputs[k].tolist())
+                found[k] = call()
+        except Exception as error:  # of fmpy: the unit refused a call
+            self.at = None
+            raise InputError(f"{self.where}: {str(error).splitlines()[0]}") from None
+        return dict(zip((one.name for one in gives), found.T, strict=True))
+
+    def _rates(self) -> np.ndarray:
+        self.unit.getDerivatives(_pointer(self.xdot), len(self.xdot))
+        return self.xdot
+
+    def _with_parameters(self, values: tuple[float, ...]) -> None:
+        """Initialise with these, where every unit takes them."""
+        if values == self.at:
+            return
+        unit = self.unit
+        if self.at is not None:
+            unit.reset()
+        self.at = values
+        unit.setupExperiment(startTime=0.0)
+        if values:
+            unit.setReal([one.reference for one in self.own.parameters], list(values))
+        unit.enterInitializationMode()
+        unit.exitInitializationMode()
+        for _ in range(_ROUNDS):
+            again, _, _, _, timed, _ = unit.newDiscreteStates()
+            if timed:
+                raise InputError("has an event at a time; rates that jump have no derivatives")
+            if not again:
+                break
+        unit.enterContinuousTimeMode()
+
+
+def _pointer(values: np.ndarray) -> Any:
+    return values.ctypes.data_as(POINTER(c_double))
