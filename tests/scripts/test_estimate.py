@@ -77,6 +77,18 @@ def estimated(out: Path) -> dict:
     return json.loads((out / "estimate.json").read_text())
 
 
+@pytest.fixture
+def pitching_moment(folder, run_in_process):
+    """Estimate the derivatives of Cm from one record, starting at the truth; returns estimate.json."""
+
+    def run(out: Path, *options: str) -> dict:
+        always = ("--aircraft", folder / "truth.toml", "--free", "Cm_*", "--out", out)
+        run_in_process("estimate", folder / "m1.csv", *always, *options)
+        return estimated(out)
+
+    return run
+
+
 def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, run_script, tmp_path):
     done = run_script("estimate", folder / "m?.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -112,61 +124,26 @@ def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, ru
     ],
     ids=" ".join,
 )
-def test_every_choice_finds_the_pitching_moment(folder, run_in_process, tmp_path, options):
+def test_every_choice_finds_the_pitching_moment(pitching_moment, tmp_path, options):
     """Cm_alpha, Cm_q and Cm_delta_e within a few per cent; equation error is biased by noise in its regressors."""
-    run_in_process(
-        "estimate",
-        folder / "m1.csv",
-        "--aircraft",
-        folder / "truth.toml",
-        "--free",
-        "Cm_*",
-        "--out",
-        tmp_path,
-        *options,
-    )
-    result = estimated(tmp_path)
+    result = pitching_moment(tmp_path, *options)
     assert result["converged"], result["status"]
     for name in ("Cm_alpha", "Cm_q", "Cm_delta_e"):
         assert result["parameters"][name]["value"] == pytest.approx(STABLE[name], rel=0.05), name
 
 
-def test_methods_agree_on_the_optimum(folder, run_in_process, tmp_path):
+def test_methods_agree_on_the_optimum(pitching_moment, tmp_path):
     """Single and multiple shooting minimise the same sum of squares."""
-    values = []
-    for method in ("single", "multiple"):
-        run_in_process(
-            "estimate",
-            folder / "m1.csv",
-            "--aircraft",
-            folder / "truth.toml",
-            "--free",
-            "Cm_*",
-            "--method",
-            method,
-            "--out",
-            tmp_path / method,
-        )
-        values.append(estimated(tmp_path / method)["parameters"])
-    for name, one in values[0].items():
-        assert abs(one["value"] - values[1][name]["value"]) < 1e-3 * one["std"]
-
-
-def test_soft_defects_estimate_their_noise(folder, run_in_process, tmp_path):
-    """A flight without process noise: what is found of it is too small to move the estimates."""
-    run_in_process(
-        "estimate",
-        folder / "m1.csv",
-        "--aircraft",
-        folder / "truth.toml",
-        "--free",
-        "Cm_*",
-        "--defects",
-        "soft",
-        "--out",
-        tmp_path,
+    single, multiple = (
+        pitching_moment(tmp_path / method, "--method", method)["parameters"] for method in ("single", "multiple")
     )
-    result = estimated(tmp_path)
+    for name, one in single.items():
+        assert abs(one["value"] - multiple[name]["value"]) < 1e-3 * one["std"]
+
+
+def test_soft_defects_estimate_their_noise(pitching_moment, tmp_path):
+    """A flight without process noise: what is found of it is too small to move the estimates."""
+    result = pitching_moment(tmp_path, "--defects", "soft")
     assert result["converged"], result["status"]
     assert result["filter_error"]["status"] == "converged"
     assert set(result["filter_error"]["process_noise"]) == {"dCL", "dCD", "dCm"}
