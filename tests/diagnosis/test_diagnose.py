@@ -59,7 +59,7 @@ HIDDEN = [
 @pytest.mark.parametrize("hidden", HIDDEN, ids=lambda h: h.name)
 def test_a_hidden_effect_is_named_with_its_size(hidden: Attached) -> None:
     """The truth is the effect that was flown; its name must come first and its size lie within five sigmas."""
-    found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
+    found = diagnose(rough_file(), flights([hidden], seed=1, count=3))
     assert found.verdict in ("explained", "partly explained"), str(found)
     cause = found.causes[0]
     assert (cause.kind, cause.target, cause.term) == hidden.effect.key, str(found)
@@ -116,7 +116,7 @@ TWO = [
 
 @pytest.mark.parametrize("hidden", TWO, ids=lambda pair: " and ".join(h.name for h in pair))
 def test_of_two_hidden_effects_both_are_named_and_nothing_else(hidden: tuple[Attached, Attached]) -> None:
-    found = diagnose(rough_file(), flights(hidden, seed=5, count=4))
+    found = diagnose(rough_file(), flights(hidden, seed=5, count=3))
     assert {(c.kind, c.target, c.term) for c in found.causes} == {h.effect.key for h in hidden}, str(found)
     truth = {h.effect.key: h for h in hidden}
     for cause in found.causes:
@@ -132,7 +132,7 @@ def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missin
         Attached(effect=sensor_bias("p"), values={"value": 0.007}),
         Attached(effect=aero_term("CL", "alpha*delta_e"), values={"value": 14.0}),
     )
-    found = diagnose(rough_file(), flights(hidden, seed=5, count=4))
+    found = diagnose(rough_file(), flights(hidden, seed=5, count=3))
     assert {(c.kind, c.target, c.term) for c in found.causes} == {one.effect.key for one in hidden}, str(found)
     first = found.rounds[0].fitted
     assert first.attached[-1].effect.key == hidden[0].effect.key
@@ -143,7 +143,7 @@ def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missin
 def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> None:
     """Dryden turbulence of 1 m/s: its first-order model has it within three of its sigmas; and one naming is enough."""
     t, said = np.arange(0.0, 20.0, 1.0 / 25.0), list[str]()
-    records = flights(seed=7, count=4, disturbance=turbulence(np.random.default_rng(7), t, 1.0, V_TRIM, 20.98))
+    records = flights(seed=7, count=3, disturbance=turbulence(np.random.default_rng(7), t, 1.0, V_TRIM, 20.98))
     found = diagnose(rough_file(), records, report=said.append)
     assert said.count("naming, round 1") == 1
     assert [c.kind for c in found.causes] == ["turbulence"], str(found)
@@ -230,18 +230,18 @@ def test_a_drifting_attitude_is_not_named_moving_air() -> None:
 @pytest.mark.parametrize(
     "hidden",
     [
-        Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m4": 12.3}),
-        Attached(effect=actuator_lag("delta_e"), values={"value": 0.25}, records=("m4",)),
-        Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={"m4": 8.0}),
+        Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m3": 12.3}),
+        Attached(effect=actuator_lag("delta_e"), values={"value": 0.25}, records=("m3",)),
+        Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={"m3": 8.0}),
     ],
     ids=lambda h: h.name,
 )
 def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Attached) -> None:
-    found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
+    found = diagnose(rough_file(), flights([hidden], seed=1, count=3))
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
-    assert "m4, which no fit has seen" in found.sentence
+    assert "m3, which no fit has seen" in found.sentence
     first = next(iter(pictures(found).values()))
-    assert (first.name, [ax.get_title(loc="left") for ax in first.figure.axes]) == ("unexplained", ["m4"])
+    assert (first.name, [ax.get_title(loc="left") for ax in first.figure.axes]) == ("unexplained", ["m3"])
 
 
 def test_straight_lines_between_samples_are_part_of_a_size() -> None:
@@ -258,8 +258,8 @@ def test_straight_lines_between_samples_are_part_of_a_size() -> None:
 
 
 def test_a_gust_that_the_held_out_record_has_too_is_explained() -> None:
-    hidden = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3, "m4": 9.1})
-    found = diagnose(rough_file(), flights([hidden], seed=1, count=4))
+    hidden = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3, "m3": 9.1})
+    found = diagnose(rough_file(), flights([hidden], seed=1, count=3))
     assert found.verdict == "explained", str(found)
     assert [(c.kind, c.target) for c in found.causes] == [("gust", "z")]
 
@@ -321,7 +321,7 @@ def test_what_is_gained_while_an_event_does_not_act_owes_it_no_more_than_any_oth
 def test_a_bend_that_barely_matters_is_no_cause() -> None:
     """Cm with 4 % of its variation from alpha^2, as stock aircraft have: clear, but no more than minor."""
     bend = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 3.0})
-    found = diagnose(rough_file(), flights([bend], seed=6, count=4))
+    found = diagnose(rough_file(), flights([bend], seed=6, count=3))
     assert found.verdict == "values wrong", str(found)
     assert any((m.target, m.term) == ("Cm", "alpha^2") for m in found.minor), str(found)
 
@@ -365,7 +365,7 @@ def test_noise_of_recorded_surfaces_is_evidence_for_nothing(seed: int) -> None:
 def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more(monkeypatch) -> None:
     """A slight bend of Cm, and a held-out record with manoeuvres of three times the size: nothing is in it alone."""
     bend = [Attached(effect=aero_term("Cm", "alpha^2*delta_e"), values={"value": -55.0})]
-    records = [*flights(bend, seed=21, count=3), flights(bend, seed=22, count=4, size=3.0)[3]]
+    records = [*flights(bend, seed=21, count=2), flights(bend, seed=22, count=3, size=3.0)[2]]
     found = diagnose(rough_file(), records)
     assert (found.verdict, found.causes) == ("values wrong", ()), str(found)
     assert ("Cm", "alpha^2*delta_e") in {(c.target, c.term) for c in found.minor}
@@ -375,12 +375,12 @@ def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more
 
 @pytest.mark.parametrize("unknown", [0.0, 0.002])
 def test_an_expected_term_is_no_cause_beside_something_larger_at_its_coefficient(unknown: float) -> None:
-    """Cl of alpha*r, alone and beside a slow rolling moment of the same size that no cause of the catalogue makes: what
+    """11 % of Cl, alone and beside a slow rolling moment of the same size that no cause of the catalogue makes: what
     imitates a part of something unknown looks the same."""
-    term = Attached(effect=aero_term("Cl", "alpha*r"), values={"value": 14.0})
+    term = Attached(effect=aero_term("Cl", "alpha*r"), values={"value": 11.0})
     t = np.arange(0.0, 20.0, 1.0 / 25.0)
     wave = unknown * np.sin(2.0 * np.pi * 0.45 * t) * np.sin(2.0 * np.pi * 0.11 * t + 1.0)
-    found = diagnose(rough_file(), flights([term], seed=23, count=4, disturbance={"dCl": wave}))
+    found = diagnose(rough_file(), flights([term], seed=23, count=3, disturbance={"dCl": wave}))
     named = [(c.target, c.term) for c in found.causes]
     assert found.verdict == ("unexplained" if unknown else "explained"), str(found)
     assert named == ([] if unknown else [("Cl", "alpha*r")])
@@ -388,12 +388,10 @@ def test_an_expected_term_is_no_cause_beside_something_larger_at_its_coefficient
 
 @pytest.mark.parametrize(("value", "named"), [(11.0, False), (28.0, True)])
 def test_an_expected_term_is_a_cause_beside_what_gains_more_when_it_matters_much(value: float, named: bool) -> None:
-    """11 % of Cl, which every aircraft may have, is not what is wrong where p is off by 1.1 deg/s; 28 % is, too."""
+    """11 % of Cl, which every aircraft may have and which alone is a cause, is not what is wrong where p is off by
+    1.1 deg/s; 28 % is, too."""
     term = Attached(effect=aero_term("Cl", "alpha*r"), values={"value": value})
     biased = Attached(effect=sensor_bias("p"), values={"value": 0.02})
-    found = diagnose(rough_file(), flights([term, biased], seed=23, count=4))
+    found = diagnose(rough_file(), flights([term, biased], seed=23, count=3))
     assert {(c.kind, c.target) for c in found.causes} == {("sensor_bias", "p"), *[("aero_term", "Cl")] * named}
     assert ("Cl" in {c.target for c in found.minor}) != named
-    if not named:
-        (alone,) = diagnose(rough_file(), flights([term], seed=23, count=4)).causes
-        assert alone.target == "Cl"

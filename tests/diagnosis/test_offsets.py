@@ -94,7 +94,7 @@ def test_milliseconds_between_attitudes_and_rates_are_found():
 
 def test_milliseconds_are_minor_and_no_displaced_vane(monkeypatch):
     """The inertial unit 4 ms early; left out, a vane stands half a metre off, and more is missing."""
-    records = late(flights(seed=12, count=4, rate_hz=50.0, noise=QUIET), UNIT)
+    records = late(flights(seed=12, rate_hz=50.0, noise=QUIET), UNIT)
     found = stages.diagnose(rough_file(), records)
     assert found.verdict == "values wrong"
     assert ("sensor_delay", "inertial") in {(c.kind, c.target) for c in found.minor}
@@ -131,7 +131,7 @@ def test_offsets_that_a_fault_had_hidden_are_put_in_beside_it():
 def test_a_fault_is_named_beside_small_offsets_of_all_instruments():
     """The lag alone, and offsets as minor."""
     hidden = [Attached(effect=actuator_lag("delta_e"), values={"value": 0.15})]
-    records = with_offsets(flights(hidden, seed=10, count=4, duration_s=30.0), SMALL)
+    records = with_offsets(flights(hidden, seed=10, duration_s=30.0), SMALL)
     found = stages.diagnose(rough_file(), records)
     assert found.verdict == "explained" and [c.kind for c in found.causes] == ["actuator_lag"]
     minor = {c.target: c.value for c in found.minor if c.kind == "sensor_bias"}
@@ -140,9 +140,7 @@ def test_a_fault_is_named_beside_small_offsets_of_all_instruments():
 
 def test_a_good_structure_is_enough_beside_small_offsets(monkeypatch):
     """In precise records; without the offsets in the model something seems to be missing."""
-    records = with_offsets(
-        flights(seed=11, count=4, duration_s=30.0, noise={k: 0.3 * s for k, s in NOISE.items()}), SMALL
-    )
+    records = with_offsets(flights(seed=11, duration_s=30.0, noise={k: 0.3 * s for k, s in NOISE.items()}), SMALL)
     assert stages.diagnose(rough_file(), records).verdict == "values wrong"
     for stage in (stages, naming):
         monkeypatch.setattr(stage, "demanded_offsets", lambda base: [])

@@ -91,5 +91,5 @@ def test_a_nonlinear_lift_curve_hides_no_term_of_the_pitching_moment() -> None:
     bends = [("CL", "alpha^2", 8.0), ("CL", "beta^2", -1.4), ("CL", "delta_e^2", 5.0)]
     hidden = [Attached(effect=aero_term(c, term), values={"value": value}) for c, term, value in bends]
     hidden.append(Attached(effect=aero_term("Cm", "r^2"), values={"value": -33.0}))
-    found = diagnose(rough_file(), flights(hidden, seed=11, count=4))
+    found = diagnose(rough_file(), flights(hidden, seed=11, count=3))
     assert [(c.kind, c.target, c.term) for c in found.causes] == [("aero_term", "Cm", "r^2")], str(found)

@@ -99,10 +99,10 @@ def test_noise_of_inputs_behind_a_filter_common_to_all_channels(filtered: bool) 
 def test_filtered_records_are_diagnosed_like_others() -> None:
     """Nothing is named where nothing was hidden, and what was hidden is: with the noise of the high band, the first
     ends in turbulence of 0.5 m/s, and of the second a delay is named beside it."""
-    records = measured(25.0, 5.0, 0.0, count=4)
+    records = measured(25.0, 5.0, 0.0, count=3)
     assert diagnose(do328(), records[:3], records[3:]).verdict == "adequate"
     hidden = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
-    records = measured(25.0, 5.0, 0.0, [hidden], count=4)
+    records = measured(25.0, 5.0, 0.0, [hidden], count=3)
     found = diagnose(do328(), records[:3], records[3:])
     assert [(cause.kind, cause.target) for cause in found.causes] == [("actuator_lag", "delta_e")]
     assert abs(found.causes[0].value - 0.12) < 3.0 * found.causes[0].std
