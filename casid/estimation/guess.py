@@ -18,13 +18,15 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.layout import build_layout
-from casid.estimation.transcriptions.steps import cached, dynamics_function
+from casid.estimation.transcriptions.steps import cached
 from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.model.simulate import cvodes_step
 from casid.model.system import Model
 
 _NOISE = 0.05  # of a channel's range
 _WANDER = 10.0  # sizes of a state over a record
 _ITERATIONS = 30
+_RELATIVE, _ABSOLUTE = 1e-6, 1e-9  # tolerances of CVODES
 _MOTION = 1e-3  # sizes of a state that may be missing between two samples, noise and all
 
 
@@ -66,7 +68,8 @@ def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
 def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) from the first row of the model's guess, by an implicit method of variable order."""
     model = problem.model
-    step = cached(model, ("implicit step",), lambda: _implicit_step(model))
+    step = cached(model, ("implicit step",), lambda: cvodes_step(model, _RELATIVE, _ABSOLUTE))
+    calm = np.zeros(len(model.disturbances))
     known = problem.initial_knowledge[0]
     layout = build_layout(problem, None)
     found = {}
@@ -74,22 +77,12 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
         rows = [np.where(np.isnan(known[r]), model.guess(record)[0], known[r])]
         try:
             for k in range(len(record) - 1):
-                given = np.concatenate([layout.u0[r, k], layout.u1[r, k], [layout.dt[r, k]], p])
+                given = np.concatenate([layout.u0[r, k], calm, layout.u1[r, k], calm, [layout.dt[r, k]], p])
                 rows.append(step(x0=rows[-1], p=given)["xf"].full()[:, 0])
         except RuntimeError:  # CVODES gives up
             return None
         found[record.name] = np.array(rows)
     return found if all(np.isfinite(x).all() for x in found.values()) else None
-
-
-def _implicit_step(model: Model) -> ca.Function:
-    """From sample to sample: x0, p = (u0, u1, dt, parameters) -> xf."""
-    u0, u1 = (ca.SX.sym(name, len(model.inputs)) for name in ("u0", "u1"))
-    dt, share = ca.SX.sym("dt"), ca.SX.sym("share")
-    slope = dynamics_function(model)(model.x, u0 + share * (u1 - u0), model.p)
-    dae = {"x": model.x, "p": ca.vertcat(u0, u1, dt, model.p), "t": share, "ode": dt * slope}
-    quietly = {"show_eval_warnings": False, "disable_internal_warnings": True}
-    return ca.integrator("implicit", "cvodes", dae, 0.0, 1.0, {"reltol": 1e-6, "abstol": 1e-9, **quietly})
 
 
 _NOTHING = "(nothing)"  # a parameter without effect: all others are held
