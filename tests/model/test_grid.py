@@ -43,15 +43,19 @@ def test_linear_may_go_on_outside() -> None:
     np.testing.assert_allclose(function(grid)(points.T).full()[0], interpolate(points), atol=1e-12)
 
 
-def test_spline_is_the_cubic_interpolant_in_each_direction() -> None:
+@pytest.mark.parametrize("shape", [(7,), (6, 5), (4, 6, 5)])
+def test_spline_is_the_cubic_interpolant_in_each_direction(shape: tuple[int, ...]) -> None:
+    """Also with symbols for its values, as free knots have them."""
     rng = np.random.default_rng(5)
-    grid = drawn(rng, (6, 5), method="spline")
-    points = rng.uniform(-1.3, 1.3, (100, 2))
-    first, second = grid.breakpoints
-    along = make_interp_spline(first, np.reshape(grid.values, grid.shape))(np.clip(points[:, 0], first[0], first[-1]))
-    at = np.clip(points[:, 1], second[0], second[-1])
-    truth = [float(make_interp_spline(second, row)(y)) for row, y in zip(along, at, strict=True)]
-    np.testing.assert_allclose(function(grid)(points.T).full()[0], truth, atol=1e-11)
+    grid = drawn(rng, shape, method="spline")
+    x, knots = ca.SX.sym("x", len(shape)), ca.SX.sym("knots", int(np.prod(shape)))
+    free = ca.Function("free", [x, knots], [grid.at(*ca.vertsplit(x), values=ca.vertsplit(knots))])
+    for point in rng.uniform(-1.3, 1.3, (60, len(shape))):
+        truth = np.reshape(grid.values, shape)
+        for axis, y in zip(grid.breakpoints, point, strict=True):
+            truth = make_interp_spline(axis, truth)(np.clip(y, axis[0], axis[-1]))
+        assert float(function(grid)(point)) == pytest.approx(float(truth), abs=1e-10)
+        assert float(free(point, grid.values)) == pytest.approx(float(truth), abs=1e-10)
 
 
 def test_spline_has_the_second_derivative_of_the_interpolant() -> None:
