@@ -30,6 +30,7 @@ from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
 from casid.model.given import given_aircraft
 from casid.model.linearised import linearised
+from casid.native.memory import kept_memory
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
@@ -37,6 +38,7 @@ from casid.records.record import Record
 
 
 @single_threaded()
+@kept_memory()
 @singular_is("diagnose", "the model cannot follow these records: check units and signs of channels and of the file")
 def diagnose(
     aircraft: Aircraft | str | Path,

@@ -46,6 +46,14 @@ class Colouring:
             white[one.record, one.at, one.channel] = series / one.unit[:, None]
         return white
 
+    def transposed(self, white: np.ndarray) -> np.ndarray:
+        """The transposed of `taken_off`: columns (R, N, ny, nc), in place."""
+        for one in self.stretches:
+            series = white[one.record, one.at, one.channel] / one.unit[:, None]
+            series[:-1] -= one.told[1:, None] * series[1:]
+            white[one.record, one.at, one.channel] = series
+        return white
+
 
 def colouring(linear: Linear, colour: Mapping[str, tuple[float, float]]) -> Colouring:
     """The colour `colour` (output -> 1-sigma, correlation time [s]) at the readings of a linearised model."""

@@ -16,6 +16,7 @@ import numpy as np
 from casid.filtering.colour import Colouring, colouring
 from casid.filtering.innovations import Linear, NoiseModel
 from casid.filtering.kernel import FilterKernel, filter_kernel
+from casid.filtering.transposed import transposed
 
 _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
 
@@ -99,6 +100,26 @@ class Filter:
 
         white, _ = self._run(len(begin), lambda k: entering(linear.Dw[k], k), forced)
         return self.colouring.taken_off(white).swapaxes(0, 1)
+
+    def squares_of_histories(self, stations: Sequence[int], series: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """(R, nc) sums of squares of `whiten_histories`, which are not kept."""
+        if self.kernel is not None and not self.colouring.stretches:
+            return self.kernel.whiten_histories(self, np.asarray(stations, dtype=int), first, series, squares=True)
+        return np.einsum("krij,krij->rj", *[self.whiten_histories(stations, series, first)] * 2)
+
+    def entrances(
+        self, stations: Sequence[int], columns: np.ndarray, read: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What columns of innovations (R, N, ny, nc), which are overwritten, have in common with the response to a unit
+        at each sample: of each disturbance of `stations` (ns, R, N, nc), and of each output as `read` (ny, R, N, nc).
+
+        Its sum over samples times a time history is the product of the columns and that history's whitened response:
+        one pass, of the transposed filter, for all histories.
+        """
+        white = self.colouring.transposed(columns)
+        if self.kernel is not None:
+            return self.kernel.entrances(self, stations, white, read)
+        return transposed(self.linear, self.A, self.C, self.gain, self.inverse_root, stations, white)
 
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Most likely deviation of the augmented state (N, R, n) and noise of the recorded inputs (N, R, ni), given one

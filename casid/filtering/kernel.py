@@ -27,8 +27,8 @@ class FilterKernel:
     def __init__(self, library: str) -> None:
         loaded = ctypes.CDLL(library)
         self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
-        self._interval, self._augment = loaded.interval, loaded.augment
-        for without in (self._whiten, self._costates, self._interval, self._augment):
+        self._interval, self._augment, self._entrances = loaded.interval, loaded.augment, loaded.entrances
+        for without in (self._whiten, self._costates, self._interval, self._augment, self._entrances):
             without.restype = None
 
     def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
@@ -78,20 +78,33 @@ class FilterKernel:
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
         columns = (Y, F, first, ctypes.c_long(0), *[None] * 6)
-        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *columns, white, kept)
+        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *columns, white, kept, None)
         return white, states
 
-    def whiten_histories(self, of, stations, first, series) -> np.ndarray:
+    def whiten_histories(self, of, stations, first, series, squares: bool = False) -> np.ndarray:
         """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns that are sums of time histories (N, R,
-        histories) at disturbance `stations`, from number `first` (nc,) on to that of the next column."""
+        histories) at disturbance `stations`, from number `first` (nc,) on to that of the next column; or their sums of
+        squares (R, nc) alone."""
         (N, R, ny, n), nc = of.C.shape, len(first)
         Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
-        white, sizes = np.empty((R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
+        found, sizes = np.empty((R, nc) if squares else (R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
         nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
         histories = (None, None, None, nw, index, begin, series, Dw, B0, B1)
-        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *histories, white, None)
-        return white
+        to = (None, None, found) if squares else (found, None, None)
+        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *histories, *to)
+        return found
+
+    def entrances(self, of, stations, white, read: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(entering (ns, R, N, nc), read (ny, R, N, nc) or nothing of it) of `kalman.Filter.entrances`, from columns
+        (R, N, ny, nc)."""
+        (N, R, ny, n), nc, ns = of.C.shape, white.shape[3], len(stations)
+        Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
+        entering, by_output = np.empty((ns, R, N, nc)), np.empty((ny if read else 0, R, N, nc))
+        at = ctypes.c_long(Dw.shape[3]), ctypes.c_long(ns), np.asarray(stations, dtype=ctypes.c_long)
+        given = (of.A, of.C, of.gain, of.inverse_root, white, *at, Dw, B0, B1, entering, by_output if read else None)
+        _call(self._entrances, _tiles(R, nc), (N, R, n, B0.shape[2], ny, nc), *given)
+        return entering, by_output
 
     def costates(self, A, C, gain, root, white) -> np.ndarray:
         """Costates (N, R, n) of the predicted states, from the innovations (R, N, ny) of one column."""

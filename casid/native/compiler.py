@@ -166,10 +166,11 @@ class Compilable:
         if c_compiler() is None:
             self._settled = True
             return self.function
-        if self._pending is None:
+        library = None
+        if self._pending is None:  # looked for once: to hash the source and to read the folder at every call adds up
             with BUILDING:
                 self._pending = _source(self.function)
-        library = cached_library(self._pending)
+            library = cached_library(self._pending)
         if library is None and self.spent >= self._compile_after:
             self._settled = True
             library = compile_library(self._pending)

@@ -244,6 +244,13 @@ def test_compiled_recursions_equal_the_plain_ones_to_rounding() -> None:
         (fast.whiten_histories(stations, gusts), plain.whiten_histories(stations, gusts)),
         (fast.whiten_histories(stations, gusts, first), plain.whiten_histories(stations, gusts, first)),
         (fast.smooth(*column)[0], plain.smooth(*column)[0]),
+        *zip(
+            *(
+                one.entrances([1, 0], np.stack([gusts, gusts[..., ::-1]], axis=2).swapaxes(0, 1).copy())
+                for one in (fast, plain)
+            ),
+            strict=True,
+        ),
     ):
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
@@ -350,3 +357,30 @@ def test_a_held_filter_takes_up_further_states_and_leaves_out_others() -> None:
     assert (still.gain.shape[2], again.gain.shape[2]) == (2, 3)
     assert not again.gain[:, :, 2].any() and not again.P[:, :, 2].any()
     np.testing.assert_array_equal(again.gain[:, :, :2], kalman.gain[:, :, :2])
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_the_transposed_filter_gives_the_products_of_whitened_histories(plain: bool) -> None:
+    """Truth: the histories whitened one by one, and multiplied by the columns; also by what a colour leaves of them."""
+    noise = replace(GUSTY, colour={"q": (1.3, 0.4)})
+    linear, _, _ = filtered(gusty_short_period(), [gusty_flight(1, "m1", 200), gusty_flight(2, "m2", 150)], noise)
+    kalman = kalman_filter(linear, noise, plain=plain)
+    rng = np.random.default_rng(8)
+    columns, series = rng.standard_normal((200, 2, 2, 5)), rng.standard_normal((200, 2, 3))
+    entering, read = kalman.entrances([1, 0], columns.swapaxes(0, 1).copy())
+    Y = np.zeros((200, 2, 2, 3))
+    Y[:, :, 1] = series
+    stations, first = [0, 1, 0], np.array([0, 2])
+    np.testing.assert_allclose(
+        kalman.squares_of_histories(stations, series, first),
+        np.sum(kalman.whiten_histories(stations, series, first) ** 2, axis=(0, 2)),
+        rtol=1e-11,
+    )
+    for white, by in (
+        (kalman.whiten_histories([0] * 3, series), entering[1]),
+        (kalman.whiten_histories([1] * 3, series), entering[0]),
+        (kalman.whiten(Y, np.zeros((199, 2, 2, 3))), read[1]),
+    ):
+        expected = np.einsum("krih,kric->rch", white, columns)
+        found = by.swapaxes(1, 2) @ series.swapaxes(0, 1)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())

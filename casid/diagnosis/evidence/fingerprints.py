@@ -12,6 +12,7 @@ from itertools import islice
 
 import numpy as np
 
+from casid.diagnosis.evidence.entrances import Entrances
 from casid.diagnosis.evidence.evidence import Evidence, cross_of
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
@@ -57,9 +58,14 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     direct = [row for row in rows if not _a_history(row[0])]
     known = [row for row in rows if _a_history(row[0])]
 
+    # the transposed filter costs what as many responses do as there are slots and small terms
+    entrances = Entrances.of(evidence, base.model.disturbances) if len(known) > len(evidence.newton) else None
+
     def some(of: Sequence[_Row]) -> list[Fingerprint]:
-        white = _white_histories(base, of) if _a_history(of[0][0]) else _white_direct(base, of, symbolic)
-        return _fingerprints(evidence, of, white)
+        if not _a_history(of[0][0]):
+            return _fingerprints(evidence, of, _white_direct(base, of, symbolic))
+        histories = [_unit_history(base, *row) for row in of]
+        return _of_histories(evidence, of, histories, entrances)
 
     together = _together(base)
     parts = [of[at : at + together] for of in (known, direct) for at in range(0, len(of), together)]
@@ -81,6 +87,26 @@ def _a_history(effect: Effect) -> bool:
     return effect.quasi_steady or (effect.series is not None and not effect.symbolic)
 
 
+def _of_histories(
+    evidence: Evidence,
+    rows: Sequence[_Row],
+    histories: Sequence[Mapping[str, np.ndarray]],
+    entrances: Entrances | None,
+) -> list[Fingerprint]:
+    """Of rows that are time histories by station."""
+    if entrances is None:
+        return _fingerprints(evidence, rows, _whitened(evidence.fit, histories))
+    square = evidence.fit.filter.squares_of_histories(*_entering(evidence.fit, histories))
+    R = len(evidence.by_record)
+    cross, match = np.zeros((R, len(evidence.newton), len(rows))), np.zeros((R, len(rows)))
+    for station in dict.fromkeys(station for one in histories for station in one):
+        at = [j for j, one in enumerate(histories) if station in one]
+        products = entrances.products(station, np.stack([histories[j][station] for j in at], axis=2))
+        cross[:, :, at] += products[0]
+        match[:, at] += products[1]
+    return _each(rows, square, cross, match)
+
+
 def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
     """Of the whitened responses to the rows (last samples, R, ny, rows), zero before."""
     before = evidence.fit.white[: len(evidence.fit.white) - len(white), 0].size
@@ -88,6 +114,11 @@ def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -
     square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
     cross = np.stack([cross_of(c[before:], w) for c, w in zip(evidence.by_record, parts, strict=True)])
     match = np.stack([evidence.fit.white[:, r].reshape(-1)[before:] @ w for r, w in enumerate(parts)])
+    return _each(rows, square, cross, match)
+
+
+def _each(rows: Sequence[_Row], square: np.ndarray, cross: np.ndarray, match: np.ndarray) -> list[Fingerprint]:
+    """Of sums (R, rows), (R, k, rows) and (R, rows)."""
     return [
         Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
         for j, (e, v, o) in enumerate(rows)
@@ -108,17 +139,14 @@ def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tu
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 
-def _white_histories(base: FlightFit, rows: Sequence[_Row]) -> np.ndarray:
-    """`_whitened` responses to a unit of effects that are time histories."""
-    histories, index = [], base.model.disturbances.index
-    for effect, values, onset in rows:
-        if effect.quasi_steady:
-            term = parse_term(effect.regressor or "0").evaluate(base.regressors)
-            found = {coefficient(effect.target): np.broadcast_to(term, base.batch.live.shape)}
-        else:
-            found = station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
-        histories.append({index(station): series for station, series in found.items()})
-    return _whitened(base, histories)
+def _unit_history(
+    base: FlightFit, effect: Effect, values: Mapping[str, float], onset: float | None
+) -> Mapping[str, np.ndarray]:
+    """Station -> (N, R) time history of a unit of an effect that is one."""
+    if effect.quasi_steady:
+        term = parse_term(effect.regressor or "0").evaluate(base.regressors)
+        return {coefficient(effect.target): np.broadcast_to(term, base.batch.live.shape)}
+    return station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
 
 
 def history(base: FlightFit, one: Attached) -> np.ndarray:
@@ -126,25 +154,33 @@ def history(base: FlightFit, one: Attached) -> np.ndarray:
     return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
 
 
-def _by_station(W: np.ndarray) -> dict[int, np.ndarray]:
+def _by_station(base: FlightFit, W: np.ndarray) -> dict[str, np.ndarray]:
     """Station -> (N, R) time history, of those of (N, R, nw) that act; one if none does. Copies: W is large."""
     acting = np.flatnonzero(W.any(axis=(0, 1)))
-    return {int(s): W[..., s].copy() for s in (acting if len(acting) else [0])}
+    return {base.model.disturbances[s]: W[..., s].copy() for s in (acting if len(acting) else [0])}
 
 
-def _whitened(base: FlightFit, histories: Sequence[Mapping[int, np.ndarray]]) -> np.ndarray:
-    """(last samples, R, ny, histories) whitened responses to time histories by station, from where the first of them
-    begins."""
-    stations = [station for one in histories for station in one]
+def _entering(
+    base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]
+) -> tuple[list[int], np.ndarray, np.ndarray]:
+    """(disturbances, series (N, R, their number), number of the first of each history) of time histories by station."""
+    stations = [base.model.disturbances.index(station) for one in histories for station in one]
     series = np.stack([h for one in histories for h in one.values()], axis=2)
     parts = np.array([len(one) for one in histories])
+    return stations, series, np.cumsum(parts) - parts
+
+
+def _whitened(base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+    """(last samples, R, ny, histories) whitened responses to time histories by station, from where the first of them
+    begins."""
+    stations, series, first = _entering(base, histories)
     begins = int(np.argmax(series.any(axis=(1, 2))))
-    return base.filter.whiten_histories(stations, series, np.cumsum(parts) - parts)[begins:]
+    return base.filter.whiten_histories(stations, series, first)[begins:]
 
 
 def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:
     """The fingerprints of time histories (N, R, nw), as those of an effect."""
-    found, following = [], map(_by_station, histories)
+    found, following = [], (_by_station(evidence.fit, one) for one in histories)
     while some := list(islice(following, _together(evidence.fit))):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(evidence.fit, some))
     return found

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
+from casid.diagnosis.evidence.entrances import Entrances
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -72,7 +73,8 @@ def missing_inputs(evidence: Evidence) -> list[MissingInput]:
 
 def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
     """An unknown input at each of these stations, largest gain first."""
-    found = side_by_side(lambda station: _one_station(evidence, station), names)
+    entrances = Entrances.of(evidence, names)
+    found = side_by_side(lambda station: _one_station(evidence, station, entrances), names)
     return sorted(found, key=lambda m: -m.gain)
 
 
@@ -151,7 +153,7 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
     return MissingInput(station=station, gain=gain, size=max(sizes), history=history, frequency=frequency)
 
 
-def _one_station(evidence: Evidence, station: str) -> MissingInput:
+def _one_station(evidence: Evidence, station: str, entrances: Entrances) -> MissingInput:
     fit, slow, numerics = evidence.fit, Station.at(station).kind == "reading", evidence.criteria.numerics.missing_input
     spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.spacing, numerics.times)
     longest = max(record.duration for record in fit.flight.records)
@@ -159,9 +161,11 @@ def _one_station(evidence: Evidence, station: str) -> MissingInput:
     nodes = np.arange(0.0, longest + spacing, spacing)
     since = fit.batch.t - fit.batch.t[0]
     hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - nodes) / spacing)
-    white = response(fit, station, np.where(fit.batch.live[..., None], hats, 0.0))
+    hats = np.where(fit.batch.live[..., None], hats, 0.0)
+    white = response(fit, station, hats)
     by_record = [white[:, r].reshape(-1, len(nodes)) for r in range(len(fit.batch.names))]
-    return _most_likely(evidence, station, nodes, by_record, times)
+    left = Projection.by_record(evidence, by_record, entrances.products(station, hats))
+    return _most_likely(evidence, station, nodes, left, times)
 
 
 def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
@@ -176,10 +180,9 @@ def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
 
 
 def _most_likely(
-    evidence: Evidence, station: str, nodes: np.ndarray, by_record: Sequence[np.ndarray], times: Sequence[float]
+    evidence: Evidence, station: str, nodes: np.ndarray, left: Projection, times: Sequence[float]
 ) -> MissingInput:
-    R, left = len(by_record), Projection.by_record(evidence, by_record)
-    gram, match = left.gram, left.match
+    gram, match, R = left.gram, left.match, len(evidence.by_record)
     best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
         root = _prior_root(nodes, tau, R)

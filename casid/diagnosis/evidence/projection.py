@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.diagnosis.evidence.evidence import Evidence, cross_of, gram_of
+from casid.diagnosis.evidence.evidence import Evidence, gram_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,16 +33,18 @@ class Projection:
         return cls._eliminated(evidence, gram, match, cross)
 
     @classmethod
-    def by_record(cls, evidence: Evidence, responses: Sequence[np.ndarray]) -> Projection:
-        """Of responses (samples, n) with sizes of its own in every record: n of the first record, and so on."""
+    def by_record(
+        cls, evidence: Evidence, responses: Sequence[np.ndarray], products: tuple[np.ndarray, np.ndarray]
+    ) -> Projection:
+        """Of responses (samples, n) with sizes of its own in every record: n of the first record, and so on; their
+        `products` as `Entrances` has them."""
         R, n = len(responses), responses[0].shape[1]
         gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
         cross = np.zeros((len(evidence.newton), R * n))
         for r, own in enumerate(responses):
             at = slice(r * n, (r + 1) * n)
             gram[at, at] = gram_of(own)
-            cross[:, at] = cross_of(evidence.by_record[r], own)
-            match[at] = own.T @ evidence.fit.white[:, r].reshape(-1)
+            cross[:, at], match[at] = products[0][r], products[1][r]
         return cls._eliminated(evidence, gram, match, cross)
 
     @classmethod

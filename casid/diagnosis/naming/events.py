@@ -9,7 +9,8 @@ from functools import partial, reduce
 import numpy as np
 
 from casid.diagnosis.criteria import EventCriteria
-from casid.diagnosis.evidence.evidence import Evidence, cross_of, weigh
+from casid.diagnosis.evidence.entrances import Entrances
+from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, onset_grid, prints_of
 from casid.diagnosis.evidence.missing_input import missing_at
 from casid.diagnosis.evidence.projection import Projection
@@ -242,23 +243,23 @@ def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, 
     """Of every record, at the same times after its first sample."""
     base, c = evidence.fit, len(coefficients)
     since = base.batch.t - base.batch.t[0]
-    stations = [base.model.disturbances.index(coefficient(name)) for name in coefficients]
+    names = [coefficient(name) for name in coefficients]
+    stations, entrances = [base.model.disturbances.index(name) for name in names], Entrances.of(evidence, names)
     found: list[list[_Steps]] = [[] for _ in base.batch.names]
     together = evidence.criteria.numerics.screening.steps_together
     for first in range(0, len(onsets), together):
         some = onsets[first : first + together]
         shapes = [operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in some]
-        series = np.repeat(np.stack(shapes, axis=2), c, axis=2)
-        white = base.filter.whiten_histories(stations * len(some), series)
-        for r, flat in enumerate(evidence.by_record):
-            columns = white[:, r].reshape(-1, len(some) * c)
-            cross = cross_of(flat, columns)
-            match = columns.T @ base.white[:, r].reshape(-1) - cross.T @ evidence.newton
-            blocks = columns.reshape(-1, len(some), c)
+        series = np.stack(shapes, axis=2)
+        white = base.filter.whiten_histories(stations * len(some), np.repeat(series, c, axis=2))
+        products = [entrances.products(name, series) for name in names]
+        for r in range(len(found)):
+            blocks = white[:, r].reshape(-1, len(some), c)
             gram = np.stack([blocks[:, i].T @ blocks[:, i] for i in range(len(some))])
-            cross = np.moveaxis(cross.reshape(-1, len(some), c), 1, 0)
+            cross = np.stack([own[r].T for own, _ in products], axis=2)
+            match = np.stack([own[r] for _, own in products], axis=1) - cross.swapaxes(1, 2) @ evidence.newton
             spent = evidence.covariance @ cross
-            found[r].append(_Steps(gram=gram, cross=cross, spent=spent, match=match.reshape(-1, c)))
+            found[r].append(_Steps(gram=gram, cross=cross, spent=spent, match=match))
     return [_Steps.joined(parts, np.concatenate) for parts in found]
 
 

@@ -64,6 +64,32 @@ static inline void product(long rows, long inner, long wide, const double *a, co
 
 static void zero(long rows, long wide, V *to) { memset(to, 0, rows * wide * sizeof(V)); }
 
+/* rows of two vectors: c (rows) += sign a' (a (inner, rows)) b (inner), of a lower triangle a only what is not zero when
+   `triangle` is set */
+static inline void product_turned(long rows, long inner, const double *a, const V *b, V *c, double sign, int triangle)
+{
+    long i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        V s[4], t[4];
+        for (int l = 0; l < 4; l++) { s[l] = c[2 * (i + l)]; t[l] = c[2 * (i + l) + 1]; }
+        for (long j = triangle ? i : 0; j < inner; j++) {
+            V x = b[2 * j], y = b[2 * j + 1];
+            const double *row = a + j * rows + i;
+            for (int l = 0; l < 4; l++) {
+                double f = sign * row[l];
+                s[l] += f * x;
+                t[l] += f * y;
+            }
+        }
+        for (int l = 0; l < 4; l++) { c[2 * (i + l)] = s[l]; c[2 * (i + l) + 1] = t[l]; }
+    }
+    for (; i < rows; i++) for (long j = triangle ? i : 0; j < inner; j++) {
+        double f = sign * a[j * rows + i];
+        c[2 * i] += f * b[2 * j];
+        c[2 * i + 1] += f * b[2 * j + 1];
+    }
+}
+
 /* rows of doubles to rows of vectors, and back; turned: to those of the transposed */
 static void pack(long rows, long columns, long wide, const double *from, V *to)
 {
@@ -94,32 +120,29 @@ static void transposed(long rows, long columns, const double *a, double *b)
     for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) b[j * rows + i] = a[i * columns + j];
 }
 
-/* inverse (ny, ny) of the lower root of s; returns the log determinant of s, NaN when it is not positive */
-static double inverse_root(long ny, double *s, double *inverse)
+/* inverse (ny, ny) of the lower root of s (ny rows of `wide` vectors, which are spent, as is `rows`); returns the log
+   determinant of s, NaN when it is not positive. By elimination in whole rows: of s, and of what was a unit matrix. */
+static double inverse_root(long ny, long wide, V *s, V *rows, double *inverse)
 {
     double total = 0.0;
+    zero(ny, wide, rows);
+    for (long j = 0; j < ny; j++) ((double *)(rows + j * wide))[j] = 1.0;
     for (long j = 0; j < ny; j++) {
-        for (long k = 0; k < j; k++) {
-            double f = s[j * ny + k];
-            for (long i = j; i < ny; i++) s[i * ny + j] -= f * s[i * ny + k];
-        }
-        double pivot = s[j * ny + j];
+        double pivot = ((double *)(s + j * wide))[j];
         if (!(pivot > 0.0)) return NAN;
         total += log(pivot);
-        pivot = 1.0 / sqrt(pivot);
-        for (long i = j; i < ny; i++) s[i * ny + j] *= pivot;
-    }
-    memset(inverse, 0, ny * ny * sizeof(double));
-    for (long i = 0; i < ny; i++) {
-        double *row = inverse + i * ny;
-        for (long k = 0; k < i; k++) {
-            double f = s[i * ny + k];
-            for (long j = 0; j <= k; j++) row[j] -= f * inverse[k * ny + j];
+        for (long i = j + 1; i < ny; i++) {
+            double f = ((double *)(s + i * wide))[j] / pivot;
+            if (f == 0.0) continue;
+            for (long v = 0; v < wide; v++) {
+                s[i * wide + v] -= f * s[j * wide + v];
+                rows[i * wide + v] -= f * rows[j * wide + v];
+            }
         }
-        double pivot = 1.0 / s[i * ny + i];
-        for (long j = 0; j < i; j++) row[j] *= pivot;
-        row[i] = pivot;
+        double scale = 1.0 / sqrt(pivot);
+        for (long v = 0; v < wide; v++) rows[j * wide + v] *= scale;
     }
+    unpack(ny, ny, wide, rows, inverse);
     return total;
 }
 
@@ -223,8 +246,7 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
             pack_turned(ny, n, wide_y, c, T);
             pack(ny, ny, wide_y, M + at * ny * ny, S);
             product(ny, n, wide_y, flat, T, S, 1.0, 0);
-            unpack(ny, ny, wide_y, S, flat);
-            log_determinant[at] = inverse_root(ny, flat, inverse);
+            log_determinant[at] = inverse_root(ny, wide_y, S, T, inverse);
             if (isnan(log_determinant[at])) return 1;
             if (k == N - 1) break;
             const double *a = A + at * n * n;
@@ -309,16 +331,17 @@ static void enter(long rows, long nw, const histories *of, const double *by, con
 /* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc), or, when Y is
    null, as time histories: column l is the sum of series (N,R,begin[nc]) from number begin[l] to begin[l + 1], which
    enter at disturbance number `station` through Dw, B0, B1; it is zero as long as these are.
-   white (R,N,ny,nc); states (N,R,n,nc). A part is a tile of columns, of the first record, the second, ... */
+   white (R,N,ny,nc); states (N,R,n,nc); or, when `squares` is not null, only their squares (R,nc), summed over samples and outputs.
+   A part is a tile of columns, of the first record, the second, ... */
 void whiten(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
             const double *gain, const double *root, const double *Y, const double *F, const double *E0, long nw,
             const long *station, const long *begin, const double *series, const double *Dw, const double *B0,
-            const double *B1, double *white, double *states)
+            const double *B1, double *white, double *states, double *squares)
 {
     tile e[MOST], out[MOST], next[MOST];
     long tiles = (nc + TILE - 1) / TILE, many = Y ? 0 : begin[nc];
-    tile *all = aligned_alloc(sizeof(tile), (tiles * n + 2 * nw) * sizeof(tile));
-    tile *now = all + tiles * n, *after = now + nw;
+    tile *all = aligned_alloc(sizeof(tile), (tiles * (n + 1) + 2 * nw) * sizeof(tile));
+    tile *now = all + tiles * n, *after = now + nw, *sums = after + nw;
     histories *of = calloc(tiles, sizeof(histories));
     long *room = malloc((2 * many + tiles * nw + tiles) * sizeof(long)), *begun = room + 2 * many + tiles * nw;
     BEGIN
@@ -327,13 +350,14 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
     for (long r = from / tiles; r * tiles < to; r++) {
         long low = from > r * tiles ? from - r * tiles : 0, high = to < (r + 1) * tiles ? to - r * tiles : tiles;
         memset(all, 0, tiles * n * sizeof(tile));
+        memset(sums, 0, tiles * sizeof(tile));
         for (long b = 0; b < tiles; b++) begun[b] = Y != 0;
         if (E0) for (long b = low; b < high; b++)
             load(n, nc, nc - b * TILE < TILE ? nc - b * TILE : TILE, E0 + r * n * nc + b * TILE, all + b * n);
         for (long k = 0; k < N; k++) for (long b = low; b < high; b++) {
             long at = k * R + r, first = b * TILE, width = nc - first < TILE ? nc - first : TILE;
             tile *E = all + b * n;
-            double *to_white = white + (r * N + k) * ny * nc + first;
+            double *to_white = squares ? 0 : white + (r * N + k) * ny * nc + first;
             if (states) for (long i = 0; i < n; i++)
                 memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
             memset(next, 0, n * sizeof(tile));
@@ -344,7 +368,7 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
                 begun[b] |= gather(of + b, series + at * many, now);
                 if (k < N - 1) begun[b] |= gather(of + b, series + (at + R) * many, after);
                 if (!begun[b]) {
-                    for (long i = 0; i < ny; i++) memset(to_white + i * nc, 0, width * sizeof(double));
+                    if (!squares) for (long i = 0; i < ny; i++) memset(to_white + i * nc, 0, width * sizeof(double));
                     continue;
                 }
                 memset(e, 0, ny * sizeof(tile));
@@ -357,15 +381,72 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
             product(ny, n, 2, C + at * ny * n, E->v, e->v, 1.0, 0);
             memset(out, 0, ny * sizeof(tile));
             product(ny, ny, 2, root + at * ny * ny, e->v, out->v, 1.0, 1);
-            for (long i = 0; i < ny; i++) memcpy(to_white + i * nc, out[i].d, width * sizeof(double));
+            for (long i = 0; i < ny; i++) {
+                if (!squares) memcpy(to_white + i * nc, out[i].d, width * sizeof(double));
+                else for (int v = 0; v < 2; v++) sums[b].v[v] += out[i].v[v] * out[i].v[v];
+            }
             if (k == N - 1) continue;
             product(n, ny, 2, gain + at * n * ny, e->v, next->v, -1.0, 0);
             product(n, n, 2, A + at * n * n, E->v, next->v, 1.0, 0);
             memcpy(E, next, n * sizeof(tile));
         }
+        if (squares) for (long b = low; b < high; b++)
+            memcpy(squares + r * nc + b * TILE, sums[b].d, (nc - b * TILE < TILE ? nc - b * TILE : TILE) * sizeof(double));
     }
     END
     free(all); free(of); free(room);
+}
+
+/* sum += the rows weighed by a column of (rows, nw), most of which is zero */
+static inline void gathered(long rows, long nw, const double *by, const tile *of, tile *sum)
+{
+    for (long i = 0; i < rows; i++) {
+        double f = by[i * nw];
+        if (f == 0.0) continue;
+        sum->v[0] += f * of[i].v[0];
+        sum->v[1] += f * of[i].v[1];
+    }
+}
+
+/* The transposed of `whiten`: of columns of innovations white (R,N,ny,nc) what a unit at a sample would have in common
+   with them. entering (ns,R,N,nc): of a time history at each of ns disturbances `station`; read (ny,R,N,nc), or null:
+   of each output. A part is a tile of columns, of the first record, the second, ... */
+void entrances(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
+               const double *gain, const double *root, const double *white, long nw, long ns, const long *station,
+               const double *Dw, const double *B0, const double *B1, double *entering, double *read)
+{
+    tile costate[MOST], w[MOST], u[MOST], next[MOST], sum;
+    long tiles = (nc + TILE - 1) / TILE;
+    BEGIN
+    for (long part = from; part < to; part++) {
+        long r = part / tiles, first = part % tiles * TILE, width = nc - first < TILE ? nc - first : TILE;
+        memset(costate, 0, sizeof costate);
+        memset(w, 0, sizeof w);
+        for (long k = N - 1; k >= 0; k--) {
+            long at = k * R + r;
+            const double *d = Dw + at * ny * nw, *b0 = B0 + at * nx * nw, *b1 = B1 + (at - R) * nx * nw;
+            load(ny, nc, width, white + (r * N + k) * ny * nc + first, w);
+            memset(u, 0, ny * sizeof(tile));
+            memset(next, 0, n * sizeof(tile));
+            product_turned(ny, ny, root + at * ny * ny, w->v, u->v, 1.0, 1);
+            if (k < N - 1) {
+                product_turned(ny, n, gain + at * n * ny, costate->v, u->v, -1.0, 0);
+                product_turned(n, n, A + at * n * n, costate->v, next->v, 1.0, 0);
+            }
+            product_turned(n, ny, C + at * ny * n, u->v, next->v, 1.0, 0);
+            if (read) for (long i = 0; i < ny; i++)
+                memcpy(read + ((i * R + r) * N + k) * nc + first, u[i].d, width * sizeof(double));
+            for (long s = 0; s < ns; s++) {
+                memset(&sum, 0, sizeof sum);
+                gathered(ny, nw, d + station[s], u, &sum);
+                if (k < N - 1) gathered(nx, nw, b0 + station[s], costate, &sum);
+                if (k > 0) gathered(nx, nw, b1 + station[s], next, &sum);
+                memcpy(entering + ((s * R + r) * N + k) * nc + first, sum.d, width * sizeof(double));
+            }
+            memcpy(costate, next, n * sizeof(tile));
+        }
+    }
+    END
 }
 
 /* Bryson-Frazier: costates (N,R,n) of the predicted states, from white (R,N,ny) of one column */

@@ -36,7 +36,10 @@ def test_sizes_are_those_of_one_fit_with_all_slots(by_record: bool) -> None:
     own = [rng.standard_normal((max(_LENGTHS), _RESPONSES)) for _ in _LENGTHS]
     white = np.concatenate([evidence.fit.white[:, r, 0] for r in range(len(own))])
     if by_record:
-        left = Projection.by_record(evidence, own)  # pyright: ignore
+        innovations = (evidence.fit.white[:, r, 0] for r in range(len(own)))
+        products = zip(evidence.by_record, own, innovations, strict=True)
+        cross, match = zip(*((c.T @ m, m.T @ e) for c, m, e in products), strict=True)
+        left = Projection.by_record(evidence, own, (np.array(cross), np.array(match)))  # pyright: ignore
         zero = np.zeros_like(own[0])
         responses = np.block([[own[0], zero], [zero, own[1]]])
     else:
