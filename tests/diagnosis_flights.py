@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.kinematics.check import KinematicCheck
@@ -35,6 +37,13 @@ NOISE = {
 SURFACE_NOISE = 0.03 * DEG
 _PICARD, _AIR = 4, ("wind_x", "wind_y", "wind_z")
 _SIGNS = (1.0, -1.0, 0.8, -0.9)
+
+
+def one_round() -> Criteria:
+    """Criteria by which a diagnosis fits the likeliest cause of each ranking once: for what does not hang on names."""
+    numerics = Criteria().numerics
+    naming = replace(numerics.naming, rounds=1, trials=1, further_trials=1, rivals=1, branches=0)
+    return Criteria(numerics=replace(numerics, naming=naming))
 
 
 def rough_file() -> Aircraft:

@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from dataclasses import replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -14,8 +13,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from diagnosis_flights import one_round
 
-from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.records.record import Record
 from problems.real import attas
@@ -28,11 +27,8 @@ def attas_run(flight_data, load_script, tmp_path_factory) -> tuple[Path, str]:
     Its diagnosis looks at one round and the likeliest causes only: it has to say that linear models leave something.
     """
     module, out = load_script("attas"), tmp_path_factory.mktemp("attas")
-    numerics = Criteria().numerics
-    few = replace(numerics.naming, rounds=1, trials=1, further_trials=1, rivals=1, branches=0)
-    criteria = Criteria(numerics=replace(numerics, naming=few))
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as printed:
-        patched.setattr(module, "diagnose", partial(module.diagnose, criteria=criteria))
+        patched.setattr(module, "diagnose", partial(module.diagnose, criteria=one_round()))
         patched.setattr(sys, "argv", ["attas.py", str(flight_data), "--out", str(out)])
         module.main()
     return out, printed.getvalue()

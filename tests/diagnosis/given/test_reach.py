@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_flights import one_round
 from small_flight import aircraft_file, records
 
 from casid.diagnosis.criteria import Criteria
@@ -75,8 +76,7 @@ def test_axes_whose_surfaces_and_flow_angle_hardly_move_are_left_out(names, axes
 
 def test_a_surface_that_stands_still_is_not_fitted() -> None:
     still = [record.with_channels(delta_r=np.full(len(record), 0.01)) for record in records()]
-    naming = replace(Criteria().numerics.naming, rounds=1, trials=1, further_trials=1, rivals=1, branches=0)
-    found = diagnose(aircraft_file(), still, criteria=Criteria(numerics=replace(Criteria().numerics, naming=naming)))
+    found = diagnose(aircraft_file(), still, criteria=one_round())
     assert lost(found)["derivatives by delta_r"] == "delta_r stands still"
     assert not [name for name in found.refitted.fit.derivatives if name.endswith("_delta_r")]
     assert not [one for one in found.contradicted if one.parameter.endswith("_delta_r")]
