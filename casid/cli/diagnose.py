@@ -73,7 +73,7 @@ def diagnose(
         The aircraft file (TOML).
     model
         In place of it the model of any dynamic system, in a Python file that is run: tanks.py:model. There is no
-        report.html and no extended.toml then, but diagnosis.txt.
+        extended.toml then, but diagnosis.txt.
     hold_out
         Records that are never fitted. Without, the last record is held back, or of a single one its last third.
     maps

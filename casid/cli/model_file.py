@@ -14,6 +14,7 @@ from casid.errors import CasidError, InputError, unknown
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.page import write_report
 from casid.report.progress import progress
 
 
@@ -56,15 +57,17 @@ def diagnose_model(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Diagnose a model into a folder: diagnosis.json, diagnosis.txt and run.json."""
+    """Diagnose a model into a folder: report.html, diagnosis.json, diagnosis.txt and run.json."""
     made_with = provenance(seed) | {"criteria": criteria.changes}
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         found = diagnose(model, records, hold_out, stage, criteria)
         found.write(folder / "diagnosis.json")
         (folder / "diagnosis.txt").write_text(f"{found}\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
+        stage("report")
+        write_report(found, folder, made_with)
     if as_json:
         print(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=1))
         return
     print(found)
-    print(f"results: {out / 'diagnosis.json'}")
+    print(f"report: {out / 'report.html'}")

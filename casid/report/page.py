@@ -10,6 +10,7 @@ from typing import Any
 
 from casid.arguments import an
 from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.records.readers import write_record
 from casid.report import tables
 from casid.report.claims import Claim, claims
@@ -20,20 +21,10 @@ from casid.report.lead import pictures
 from casid.report.next_flight import limited, next_flights
 from casid.report.shares import shares
 from casid.report.style import Picture
+from casid.report.system_page import write_system_report
 from casid.report.table import ReportTable
-from casid.report.templating import Figure, drawn_into, figures_of, render
+from casid.report.templating import COLOURS, FIGURES, Figure, drawn_into, figures_of, render
 
-FIGURES = "report_figures"
-_COLOURS: Mapping[str, str] = MappingProxyType(
-    {
-        "adequate": "#00694E",
-        "values wrong": "#7A5B00",
-        "explained": "#005A8F",
-        "partly explained": "#A34700",
-        "unexplained": "#9B2F6B",
-        "data at fault": "#A3122A",
-    }
-)
 # anchor -> title, template, and the figures, in the order of the page
 _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
     {
@@ -79,11 +70,16 @@ class Section:
     figures: tuple[Figure, ...]
 
 
-def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> None:
-    """Write `report.html`, `report_figures/*.svg` and `next_flight*.csv` into `folder`, which is made.
+def write_report(
+    diagnosis: Diagnosis | SystemDiagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None
+) -> None:
+    """Write `report.html`, `report_figures/*.svg` and, of an aircraft, `next_flight*.csv` into `folder`, which is made.
 
     `made_with` is what `run.json` has; default: this process and the versions it runs.
     """
+    if isinstance(diagnosis, SystemDiagnosis):
+        write_system_report(diagnosis, folder, provenance(0) if made_with is None else made_with)
+        return
     an(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
     made_with = provenance(0) if made_with is None else made_with
     following = next_flights(diagnosis)
@@ -115,7 +111,7 @@ def _context(
     figures = figures_of(drawn, _by_figure(claimed))
     return {
         "aircraft": diagnosis.aircraft.name,
-        "colour": _COLOURS[diagnosis.verdict],
+        "colour": COLOURS[diagnosis.verdict],
         "headline": _headline(diagnosis),
         "shares": shares(diagnosis),
         "claims": claimed,

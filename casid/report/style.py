@@ -100,7 +100,8 @@ def channel_scale(channel: str) -> tuple[float, str]:
 
 def channel_axis(channel: str) -> str:
     """Axis label of a channel with its unit, e.g. "q [deg/s]"."""
-    return f"{channel} [{channel_scale(channel)[1]}]"
+    unit = channel_scale(channel)[1]
+    return f"{channel} [{unit}]" if unit else channel
 
 
 def smooth(values: np.ndarray, dt: float, width_s: float = 0.1) -> np.ndarray:

@@ -6,12 +6,26 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from casid.report.style import Picture
 from casid.report.words import pretty
+
+FIGURES = "report_figures"
+# verdict -> colour of its badge
+COLOURS: Mapping[str, str] = MappingProxyType(
+    {
+        "adequate": "#00694E",
+        "values wrong": "#7A5B00",
+        "explained": "#005A8F",
+        "partly explained": "#A34700",
+        "unexplained": "#9B2F6B",
+        "data at fault": "#A3122A",
+    }
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -107,6 +107,7 @@ def diagnose_system(
         extension=extended,
         budget=_budget(given, refitted, extended),
         noise=question.noise,
+        held_out=tuple(held),
         seconds=time.perf_counter() - begin,
     )
 

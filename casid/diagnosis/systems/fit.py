@@ -168,11 +168,13 @@ def _same(one: PartOfModel, other: PartOfModel, question: Question) -> bool:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """Open-loop simulations of records, initial states fitted: output -> r.m.s. residual over noise."""
+    """Open-loop simulations of records, initial states fitted: output -> r.m.s. residual over noise; and record ->
+    output -> (N,) what the simulation says it reads, nothing of a record on which it diverges."""
 
     records: tuple[str, ...]
     rms: Mapping[str, float]
     readings: int
+    simulated: Mapping[str, Mapping[str, np.ndarray]]
 
     @property
     def log_likelihood(self) -> float:
@@ -183,14 +185,18 @@ class Flown:
 def fly(extended: Extended, values: Mapping[str, float], records: Sequence[Record], question: Question) -> Flown:
     """Simulate records with these values. A cause that is in some records only is tried in these, with and without."""
     squares, counts = dict.fromkeys(question.noise, 0.0), dict.fromkeys(question.noise, 0)
+    simulated: dict[str, Mapping[str, np.ndarray]] = {}
     for record in records:
-        tried = [_squares(one, values, record, question) for one in _shapes(extended, record)]
-        best = min(tried, key=lambda found: sum(s for s, _ in found.values()))
-        for name, (square, count) in best.items():
+        tried = [_simulated(one, values, record, question) for one in _shapes(extended, record)]
+        off = [_squares(one, record, question.noise) for one in tried]
+        best = min(range(len(off)), key=lambda k: sum(s for s, _ in off[k].values()))
+        simulated[record.name] = tried[best]
+        for name, (square, count) in off[best].items():
             squares[name] += square
             counts[name] += count
     rms = {name: float(np.sqrt(squares[name] / n)) for name, n in counts.items() if n}
-    return Flown(records=tuple(r.name for r in records), rms=rms, readings=sum(counts.values()))
+    names = tuple(r.name for r in records)
+    return Flown(records=names, rms=rms, readings=sum(counts.values()), simulated=simulated)
 
 
 def _shapes(extended: Extended, record: Record) -> list[Extended]:
@@ -201,9 +207,10 @@ def _shapes(extended: Extended, record: Record) -> list[Extended]:
     return [extended, replace(extended, attached=tuple(there))]
 
 
-def _squares(
+def _simulated(
     extended: Extended, values: Mapping[str, float], record: Record, question: Question
-) -> dict[str, tuple[float, int]]:
+) -> dict[str, np.ndarray]:
+    """Output -> (N,) of an open-loop simulation; nothing where that diverges."""
     noise, criteria = question.noise, question.criteria.systems
     own = {name: value for name, value in values.items() if name in extended.base.parameters}
     base = replace(extended.base, nominal={**extended.base.nominal, **own})
@@ -219,10 +226,17 @@ def _squares(
             flown = None
             break
         extended = extended.along({record.name: flown.states}, [prepared], model.nominal_vector())
+    return {name: flown.output(name) for name in noise} if flown else {}
+
+
+def _squares(
+    simulated: Mapping[str, np.ndarray], record: Record, noise: Mapping[str, float]
+) -> dict[str, tuple[float, int]]:
+    """Output -> squares of its residuals over the noise, infinite where the simulation diverges, and their number."""
     found = {}
     for name, sigma in noise.items():
         if name in record:
             there = np.isfinite(record[name])
-            off = record[name][there] - flown.output(name)[there] if flown else np.full(there.sum(), np.inf)
+            off = record[name][there] - simulated[name][there] if simulated else np.full(there.sum(), np.inf)
             found[name] = float(np.sum((off / sigma) ** 2)), int(there.sum())
     return found

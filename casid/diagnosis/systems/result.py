@@ -15,6 +15,7 @@ from casid.diagnosis.systems.fit import Flown
 from casid.keeping import whole_file
 from casid.model.port import Port
 from casid.model.system import Model
+from casid.records.record import Record
 
 SCHEMA = "casid.diagnosis/2"
 
@@ -158,6 +159,8 @@ class SystemDiagnosis:
         The same as a table of steps.
     noise
         Output -> 1-sigma that the judgement stands on.
+    held_out
+        The records of these simulations, which no fit has seen.
     seconds
         Wall time.
     """
@@ -177,6 +180,7 @@ class SystemDiagnosis:
     extension: Flown
     budget: Budget
     noise: Mapping[str, float]
+    held_out: tuple[Record, ...]
     seconds: float
 
     @property
