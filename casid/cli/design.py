@@ -20,7 +20,7 @@ from casid.report.design_figures import designed_histories, separated
 from casid.report.estimate_figures import write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.words import manoeuvre_in_words, odds_in_words
+from casid.report.words import expectation_in_words, manoeuvre_in_words, odds_in_words
 
 SHAPES = {"pulses4": Steps(pulses=4), "pulses8": Steps(pulses=8), "multisine": Multisine(lines=8)}
 
@@ -141,9 +141,12 @@ def _separating(
         "limits": dict(experiment.limits),
         "noise": dict(rivals.noise),
         "log_odds": found.separation.log_odds,
+        "log_odds_scatter": found.separation.scatter,
         "told_by": dict(found.separation.told),
     }
-    return json.dumps(told, indent=1), f"{manoeuvre_in_words(found)} {odds_in_words(found.separation.log_odds)}"
+    expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
+    said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation.log_odds)}. {expected}"
+    return json.dumps(told, indent=1), said
 
 
 def document(experiment: Experiment, designs: dict[str, InputDesign]) -> dict[str, Any]:

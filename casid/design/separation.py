@@ -111,6 +111,15 @@ class Separation:
     first: Mapping[str, np.ndarray]
     second: Mapping[str, np.ndarray]
 
+    @property
+    def scatter(self) -> float:
+        """1-sigma, at most, of the logarithm of the likelihood ratio from flight to flight, when both are fitted.
+
+        What cannot be imitated meets the noise, of variance twice `log_odds`; and each of the two fits takes up noise
+        along a direction of its own, of variance 1 at most.
+        """
+        return float(np.sqrt(2.0 * self.log_odds + 1.0))
+
 
 @single_threaded()
 def separation(rivals: Rivals, records: Sequence[Record]) -> Separation:

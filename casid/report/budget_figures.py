@@ -29,7 +29,7 @@ _MOST = 1e4  # times the noise: a simulation that diverges ends there
 def budget(found: Budget) -> Picture:
     """A waterfall per channel on a common logarithmic axis, worst as given first; all channels together on top."""
     order = sorted(found.channels, key=lambda o: -_size(found.channels[o].as_given))
-    rows = {"all channels": found.together} | {f"{label_of(o)} {o}": found.channels[o] for o in order}
+    rows = {"all channels": found.together} | {_row_name(o): found.channels[o] for o in order}
     figure = blank(_ROW * len(rows) + 1.5)
     ax = figure.subplots()
     for y, steps in enumerate(rows.values()):
@@ -64,6 +64,11 @@ def budget(found: Budget) -> Picture:
             f"{together.structure:.3g} with causes; worst as given: {order[0]}."
         ),
     )
+
+
+def _row_name(channel: str) -> str:
+    label = label_of(channel)
+    return channel if label == channel else f"{label} {channel}"
 
 
 def _waterfall(ax: Axes, y: int, steps: BudgetSteps) -> None:

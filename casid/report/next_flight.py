@@ -23,7 +23,15 @@ from casid.report.claims import numbered
 from casid.report.design_figures import designed_histories, separated
 from casid.report.style import Picture, channel_scale
 from casid.report.table import ReportTable, Row
-from casid.report.words import digits, effect_name, manoeuvre_in_words, odds_in_words, place, tells_apart
+from casid.report.words import (
+    digits,
+    effect_name,
+    expectation_in_words,
+    manoeuvre_in_words,
+    odds_in_words,
+    place,
+    tells_apart,
+)
 from casid.signals import label_of
 
 _RATE_HZ = 25.0
@@ -171,10 +179,10 @@ def _separating(number: int, said: str, of: tuple[Rivals, NextFlight], before: f
         fly=manoeuvre_in_words(best),
         within=_in_words(limits, [best.manoeuvre.surface, *(n for n in limits.channels if n in rivals.noise)]),
         tells=(
-            f"It {odds_in_words(best.separation.log_odds)}: the ln of the likelihood ratio to be expected is "
-            f"{digits(best.separation.log_odds, 2)}, and of all fitted records together, by the same measure, "
-            f"{digits(before, 2)}. That counts noise alone and takes nothing as known of the derivatives; small "
-            "further terms of the structure, for which a verdict allows, take their part of both."
+            f"It {odds_in_words(best.separation.log_odds)}: the log likelihood ratio to be expected is "
+            f"{expectation_in_words(best.separation)} from flight to flight, and of all fitted records together, by "
+            f"the same measure, {digits(before, 2)}. That counts noise alone and takes nothing as known of the "
+            "derivatives; small further terms of the structure, for which a verdict allows, take their part of both."
         ),
         command=f"casid design --aircraft extended.toml --separate {asked}",
         picture=separated(best, rivals, number),

@@ -6,7 +6,7 @@ import math
 import re
 import textwrap
 
-from casid.design.separation import NextFlight
+from casid.design.separation import NextFlight, Separation
 from casid.model import numbers
 from casid.model.effect import Effect
 from casid.model.station import Station
@@ -125,6 +125,11 @@ def odds_in_words(log_odds: float) -> str:
     if log_odds < math.log(1e6):
         return f"tells the two apart, by odds of {float(f'{math.exp(log_odds):.1g}'):,.0f} to 1".replace(",", " ")
     return "tells the two apart beyond any doubt, by odds of more than a million to 1"
+
+
+def expectation_in_words(found: Separation) -> str:
+    """What is to be expected of the log likelihood ratio, and its scatter: "71 ± 12"."""
+    return f"{digits(found.log_odds, 2)} ± {digits(found.scatter, 2)}"
 
 
 def manoeuvre_in_words(found: NextFlight) -> str:
