@@ -17,6 +17,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.forces import without_aerodynamics
 from casid.diagnosis.kinematics.kinematics import forceless_noise
 from casid.diagnosis.naming.events import at_peak
 from casid.diagnosis.naming.round import Trial
@@ -148,7 +149,7 @@ def kinematic_gain(
 ) -> float:
     """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
     is wrong with the aerodynamics of the held-out records cannot refuse it."""
-    there = flight.with_records(flight.aircraft, held)
+    there = without_aerodynamics(flight.with_records(flight.aircraft, held))
     noise = forceless_noise(there, moving)
     found = []
     for step in (before, after):

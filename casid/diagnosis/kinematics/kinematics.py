@@ -19,12 +19,10 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.forces import free_forces, typical_speed, without_aerodynamics
 from casid.filtering.innovations import NoiseModel
-from casid.model import station
-from casid.model.path import MOMENTS, coefficient_names
 from casid.native.processors import side_by_side
 
-_RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 WIND = ("wind_x", "wind_y", "wind_z")
 # moment that the air's own rotation makes: the derivative by which it does
 _DAMPING: Mapping[str, str] = MappingProxyType({"dCl": "Cl_p", "dCm": "Cm_q", "dCn": "Cn_r"})
@@ -100,50 +98,6 @@ def available(flight: Flight) -> bool:
     return all(name in flight.outputs for name in NEEDED[flight.axes])
 
 
-def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
-    """Gauss-Markov disturbances of all coefficients, as large as the motion: if an angular acceleration were freer than
-    it is, its estimate would be the noise of the rate, and the size of a lever arm by it too small."""
-    aircraft, criteria = flight.aircraft, flight.criteria.kinematics
-    qS = 0.5 * float(np.median(flight.records[0]["rho"])) * _speed(flight) ** 2 * aircraft.area
-    inertia = {"Cl": aircraft.inertia.Ixx, "Cm": aircraft.inertia.Iyy, "Cn": aircraft.inertia.Izz}
-    lengths = {"Cm": aircraft.moment_length_pitch}
-    free = {}
-    for name in coefficient_names(aircraft.force_axes):
-        if name in MOMENTS:
-            size = _angular_acceleration(flight, _RATES[name], criteria) * inertia[name]
-            size /= qS * lengths.get(name, aircraft.moment_length_lateral)
-            free[station.coefficient(name)] = (size, criteria.moment_time)
-        else:
-            free[station.coefficient(name)] = (criteria.force * aircraft.mass / qS, criteria.force_time)
-    return free
-
-
-def _speed(flight: Flight) -> float:
-    """Median true airspeed [m/s], or that of the trim."""
-    V = np.concatenate([record["V"] for record in flight.records if "V" in record] or [np.array([np.nan])])
-    return float(np.nanmedian(V)) if np.isfinite(V).any() else flight.aircraft.trim["V"]
-
-
-def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria) -> float:
-    """1-sigma [rad/s2] of a free angular acceleration, from the increments of a measured rate over the correlation time
-    (those of an integrated first-order Gauss-Markov process), less what the noise of the rate makes of them."""
-    if rate not in flight.outputs:
-        return 1.0
-    squares, lasts, time = [], [], criteria.moment_time
-    for record in flight.records:
-        there = np.isfinite(record[rate])
-        t, values = record.t[there], record[rate][there]
-        lag = max(1, round(time / float(np.median(np.diff(t))))) if len(t) > 1 else 1
-        if len(t) <= lag:
-            continue
-        squares.append((values[lag:] - values[:-lag]) ** 2)
-        lasts.append(float(np.median(t[lag:] - t[:-lag])))
-    x = float(np.mean(lasts)) / time
-    increments = float(np.mean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
-    variance = increments / (2.0 * time**2 * (x - 1.0 + np.exp(-x)))
-    return max(criteria.peak * float(np.sqrt(max(variance, 0.0))), criteria.smallest_moment)
-
-
 def gusts(
     flight: Flight,
     sigma: float,
@@ -159,7 +113,7 @@ def gusts(
     1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of the
     rotation. A fitted damping would grow, since a larger one explains more.
     """
-    aircraft, speed, criteria = flight.aircraft, _speed(flight), flight.criteria.turbulence
+    aircraft, speed, criteria = flight.aircraft, typical_speed(flight), flight.criteria.turbulence
     length = criteria.scale_length if length is None else length
     typical = {"Cl_p": criteria.roll_damping, "Cm_q": criteria.pitch_damping, "Cn_r": criteria.yaw_damping}
     processes = {name: (sigma, length / speed) for name in axes}
@@ -215,9 +169,8 @@ def reconstruct(
     iterations: int = 5,
 ) -> FlightFit:
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
-    return fit(
-        flight, attached, forceless_noise(flight, moving), start, free="effects", iterations=iterations, tolerance=2.0
-    )
+    free = without_aerodynamics(flight)
+    return fit(free, attached, forceless_noise(free, moving), start, free="effects", iterations=iterations, tolerance=2.0)
 
 
 def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:
