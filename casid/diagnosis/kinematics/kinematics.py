@@ -170,7 +170,9 @@ def reconstruct(
 ) -> FlightFit:
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
     free = without_aerodynamics(flight)
-    return fit(free, attached, forceless_noise(free, moving), start, free="effects", iterations=iterations, tolerance=2.0)
+    return fit(
+        free, attached, forceless_noise(free, moving), start, free="effects", iterations=iterations, tolerance=2.0
+    )
 
 
 def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:

@@ -10,8 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import screen
-from casid.diagnosis.naming.naming import Naming, all_reconsidered, doubt_of, near_rivals, one_round, with_best_of
+from casid.diagnosis.kinematics.kinematics import with_causes
+from casid.diagnosis.naming.naming import (
+    Naming,
+    all_reconsidered,
+    doubt_of,
+    is_dead_heat,
+    near_rivals,
+    one_round,
+    with_best_of,
+)
 from casid.diagnosis.naming.round import Trial
 from casid.model.effect import Effect
 
@@ -37,20 +49,34 @@ def best_branch(naming: Naming, catalogue: Sequence[Effect], required: float, re
 def _followed(
     naming: Naming, at: int, rival: Trial, catalogue: Sequence[Effect], required: float, best: Naming
 ) -> Naming:
-    """The branch of a rival, with what can be named beside it, as long as it may become better than the `best`."""
-    other = with_best_of(naming, at, (rival,), required)
-    if other is naming:
+    """The branch of a rival, with what can be named beside it, as long as it may become better than the `best`. After a
+    dead heat the naming goes on from there anew."""
+    anew = is_dead_heat(naming.rounds[at].leader, rival, naming.criteria)
+    other = with_best_of(_as_it_stood(naming, at) if anew else naming, at, (rival,), required)
+    if other.rounds[at].leader.effect.key != rival.effect.key:
         return best
-    for _ in range(naming.criteria.numerics.naming.rounds):
-        taken = {one.effect.key for one in other.evidence.fit.attached}
-        promised = screen(other.evidence, [e for e in catalogue if e.key not in taken and e.of_an_instrument])
-        if not promised or _cost(other) - promised[0].net > _cost(best):
+    for _ in range(naming.criteria.numerics.naming.rounds - (at if anew else 0)):
+        if not anew and _cost(other) - _promised(other, catalogue) > _cost(best):
             break
         further = one_round(other, catalogue, required)
         if not further.rounds[-1].named or doubt_of(other, further):
             break
         other = further
     return other
+
+
+def _promised(naming: Naming, catalogue: Sequence[Effect]) -> float:
+    """The most that a further fault of an instrument may gain."""
+    taken = {one.effect.key for one in naming.evidence.fit.attached}
+    ranked = screen(naming.evidence, [e for e in catalogue if e.key not in taken and e.of_an_instrument])
+    return float(ranked[0].net) if ranked else -np.inf
+
+
+def _as_it_stood(naming: Naming, at: int) -> Naming:
+    """The naming after one of its rounds: what was named later may be what the wrong cause of two had left."""
+    fitted = naming.rounds[at].fitted
+    kinematic = None if naming.kinematic is None else with_causes(naming.kinematic, fitted.attached)
+    return replace(naming, evidence=weigh(fitted), kinematic=kinematic, rounds=naming.rounds[: at + 1])
 
 
 def _only_named(naming: Naming) -> Naming:

@@ -55,6 +55,9 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
     The gains of two causes whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of
     2 sqrt(gain) sin x. Where the fingerprints have nothing in common both may be true, however near the gains. A fault
     of an instrument may be too small to matter and explain as much as one elsewhere that is not.
+
+    What kinematics put second and confirm, and the whole model puts first, is in dispute between the two, as a lag
+    beside a scale error is with a delay.
     """
     key = best.effect.key  # a variant of the best is no other cause
     found, by = [], criteria.naming
@@ -62,7 +65,8 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
         if trial.effect.key == key or trial.refuted or not (trial.meaningful or _is_small(trial)):
             continue
         angle, behind = sine(best, trial), best.gain.total - trial.gain.total
-        if best.check.confirmed and trial.check.judges:
+        disputed = trial.check.confirmed and trial.gain.total > best.gain.total
+        if best.check.confirmed and trial.check.judges and not disputed:
             behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
         near = behind < equivalence(best.gain.raw, criteria)
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:

@@ -11,7 +11,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
+from casid.diagnosis.evidence.screening import Candidate, Screen, equivalence, rank, screen
 from casid.diagnosis.flight.colour import in_colour
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed, without
@@ -320,14 +320,23 @@ def _reconsidered(state: Naming, at: int, required: float) -> Naming:
 
 
 def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
-    """Trials of a round that may stand in its leader's place: they explain nearly as much, and much the same."""
+    """Trials of a round that may stand in its leader's place: they explain nearly as much, and much the same, or as much
+    (`is_dead_heat`)."""
     best, by = round_.leader, criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
 
     def near(t: Trial) -> bool:
-        return t.gain.total > by.rival * best.gain.total and sine(best, t) < by.rival_angle
+        much_the_same = t.gain.total > by.rival * best.gain.total and sine(best, t) < by.rival_angle
+        return much_the_same or is_dead_heat(best, t, criteria)
 
     return [t for t in possible if near(t) or _look_alike(t.effect, best.effect)]
+
+
+def is_dead_heat(best: Trial, other: Trial, criteria: Criteria) -> bool:
+    """Whether two trials explain the same amount, each in its own channel, and kinematics confirm both: an accelerometer
+    metres behind and a vane metres ahead. Which came first is chance."""
+    behind = abs(best.gain.total - other.gain.total)
+    return best.confirmed and other.confirmed and behind < equivalence(best.gain.raw, criteria)
 
 
 def with_best_of(state: Naming, at: int, trials: Sequence[Trial], required: float) -> Naming:
