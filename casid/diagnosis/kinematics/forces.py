@@ -1,8 +1,8 @@
 """Forces and moments that nobody knows: an aircraft without aerodynamics, and disturbances as large as its motion.
 
-Kinematics must not depend on what an aircraft file says of its coefficients. Were its derivatives left in, a moment that
-the file has wrong by more than a free one can be would bend the trajectory until alpha makes up for it, and every
-instrument would seem to be at fault.
+Kinematics must not depend on what an aircraft file says of its coefficients. Were its derivatives left in, a moment
+that the file has wrong by more than a free one can be would bend the trajectory until alpha makes up for it. Every
+instrument would then seem to be at fault.
 """
 
 from __future__ import annotations

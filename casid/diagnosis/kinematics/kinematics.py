@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.diagnosis.criteria import KinematicCriteria, TurbulenceCriteria
+from casid.diagnosis.criteria import TurbulenceCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import moving_air
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -169,10 +169,9 @@ def reconstruct(
     iterations: int = 5,
 ) -> FlightFit:
     """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
-    free = without_aerodynamics(flight)
-    return fit(
-        free, attached, forceless_noise(free, moving), start, free="effects", iterations=iterations, tolerance=2.0
-    )
+    flight = without_aerodynamics(flight)
+    noise = forceless_noise(flight, moving)
+    return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
 
 
 def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:

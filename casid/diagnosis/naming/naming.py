@@ -320,8 +320,8 @@ def _reconsidered(state: Naming, at: int, required: float) -> Naming:
 
 
 def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
-    """Trials of a round that may stand in its leader's place: they explain nearly as much, and much the same, or as much
-    (`is_dead_heat`)."""
+    """Trials of a round that may stand in its leader's place: they explain nearly as much, and much the same, or
+    just as much (`is_dead_heat`)."""
     best, by = round_.leader, criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
 
@@ -333,8 +333,8 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
 
 
 def is_dead_heat(best: Trial, other: Trial, criteria: Criteria) -> bool:
-    """Whether two trials explain the same amount, each in its own channel, and kinematics confirm both: an accelerometer
-    metres behind and a vane metres ahead. Which came first is chance."""
+    """Whether two trials explain the same amount, each in its own channel, and kinematics confirm both: a vane metres
+    ahead, an accelerometer metres behind. Which came first is chance."""
     behind = abs(best.gain.total - other.gain.total)
     return best.confirmed and other.confirmed and behind < equivalence(best.gain.raw, criteria)
 

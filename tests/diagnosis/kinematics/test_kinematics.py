@@ -7,9 +7,9 @@ from diagnosis_flights import NOISE, flights
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics import kinematics
-from casid.model.causes import accelerometer_position
-from problems.do328 import do328
+from casid.diagnosis.kinematics import forces, kinematics
+from casid.model.causes import accelerometer_position, sensor_bias
+from problems.do328 import STABLE, do328
 
 _LEVER = 2.0  # m
 _NOISY = {name: 4.0 * s if name in "pqr" else s for name, s in NOISE.items()}
@@ -26,13 +26,13 @@ def test_a_lever_arm_is_not_underestimated_by_the_noise_of_the_rates(
     def found() -> tuple[float, float]:
         start = [hidden.with_values({"value": 0.0})]
         fitted = kinematics.reconstruct(flight, start)
-        fitted = fit(flight, start, fitted.noise, fitted, free="effects", iterations=15, tolerance=0.1)
+        fitted = fit(fitted.flight, start, fitted.noise, fitted, free="effects", iterations=15, tolerance=0.1)
         return fitted[hidden.name], fitted.std(hidden.name)
 
     value, std = found()
     assert abs(value - _LEVER) < 3.0 * std
     assert std < 0.2 * _LEVER
-    monkeypatch.setattr(kinematics, "_angular_acceleration", lambda *_: 20.0)
+    monkeypatch.setattr(forces, "_angular_acceleration", lambda *_: 20.0)
     assert found()[0] < 0.8 * _LEVER
 
 
@@ -43,6 +43,38 @@ def test_a_free_angular_acceleration_is_as_large_as_the_true_one() -> None:
     true = float(np.std(np.gradient(record[0]["p"], record[0].t)))
     for noise in (quiet, _NOISY):
         flight = prepare(do328(), flights(seed=6, count=1, noise=noise))
-        assert kinematics._angular_acceleration(flight, "p", flight.criteria.kinematics) == pytest.approx(
+        assert forces._angular_acceleration(flight, "p", flight.criteria.kinematics) == pytest.approx(
             2.0 * true, rel=0.3
         )
+
+
+def test_kinematics_do_not_depend_on_the_aerodynamics_of_the_file() -> None:
+    """Truth: a bias of the pitch rate. A file with other damping, and a moment that the aircraft does not have, says
+    of it what the right file says."""
+    hidden = Attached(effect=sensor_bias("q"), values={"value": 0.004})
+    flown = flights([hidden], seed=5, count=1)
+    wrong = {name: 0.3 * value for name, value in STABLE.items()} | {"Cm_0": 0.2, "CL_0": 0.0}
+    fits = [
+        kinematics.reconstruct(prepare(do328(values), flown), [hidden.with_values({"value": 0.0})])
+        for values in (STABLE, wrong)
+    ]
+    assert fits[1].deviance == pytest.approx(fits[0].deviance, abs=1e-6 * fits[0].readings)
+    assert fits[1][hidden.name] == pytest.approx(fits[0][hidden.name], abs=1e-9)
+    assert abs(fits[0][hidden.name] - 0.004) < 3.0 * fits[0].std(hidden.name)
+
+
+def test_without_aerodynamics_an_aircraft_flies_as_it_was_recorded_on_average() -> None:
+    """Truth: the mean specific forces of the record."""
+    flight = prepare(do328(), flights(seed=6, count=2))
+    bare = forces.without_aerodynamics(flight)
+    assert forces.without_aerodynamics(flight) is bare and forces.without_aerodynamics(bare) is bare
+    model, batch = bare.model(), bare.batch(bare.model())
+    functions = bare.functions(model, ())
+    parameters = np.tile(model.nominal_vector(), (len(bare.records), 1))
+    disturbances = np.zeros((*batch.live.shape, len(model.disturbances)))
+    read = functions.output(bare.measured(model), batch.U, parameters, disturbances)
+    for channel, tolerance in (("ax", 0.05), ("ay", 0.05), ("az", 0.3)):
+        i = model.outputs.index(channel)
+        assert np.mean(read[..., i][batch.live]) == pytest.approx(
+            np.mean(batch.Z[..., i][batch.live]), abs=tolerance
+        ), channel

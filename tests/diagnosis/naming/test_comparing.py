@@ -18,9 +18,9 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.judging.verdict import minor_trials
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.check import kinematic_check
+from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
 from casid.diagnosis.naming import naming
-from casid.diagnosis.naming.comparing import can_be_named, small_first
+from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, small_first
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Round
 from casid.diagnosis.naming.trials import try_cause
@@ -31,6 +31,7 @@ from casid.model.causes import (
     input_delay,
     sensor_bias,
     sensor_delay,
+    sensor_lag,
     sensor_scale,
     thrust_line,
 )
@@ -137,6 +138,26 @@ def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: fl
     scale = trial_of(steep, 1000.0)
     assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)
     assert small_first([scale, delay, term], [delay, scale], Criteria())[0].candidate.name == first
+
+
+@pytest.mark.parametrize(("ahead", "together"), [(-7.0, True), (7.0, False)])
+def test_what_kinematics_and_the_whole_model_put_first_in_turn_is_a_set(ahead: float, together: bool) -> None:
+    """A delay that kinematics prefer by 20, and a lag of which they find 0.75 of what it promises. One set when the
+    whole model prefers the lag, and not when it prefers the delay too."""
+    delay, lag = (
+        replace(
+            trial_of(Attached(effect=effect, values={"value": 0.5}), gain),
+            fingerprint=np.array([1.0, side]),
+            check=KinematicCheck(predicted=promised, achieved=found),
+        )
+        for effect, gain, side, promised, found in (
+            (sensor_delay("alpha"), 92.0, 0.1, 301.0, 280.0),
+            (sensor_lag("alpha"), 92.0 - ahead, -0.1, 344.0, 255.0),
+        )
+    )
+    assert delay.check.gain > lag.check.gain + 10.0 and delay.confirmed and lag.confirmed
+    assert equivalents_of(delay, [delay, lag], Criteria()) == ((lag,) if together else ())
+    assert naming.is_dead_heat(delay, lag, Criteria())
 
 
 def test_kinematics_beside_a_cause_do_not_know_it() -> None:
