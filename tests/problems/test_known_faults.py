@@ -49,6 +49,17 @@ def test_instruments_of_the_twin_otter_as_recorded(known_faults_data: Path) -> N
 
 
 @pytest.mark.slow
+def test_instruments_of_the_other_twin_otter_as_recorded(known_faults_data: Path) -> None:
+    """Where an accelerometer 10 m behind explains as much as the vane, what is named beside each decides."""
+    found = diagnosed(known_faults_data, "totter_f1_014", "totter_f1_014.raw", "totter_f1_017.raw")
+    named = sizes(found.causes)
+    assert 8.0 < named["vane_position(beta)"] < 11.5 and "accelerometer_position(x)" not in named
+    assert -0.10 < named["sensor_scale(beta)"] < -0.05 or 0.05 < named["sensor_scale(r)"] < 0.10
+    assert 0.008 < named.get("input_delay(delta_a)", named.get("actuator_lag(delta_a)", 0.0)) < 0.025
+    assert is_quiet_where_nothing_is_known(found)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("fitted", "held"), [("017", "014"), ("014", "017")])
 def test_timing_of_the_corrected_twin_otter(known_faults_data: Path, fitted: str, held: str) -> None:
     found = diagnosed(known_faults_data, f"totter_f1_{fitted}", f"totter_f1_{fitted}", f"totter_f1_{held}")
@@ -58,15 +69,10 @@ def test_timing_of_the_corrected_twin_otter(known_faults_data: Path, fitted: str
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fitted", "held"),
-    [
-        pytest.param("4d", "4f", marks=pytest.mark.xfail(strict=True, reason="told as a pure delay of 0.49 s")),
-        ("4f", "4d"),
-    ],
-)
+@pytest.mark.parametrize(("fitted", "held"), [("4d", "4f"), ("4f", "4d")])
 def test_the_angle_of_attack_of_the_tu_144_lags(known_faults_data: Path, fitted: str, held: str) -> None:
-    """0.52 +- 0.01 s in two records, by the angle that inertial data make; a pure delay of 0.46 s is second."""
+    """0.52 +- 0.01 s in two records, by the angle that inertial data make; a pure delay of 0.46 s is second, and
+    may stand beside it."""
     found = diagnosed(known_faults_data, f"tu144_f20_{fitted}", f"tu144_f20_{fitted}", f"tu144_f20_{held}")
     named = sizes(found.causes)
     assert 0.45 < named["sensor_lag(alpha)"] < 0.60
