@@ -14,7 +14,7 @@ from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
-from casid.diagnosis.systems.fit import Flown, Question, fly, motions, noise_of
+from casid.diagnosis.systems.fit import Flown, Question, change_of_outputs, fly, motions, noise_of
 from casid.diagnosis.systems.library import Library, causes_for
 from casid.diagnosis.systems.naming import Searching, SystemNaming, share_of
 from casid.diagnosis.systems.result import ParameterValue, SystemCause, SystemDiagnosis, Unexplained
@@ -87,7 +87,7 @@ def diagnose_system(
     refitted = fly(base, first.found.values, held, question)
     naming, extended, gains = _that_recurs(naming, question, held)
     best = naming.best
-    named, minor = _named(naming, question, gains)
+    named, minor = _named(naming, question, gains, ports)
     unexplained = _unexplained(naming, ports, criteria.systems)
     values = _values(model, naming, question)
     verdict, sentence = _verdict(named, minor, unexplained, values)
@@ -159,11 +159,12 @@ def _that_recurs(
 
 
 def _named(
-    naming: SystemNaming, question: Question, gains: Mapping[str, float | None]
+    naming: SystemNaming, question: Question, gains: Mapping[str, float | None], ports: Sequence[Port]
 ) -> tuple[tuple[SystemCause, ...], tuple[SystemCause, ...]]:
     """Causes of the best whole that are worth their names, those that matter and those that do not."""
     causes, minor = [], []
     best = naming.best
+    accumulates = {port.disturbance for port in ports if port.kind == "state derivative" and port.matters is None}
     for one in best.attached:
         rivals = naming.rivals(one.name)
         together = naming.probability([one.name, *(name for name, _ in rivals)])
@@ -171,6 +172,8 @@ def _named(
             continue
         value, std = best.found.values[one.name], best.std(one.name)
         share, share_std = share_of(best, one, question)
+        if share + share_std < 1.0 and one.cause.port in accumulates:
+            share = max(share, change_of_outputs(best.found, one.name) / question.criteria.size.share)
         size = f"{value:.4g} +- {std:.2g}" + (f" {one.cause.unit}" if one.cause.unit else "")
         found_cause = SystemCause(
             kind=one.cause.kind,

@@ -39,7 +39,7 @@ class SystemCause:
     onset_s
         Record -> time [s] from which it is there; None: always.
     share
-        Its size in units of what matters there.
+        Its size in units of what matters there, or in an output, whichever is more.
     """
 
     kind: str

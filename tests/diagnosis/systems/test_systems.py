@@ -39,6 +39,22 @@ def test_a_hidden_fault_is_found_and_sized(name: str) -> None:
     assert fault.records or steps.structure < 0.7 * steps.values
 
 
+def test_a_little_damping_of_a_swing_matters() -> None:
+    """It is less than 5 % of the angular acceleration, and without it the angle is another by a fifth or more."""
+    system = SYSTEMS["pendulum on a cart"]
+    fault = Fault(kind="missing_term", target="w", term="w", size=-0.14)
+    records = system.fly(604, fault)
+    result = cs.diagnose(system.model(), records, ports=system.ports(), library=system.library)
+    assert [(cause.kind, cause.target, cause.term) for cause in result.causes] == [("missing_term", "w", "w")]
+    assert abs(result.causes[0].value - fault.size) < 3.0 * result.causes[0].std
+    assert not result.minor
+    apart = [
+        np.std(hurt["phi"] - healthy["phi"]) / np.std(healthy["phi"])
+        for hurt, healthy in zip(records, system.fly(604, None), strict=True)
+    ]
+    assert np.median(apart) > 0.2
+
+
 @pytest.fixture(scope="module")
 def clean() -> Outcome:
     return outcome(SYSTEMS["Lotka-Volterra"], 5, clean=True)
