@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Maps, records_of
+from casid.cli.options import AsJson, Folder, Maps, records_of
 from casid.diagnosis.data.check import check as checked
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -20,7 +20,7 @@ def check(
     *records: Annotated[str, Parameter(name="RECORD")],
     aircraft: Path | None = None,
     maps: Maps | None = None,
-    out: Annotated[Path | None, Parameter(name="--out")] = None,
+    out: Folder | None = None,
     as_json: AsJson = False,
 ) -> int:
     """Check flight records by physics that needs no aerodynamics: signs, units, swapped, frozen or clipped channels.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,8 @@ from casid.design.level_flight import SURFACES, Limits, experiment_of, level_riv
 from casid.design.separation import separating_manoeuvre
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
-from casid.model.effects import effect_value
+from casid.model.effects import effect_of, effect_value
+from casid.model.plausible import impossibilities
 from casid.records.readers import write_record
 from casid.report.design_figures import designed_histories, separated
 from casid.report.estimate_figures import write_pictures
@@ -79,6 +81,10 @@ def design(
     for name, value in {"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g}.items():
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{name} {value:g}: expected a positive number")
+    if separate is not None and (axes, shape, criterion, free) != ("longitudinal", "pulses4", "D", None):
+        raise InputError(
+            "--separate chooses plane, surface and shape itself; leave out --axes, --shape, --criterion, --free"
+        )
     file = aircraft_of(aircraft)
     limits = Limits(
         surfaces=dict.fromkeys(SURFACES["full"], math.radians(deflection_deg)),
@@ -89,7 +95,7 @@ def design(
     made_with = provenance(seed)
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
-            if separate:
+            if separate is not None:
                 text, said = _separating(file, separate, limits, folder, stage)
             else:
                 experiment = experiment_of(file, axes, limits, free or ())
@@ -125,6 +131,11 @@ def _separating(
     if len(separate) != 2:
         raise InputError(f"--separate {' '.join(separate)}: expected two causes, like 'actuator_lag(delta_e)=0.1'")
     first, second = (effect_value(text) for text in separate)
+    if effect_of(first).name == effect_of(second).name:
+        raise InputError(f"--separate: {effect_of(first).name} stands twice; expected two causes that differ")
+    for doubt in impossibilities(replace(file, effects=(first, second))):
+        if doubt.parameter != "inertia":
+            raise InputError(f"--separate {doubt.parameter}={doubt.given:g}: such a size is impossible")
     rivals, experiment = level_rivals(file, first, second, limits)
     stage("the manoeuvre that separates them")
     found = separating_manoeuvre(rivals, experiment)

@@ -101,6 +101,8 @@ def diagnose(
         raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
     if model is not None and (aircraft is not None or axes is not None or not records):
         raise InputError("--model FILE.py:NAME takes records, and neither --aircraft nor --axes")
+    if model is not None and (naming != "rules" or as_recorded):
+        raise InputError("--naming and --as-recorded are for an aircraft file; leave them out beside --model")
     if records and aircraft is None and model is None:
         raise InputError("--aircraft FILE is missing; the records alone do not say what flew")
     if aircraft is not None and not records:

@@ -31,6 +31,7 @@ def diagnose(
     *,
     naming: Literal["rules", "score"] = "rules",
     as_recorded: bool = False,
+    axes: str | None = None,
 ) -> Diagnosis: ...
 
 
@@ -55,7 +56,7 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
     ----------
     simulation
         An `Aircraft` or the name of its file, or the `Model` of any dynamic system (`define_model`).
-    records, hold_out, report, criteria, naming, as_recorded
+    records, hold_out, report, criteria, naming, as_recorded, axes
         Of an aircraft: see `casid.diagnosis.diagnose.diagnose`.
     records, hold_out, report, criteria, ports, exact, library
         Of a model: see `casid.diagnosis.systems.diagnose.diagnose_system`.
@@ -66,6 +67,8 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
         For records that cannot feed the simulation, and for ports of an aircraft, which has its own.
     """
     if isinstance(simulation, Model):
+        if {"axes", "naming", "as_recorded"} & set(options):
+            raise InputError("axes, naming and as_recorded are for an aircraft; a Model takes ports, exact and library")
         return diagnose_system(simulation, *arguments, **options)
     if {"ports", "exact", "library"} & set(options):
         raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")

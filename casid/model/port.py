@@ -12,6 +12,8 @@ from typing import Literal
 
 import casadi as ca
 
+from casid.arguments import an
+from casid.arguments import names as names_of
 from casid.errors import InputError, unknown
 from casid.model.system import Model
 
@@ -57,9 +59,7 @@ class Port:
 
 def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[Port, ...]:
     """A port at every state derivative, input and output whose name is not in `exact`."""
-    if isinstance(exact, str):
-        raise InputError(f"exact is the text '{exact}'; expected a list of names")
-    for name in exact:
+    for name in names_of(exact, "exact"):
         if name not in (*model.states, *model.inputs, *model.outputs):
             raise unknown("name", name, (*model.states, *model.inputs, *model.outputs), "exact")
     equations = [Port(kind="state derivative", name=name) for name in model.states if name not in exact]
@@ -74,6 +74,7 @@ def check_ports(model: Model, ports: Sequence[Port]) -> None:
     """Raises InputError for a port that the model does not have, or that stands twice."""
     valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
     for port in ports:
+        an(port, Port, f"ports of '{model.name}': one", "cs.Port(kind=..., name=...)")
         if port.name not in valid[port.kind]:
             raise unknown(port.kind, port.name, valid[port.kind], f"ports of '{model.name}'")
     names = [port.disturbance for port in ports]

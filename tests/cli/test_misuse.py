@@ -99,6 +99,18 @@ MISUSES: list[tuple[str, str]] = [
     ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1", "two causes"),
     ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1 input_delay(delta_e)", "size in SI"),
     ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1 gust(z)=2", "no manoeuvre"),
+    ("design --aircraft {p} --separate", "two causes"),
+    ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1 actuator_lag(delta_e)=0.2", "stands twice"),
+    ("design --aircraft {p} --separate actuator_lag(delta_e)=-0.1 input_delay(delta_e)=0.1", "impossible"),
+    ("design --aircraft {p} --separate actuator_lag(delta_e)=0.1 mass=100 --axes lateral", "--axes"),
+    ("check {r} --out=", "--out is empty"),
+    ("diagnose {r} --aircraft {p} --axes sideways", "longitudinal"),
+    ("diagnose {r} --aircraft {p} --as-recorded maybe", "maybe"),
+    ("diagnose {r} --model {d}/none.py:tank", "there is no file"),
+    ("diagnose {r} --model {p}", "like tanks.py:model"),
+    ("diagnose {r} --model {d}/none.py:tank --aircraft {p}", "neither --aircraft"),
+    ("diagnose {r} --model {d}/none.py:tank --as-recorded", "--as-recorded"),
+    ("diagnose {r} --model {d}/none.py:tank --naming score", "--naming"),
     ("new-aircraft {d}/n.toml --mass -1 --span 1 --chord 1 --area 1 --speed 1", "--mass"),
 ]
 

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from casid.arguments import an
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.diagnosis.judging.held_out import split
@@ -65,15 +66,18 @@ def diagnose_system(
     Raises
     ------
     InputError
-        For names that do not exist, and for records that cannot feed the model.
+        For names that do not exist, records that cannot feed the model, and what is no port, library or criteria.
     EstimationError
         When the model cannot be fitted at all.
     """
-    begin, criteria = time.perf_counter(), criteria or Criteria()
+    begin = time.perf_counter()
+    criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")
+    library = an(library or Library(), Library, "diagnose: library", "cs.Library(...)")
     report("reading the records")
-    records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
+    own = (*model.inputs, *model.outputs)
+    records = given_records(records, "diagnose", own)
+    hold_out = given_records(hold_out, "diagnose: hold_out", own)
     fit_on, held = split(records, hold_out, criteria.held_out)
-    library = library or Library()
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
     question, base = _question(model, fit_on, criteria)
