@@ -114,6 +114,12 @@ class FlightFit:
         # a filter that is held is of another fit
         return state | ({"filter": replace(self.filter, linear=self.filter.through)} if self.filter_held else {})
 
+    def lighter(self) -> FlightFit:
+        """The same without what is made again when it is asked for, for which there is no room in memory."""
+        found = object.__new__(FlightFit)
+        found.__dict__.update(self.__getstate__())
+        return found
+
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:

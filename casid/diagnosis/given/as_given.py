@@ -7,7 +7,7 @@ best. Fitted to the whole record it would make up for what is wrong with the fil
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,7 +75,8 @@ def attached_effects(flight: Flight) -> list[Attached]:
 
 
 def _flown(flight: Flight, known: Sequence[Attached]) -> View:
-    return view_of(_states(flight, known), _start(flight, known))
+    view = view_of(_states(flight, known), _start(flight, known))
+    return replace(view, fit=view.fit.lighter())
 
 
 def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
