@@ -19,6 +19,7 @@ _SURFACES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"longitudinal": ("delta_e",), "lateral": ("delta_a", "delta_r")}
 )
 _FLOW_ANGLE: Mapping[str, str] = MappingProxyType({"longitudinal": "alpha", "lateral": "beta"})
+_RATES: Mapping[str, tuple[str, ...]] = MappingProxyType({"longitudinal": ("q",), "lateral": ("p", "r")})
 _OTHER: Mapping[str, str] = MappingProxyType({"longitudinal": "lateral", "lateral": "longitudinal"})
 
 
@@ -52,7 +53,9 @@ def axes_that_tell(records: Sequence[Record], wanted: str | None = None, criteri
         share = _share(records, resting, moving)
         if share < (criteria or GivenCriteria()).still:
             who = " and ".join(_SURFACES[resting])
-            because = f"{who} and {_FLOW_ANGLE[resting]} move {100.0 * share:.0f} % of what the {moving} ones do"
+            angles = all(any(name in record for record in records) for name in _FLOW_ANGLE.values())
+            beside = _FLOW_ANGLE[resting] if angles else " and ".join(_RATES[resting])
+            because = f"{who} and {beside} move {100.0 * share:.0f} % of what the {moving} ones do"
             return Axes(name=moving, not_judged=_motions(resting, because))
     return Axes(name="full")
 
@@ -62,13 +65,16 @@ def _motions(axis: str | None, because: str) -> tuple[NotJudged, ...]:
 
 
 def _share(records: Sequence[Record], resting: str, moving: str) -> float:
-    """Part of the other axes' motion that an axis has: of surfaces or of flow angles, whichever is more. Infinite where
-    a flow angle is not measured, or the others do not move."""
-    surfaces = [max(_excursion(records, name) for name in _SURFACES[axis]) for axis in (resting, moving)]
-    angles = [_excursion(records, _FLOW_ANGLE[axis]) for axis in (resting, moving)]
-    if not (surfaces[1] > 0.0 and angles[1] > 0.0 and np.isfinite(angles[0])):
+    """Part of the other axes' motion that an axis has: of surfaces, or of flow angles if that is more; of rates where
+    a flow angle is not measured. Infinite where these are not either, or the others do not move."""
+    surfaces, angles, rates = (
+        [max(_excursion(records, name) for name in names[axis]) for axis in (resting, moving)]
+        for names in (_SURFACES, {axis: (name,) for axis, name in _FLOW_ANGLE.items()}, _RATES)
+    )
+    motion = angles if np.all(np.isfinite(angles)) else rates
+    if not (surfaces[1] > 0.0 and motion[1] > 0.0 and np.isfinite(motion[0])):
         return np.inf
-    return max(surfaces[0] / surfaces[1], angles[0] / angles[1])
+    return max(surfaces[0] / surfaces[1], motion[0] / motion[1])
 
 
 def _excursion(records: Sequence[Record], name: str) -> float:

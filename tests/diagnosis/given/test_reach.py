@@ -74,6 +74,17 @@ def test_axes_whose_surfaces_and_flow_angle_hardly_move_are_left_out(names, axes
     assert axes_that_tell(quiet, "full").not_judged == ()
 
 
+@pytest.mark.parametrize(
+    ("names", "lacks", "axes"),
+    [(("delta_e", "alpha", "q"), "alpha", "lateral"), (("delta_a", "delta_r", "p", "r"), "beta", "longitudinal")],
+)
+def test_without_a_flow_angle_rates_tell_what_hardly_moves(names: tuple[str, ...], lacks: str, axes: str) -> None:
+    quiet = [small(record, names, 0.05).without(lacks) for record in records()]
+    found = axes_that_tell(quiet)
+    assert found.name == axes and names[-1] in found.not_judged[0].because
+    assert axes_that_tell([record.without(lacks) for record in records()]).name == "full"
+
+
 def test_a_surface_that_stands_still_is_not_fitted() -> None:
     still = [record.with_channels(delta_r=np.full(len(record), 0.01)) for record in records()]
     found = diagnose(aircraft_file(), still, criteria=one_round())
