@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
+from xml.etree import ElementTree
+
+import pytest
 
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS
@@ -31,3 +35,16 @@ def test_every_cause_is_drawn_or_said_not_to_be() -> None:
     text = (DOCS / "written.py").read_text(encoding="utf-8")
     drawn = {kind for kind in KINDS if f'"{kind}": {{"target"' in text}
     assert drawn == set(KINDS) - NOT_DRAWN
+
+
+def test_every_equation_becomes_mathml_whole() -> None:
+    """No command of LaTeX is left over, and symbols are what they stand for. Truth: well-formed XML, a Greek letter."""
+    pytest.importorskip("latex2mathml")
+    from latex2mathml.converter import convert
+
+    for kind, (formula, symbols) in load("equations").EQUATIONS.items():
+        inline = re.findall(r"\$(.+?)\$", symbols)
+        for latex in (formula, *inline):
+            text = "".join(ElementTree.fromstring(convert(latex)).itertext())
+            assert "\\" not in text, (kind, text)
+    assert "δ" in "".join(ElementTree.fromstring(convert(r"\delta")).itertext())

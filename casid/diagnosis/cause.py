@@ -52,6 +52,7 @@ class Cause:
     @property
     def statement(self) -> str:
         """Its sentence, and what these data cannot tell it apart from."""
-        others = [effect_title(one["kind"], one["target"], one["term"]) for one in self.indistinguishable_from]
+        titles = (effect_title(one["kind"], one["target"], one["term"]) for one in self.indistinguishable_from)
+        others = dict.fromkeys(titles)  # variants of a kind have one title
         alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
         return self.sentence + alike

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from casid.signals import label_of
 _RATE_HZ = 25.0
 _LONGEST = 10.0  # s
 _LIMITED = ("alpha", "beta", "az", "ay")
-_MOST = 3  # questions
+_MOST, _TRIED = 3, 6  # questions answered, and asked: each takes about 5 s of processor time
 _DEFLECTION = np.radians(3.0)  # rad, of a surface that the records did not move
 
 
@@ -71,7 +72,7 @@ def next_flights(diagnosis: Diagnosis) -> NextFlights:
     noise = diagnosis.extended.fit.noise.measurement
     found: list[Proposal] = []
     beyond: list[str] = []
-    for said, first, second in _questions(diagnosis):
+    for said, first, second in islice(_questions(diagnosis), _TRIED):
         try:
             rivals, experiment = level_rivals(aircraft, first, second, limits, noise)
             best, before = separating_manoeuvre(rivals, experiment), separation(rivals, flown).log_odds
