@@ -97,12 +97,12 @@ def test_a_lag_of_the_file_that_flight_contradicts(given: float, impossible: boo
 def test_beyond_the_stated_uncertainty_and_three_deviations(flight, std, uncertainty, stands_against) -> None:
     given = 2.0 * STABLE["Cm_delta_e"]
     file = scaled({"Cm_delta_e": 2.0}, uncertainty)
-    told = {"Cm_delta_e": FlightValue(value=flight * given, std=abs(std * given), told=True)}
+    told = {"Cm_delta_e": FlightValue(value=flight * given, std=abs(std * given), determined=True)}
     assert bool(contradicted(file, told)) == stands_against
 
 
 def test_what_the_records_do_not_tell_contradicts_nothing() -> None:
-    told = {"Cm_delta_e": FlightValue(value=9.0, std=0.1, told=False)}
+    told = {"Cm_delta_e": FlightValue(value=9.0, std=0.1, determined=False)}
     assert contradicted(scaled({}), told) == ()
 
 
