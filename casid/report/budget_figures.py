@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from casid.diagnosis.given.budget import Budget, BudgetSteps
-from casid.report.style import ALERT, BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank
+from casid.report.style import ALERT, BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank, settings, window
 from casid.signals import label_of
 
 # what is taken away between one step and the next, in the order of the waterfall
@@ -26,11 +27,18 @@ _LEAST = 0.02  # relative change that is drawn
 _MOST = 1e4  # times the noise: a simulation that diverges ends there
 
 
-def budget(found: Budget) -> Picture:
-    """A waterfall per channel on a common logarithmic axis, worst as given first; all channels together on top."""
+def plot(found: Budget) -> Figure:
+    """The picture of the budget, in pyplot's care."""
+    with settings():
+        return budget(found, window).figure
+
+
+def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
+    """A waterfall per channel on a common logarithmic axis, worst as given first; all channels together on top; `empty`
+    makes the figure of a height."""
     order = sorted(found.channels, key=lambda o: -_size(found.channels[o].as_given))
     rows = {"all channels": found.together} | {_row_name(o): found.channels[o] for o in order}
-    figure = blank(_ROW * len(rows) + 1.5)
+    figure = empty(_ROW * len(rows) + 1.5)
     ax = figure.subplots()
     for y, steps in enumerate(rows.values()):
         _waterfall(ax, y, steps)

@@ -7,6 +7,8 @@ The embedded example: a Fokker 50 flown by JSBSim. Its elevator lags its command
 
 from importlib.resources import files
 
+import matplotlib.pyplot as plt
+
 import casid as cs
 
 folder = files("casid.cli").joinpath("demo")
@@ -17,6 +19,11 @@ records = cs.read_records([str(folder / f"m{i}.csv") for i in (1, 2, 3, 4)])
 # Three records are fitted, the fourth is only used to judge.
 diagnosis = cs.diagnose(aircraft, records[:3], hold_out=records[3:])
 print(diagnosis)
+
+# %%
+# What each step takes off the error on the fourth record: mended data, values refitted, the cause put in.
+diagnosis.budget.plot()
+plt.show()
 
 # %%
 # What the extended file says in addition.

@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 
 import pytest
+from matplotlib import pyplot as plt
 from matplotlib.patches import Rectangle
 
 from casid.diagnosis.given.budget import Budget, BudgetSteps
@@ -41,3 +42,11 @@ def test_a_step_that_makes_it_worse_is_hatched() -> None:
 
 def test_a_simulation_that_diverges_is_drawn_and_said() -> None:
     assert all(math.isfinite(bar.get_width()) for bar in bars(1))
+
+
+def test_a_budget_draws_itself_where_pyplot_finds_it() -> None:
+    found = Budget(records=("m4",), channels={"q": Q, "p": LOST}, together=Q)
+    figure = found.plot()
+    assert plt.fignum_exists(figure.number)
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()][1:] == ["pitch rate q", "roll rate p"]
+    plt.close(figure)

@@ -13,6 +13,7 @@ from typing import Any
 
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.given.as_given import AsGiven
+from casid.views import view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,13 @@ class Budget:
     records: tuple[str, ...]
     channels: Mapping[str, BudgetSteps]
     together: BudgetSteps
+
+    def plot(self) -> Any:
+        """The steps of every channel as a waterfall, worst as given first.
+
+        Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`.
+        """
+        return view("budget.plot")(self)
 
     def to_dict(self) -> dict[str, Any]:
         """`budget` of diagnosis.json."""
