@@ -13,7 +13,6 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.report.style import ALERT, BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank, settings, window
-from casid.signals import label_of
 
 # what is taken away between one step and the next, in the order of the waterfall
 _DROPS: Mapping[str, tuple[str, str, str]] = {
@@ -37,7 +36,7 @@ def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
     """A waterfall per channel on a common logarithmic axis, worst as given first; all channels together on top; `empty`
     makes the figure of a height."""
     order = sorted(found.channels, key=lambda o: -_size(found.channels[o].as_given))
-    rows = {"all channels": found.together} | {_row_name(o): found.channels[o] for o in order}
+    rows = {"all channels": found.together} | {_row_name(found, o): found.channels[o] for o in order}
     figure = empty(_ROW * len(rows) + 1.5)
     ax = figure.subplots()
     for y, steps in enumerate(rows.values()):
@@ -74,8 +73,8 @@ def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
     )
 
 
-def _row_name(channel: str) -> str:
-    label = label_of(channel)
+def _row_name(found: Budget, channel: str) -> str:
+    label = found.labels.get(channel, channel)
     return channel if label == channel else f"{label} {channel}"
 
 

@@ -14,13 +14,14 @@ from casid.report.budget_figures import budget
 from casid.report.style import settings
 
 Q = BudgetSteps(as_given=18.0, data_mended=12.0, values=4.0, structure=1.5)
+LABELS = {"q": "pitch rate", "p": "roll rate", "V": "true airspeed"}
 LOST = BudgetSteps(as_given=2.0, data_mended=2.0, values=5.0, structure=1.0)  # a refit that makes it worse
 GONE = BudgetSteps(as_given=math.inf, data_mended=math.inf, values=3.0, structure=1.2)
 
 
 def bars(row: int) -> list[Rectangle]:
     """Bars of a row: all channels, then by the error as given."""
-    found = Budget(records=("m4",), channels={"q": Q, "p": LOST, "V": GONE}, together=Q)
+    found = Budget(records=("m4",), channels={"q": Q, "p": LOST, "V": GONE}, together=Q, labels=LABELS)
     with settings():
         axes = budget(found).figure.axes[0]
     rows = [label.get_text() for label in axes.get_yticklabels()]
@@ -45,8 +46,9 @@ def test_a_simulation_that_diverges_is_drawn_and_said() -> None:
 
 
 def test_a_budget_draws_itself_where_pyplot_finds_it() -> None:
+    """Channels without a label, as those of a system that is no aircraft, keep their names."""
     found = Budget(records=("m4",), channels={"q": Q, "p": LOST}, together=Q)
     figure = found.plot()
     assert plt.fignum_exists(figure.number)
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()][1:] == ["pitch rate q", "roll rate p"]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()][1:] == ["q", "p"]
     plt.close(figure)

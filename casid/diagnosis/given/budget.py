@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.given.as_given import AsGiven
+from casid.signals import label_of
 from casid.views import view
 
 
@@ -36,11 +37,12 @@ class BudgetSteps:
 @dataclass(frozen=True, kw_only=True)
 class Budget:
     """Channel -> its steps in open-loop simulation of `records`, which no fit has seen; and those of all channels
-    together, root mean square over the channels."""
+    together, root mean square over the channels. `labels` are words for channels, where these are an aircraft's."""
 
     records: tuple[str, ...]
     channels: Mapping[str, BudgetSteps]
     together: BudgetSteps
+    labels: Mapping[str, str] = field(default_factory=dict)
 
     def plot(self) -> Any:
         """The steps of every channel as a waterfall, worst as given first.
@@ -70,7 +72,8 @@ def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
         one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
         for one in fields(BudgetSteps)
     }
-    return Budget(records=given.held.records, channels=channels, together=BudgetSteps(**together))
+    labels = {name: label_of(name) for name in shared}
+    return Budget(records=given.held.records, channels=channels, together=BudgetSteps(**together), labels=labels)
 
 
 def _in_noise(view: View, channel: str, best: View) -> float:
