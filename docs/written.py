@@ -110,7 +110,7 @@ def _rates(kind: str, blind: list[dict[str, str]]) -> list[str]:
         return ["No campaign has hidden this kind yet."]
     right = [row for row in own if row["first"] == "True"]
     instead = Counter(name for row in own if row["first"] != "True" for name in _kinds(row["causes"]))
-    lines = [f"Hidden alone in {len(own)} flights of JSBSim and of the Do 328: named first in {len(right)}."]
+    lines = [f"Hidden alone in {len(own)} flights of JSBSim, the Do 328 and the F-16: named first in {len(right)}."]
     if instead:
         lines += ["", "Named instead: " + ", ".join(f"`{k}` ({n})" for k, n in instead.most_common(4)) + "."]
     missed = sum(not row["causes"] for row in own)
