@@ -5,6 +5,8 @@ Nothing slow is imported here before Ctrl-C is listened to.
 
 from __future__ import annotations
 
+import sys
+
 from casid.cli.start import begin, leave, outcome
 
 COMMANDS = {
@@ -30,9 +32,22 @@ def main() -> None:
     from casid.cli.run import call
 
     app = App(name="casid", help="Identify aircraft from flight data.", version=version("casid"))
+    listed = sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS
     for name, where in COMMANDS.items():
-        app.command(where, name=name)
+        app.command(where, name=name, help=_first_line(where) if listed else None)
+    app.register_install_completion_command()
     leave(outcome(lambda: call(app)))
+
+
+def _first_line(where: str) -> str:
+    """What a command does, for the list of all, read from its docstring without the imports of its file."""
+    import ast
+    from importlib.resources import files
+
+    module, function = where.split(":")
+    source = files("casid.cli").joinpath(f"{module.rpartition('.')[2]}.py").read_text(encoding="utf-8")
+    found = next(n for n in ast.parse(source).body if isinstance(n, ast.FunctionDef) and n.name == function)
+    return (ast.get_docstring(found) or "").split("\n\n")[0]
 
 
 def run_as_script(command: str) -> None:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -35,9 +36,23 @@ def casid(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, **options)
 
 
-def test_help_names_every_command() -> None:
+def test_help_names_every_command_and_what_it_does() -> None:
     done = casid("--help")
-    assert done.returncode == 0 and all(name in done.stdout for name in COMMANDS)
+    said = " ".join(done.stdout.replace("│", " ").split())
+    assert done.returncode == 0 and all(name in said for name in COMMANDS)
+    for where in COMMANDS.values():
+        first = (resolve_name(where).__doc__ or "").split("\n\n")[0]
+        assert " ".join(first.split()) in said
+    alone = casid("check", "--help").stdout
+    assert "The status is 0 when nothing is wrong" in alone  # all of its docstring, not its first line
+
+
+def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
+    done = casid("--install-completion", env={**os.environ, "HOME": str(tmp_path), "SHELL": "/bin/bash"})
+    assert done.returncode == 0, done.stderr
+    (made,) = (tmp_path / ".local").rglob("casid")
+    words = made.read_text()
+    assert all(name in words for name in (*COMMANDS, "--hold-out"))
 
 
 @pytest.mark.parametrize("arguments", [("diagnos",), ("estimate", "a.csv"), ("diagnose", "--seed", "x")])
