@@ -110,7 +110,7 @@ def _opened(path: str | Path, where: str) -> tuple[Any, Any]:
         description = fmpy.read_model_description(str(path), validate=False)
         folder = str(fmpy.extract(str(path)))
     except Exception as error:  # whatever a file may be that is no FMU
-        raise InputError(f"{where}: is no FMU: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{where}: is no FMU: {_first_line(error)}") from None
     atexit.register(partial(shutil.rmtree, folder, ignore_errors=True))
     if description.fmiVersion != _VERSION or description.modelExchange is None:
         kinds = [k for k in ("modelExchange", "coSimulation", "scheduledExecution") if getattr(description, k, None)]
@@ -130,8 +130,13 @@ def _opened(path: str | Path, where: str) -> tuple[Any, Any]:
         )
         unit.instantiate()
     except Exception as error:  # a binary of another platform, a library that it needs
-        raise InputError(f"{where}: its binary does not run here: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{where}: its binary does not run here: {_first_line(error)}") from None
     return description, unit
+
+
+def _first_line(error: Exception) -> str:
+    """What it says, or its kind where it says nothing."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _described(description: Any, parameters: Sequence[str], where: str) -> _Described:
@@ -209,7 +214,7 @@ class _Running:
                 found[k] = call()
         except Exception as error:  # of fmpy: the unit refused a call
             self.at = None
-            raise InputError(f"{self.where}: {str(error).splitlines()[0]}") from None
+            raise InputError(f"{self.where}: {_first_line(error)}") from None
         return dict(zip((one.name for one in gives), found.T, strict=True))
 
     def _rates(self) -> np.ndarray:
