@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,26 +12,13 @@ from casid.errors import EstimationError, InputError
 from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
-from casid.estimation.integration import (
-    MOST_STEPS,
-    TOLERANCE,
-    integration_error,
-    is_plain,
-    order,
-    stable_steps,
-    steps_for,
-)
+from casid.estimation.integration import Stepping, integrated
 from casid.estimation.many_starts import best_of
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic, to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
-from casid.estimation.transcriptions.transcription import (
-    Collocation,
-    MultipleShooting,
-    SingleShooting,
-    Transcription,
-)
+from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.estimation.working import working
 from casid.native.singular import singular_is
@@ -40,8 +26,6 @@ from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
-_Stepping = SingleShooting | MultipleShooting | Collocation
-_REFINEMENTS = 5  # solutions with ever more steps per sample interval
 
 
 @single_threaded()
@@ -108,75 +92,10 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         outcome = solver.minimise(objective)
-        if isinstance(method, MultipleShooting) and isinstance(solver, Automatic):
-            objective, outcome = _from_collocation(objective, outcome, method, solver)
-        if isinstance(method, _Stepping) and method.substeps is None:
-            objective, outcome, method = _integrated(objective, outcome, method, solver)
+        if isinstance(method, Stepping):
+            objective, outcome, method = integrated(objective, outcome, method, solver)
         outcome = to_second_order(objective, outcome)
         return taken.returned(_fit(objective, outcome, method, begin))
-
-
-def _from_collocation(
-    objective: Objective, outcome: Outcome, method: MultipleShooting, solver: Automatic
-) -> tuple[Objective, Outcome]:
-    """Where the motion over the intervals is too far from straight for the solver: once more from where collocation
-    ends, which has a state of its own at every sample."""
-    problem, status = objective.problem, outcome.status
-    lost_its_way = status.startswith(("stopped", "departed")) or "descent" in status or "no motion" in status
-    if not lost_its_way or objective.dynamics is None or objective.soft or problem.feedback or problem.path_constraints:
-        return objective, outcome
-    if method.substeps is None and stable_steps(objective) > 1:  # it is the steps that are too long
-        return objective, outcome
-    finely = Objective(problem, Collocation(substeps=1).dynamics(problem))
-    found = solver.minimise(finely)
-    if found.status != "converged":
-        return objective, outcome
-    own = [finely.layout.segments_of(r) for r in range(len(problem.records))]
-    nodes = np.concatenate([found.point.nodes[segments][:: method.interval] for segments in own])
-    begin = replace(objective.start(), theta=found.point.theta, nodes=nodes)
-    again = Objective(problem, method.dynamics(problem), begin)
-    ended = solver.minimise(again)
-    return (again, ended) if ended.status == "converged" else (objective, outcome)
-
-
-def _integrated(
-    objective: Objective, outcome: Outcome, method: _Stepping, solver: Solver
-) -> tuple[Objective, Outcome, Transcription]:
-    """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
-    problem, steps = objective.problem, 1
-    if objective.dynamics is None or problem.feedback is not None or objective.soft:
-        return objective, outcome, method
-    for _ in range(_REFINEMENTS):
-        needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
-        if needed <= steps:
-            break
-        steps = needed
-        if steps > MOST_STEPS:
-            if isinstance(method, Collocation):
-                break
-            method, steps = Collocation(), 1
-        method = replace(method, substeps=steps)
-        objective = Objective(problem, method.dynamics(problem))
-        outcome = solver.minimise(objective)
-    return objective, outcome, method
-
-
-def _needed_steps(objective: Objective, outcome: Outcome, finer: _Stepping) -> int:
-    steps = objective.layout.substeps
-    if outcome.status != "converged":  # where it gave up is no place to judge the motion of the solution
-        return steps if isinstance(finer, Collocation) else max(stable_steps(objective), steps)
-    if is_plain(objective, outcome.value, outcome.point):
-        return steps
-    linear = outcome.linear
-    if linear is None:
-        with suppress(np.linalg.LinAlgError):
-            linear = objective.linearise(outcome.point, outcome.value)
-    if linear is None:
-        return max(stable_steps(objective), steps)
-    error = integration_error(objective, outcome.point, linear, outcome.value, finer)
-    if not np.isfinite(error) and isinstance(finer, Collocation):
-        return 2 * steps
-    return steps if error < TOLERANCE else max(steps_for(error, steps, order(finer)), steps + 1)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:
@@ -198,19 +117,18 @@ def _check(value: object, verb: str, what: str, example: str) -> None:
 
 def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: float) -> Fit:
     problem, value = objective.problem, outcome.value
-    errors = _errors(objective, outcome)
-    status = status_in_words(problem, outcome.status, outcome.point, errors, method)
-    measured, predicted = _signals(objective, outcome)
+    (measured, predicted), states = _signals(objective, outcome), _states(objective, outcome)
     names, levels = objective.channel_names, value.noise.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
     channels = {n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if levels.present[i]}
     residuals = {record: measured[record] - predicted[record] for record in measured}
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
+    errors = _errors(objective, outcome)
     return Fit(
         problem=problem,
         values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
         uncertainty=errors,
-        status=status,
+        status=status_in_words(problem, outcome.status, outcome.point, errors, method),
         iterations=outcome.iterations,
         seconds=time.perf_counter() - begin,
         cost=value.cost,
@@ -223,7 +141,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: f
         noise_covariance=levels.matrix if levels.full else np.diag(sigma**2),
         predictions=predicted,
         residuals=residuals,
-        states=_states(objective, outcome),
+        states=states,
         multipliers=outcome.limit_multipliers,
         method=type(method).__name__,
         solver=outcome.solver,
@@ -251,7 +169,7 @@ def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarr
             predicted[record.name].append(flat[sample])
     if objective.equations is not None and value.equations is not None:
         for record, target, residual in zip(
-            problem.records, objective.equations.targets(), value.equations.residuals, strict=True
+            problem.records, objective.equations.targets, value.equations.residuals, strict=True
         ):
             measured[record.name].append(target)
             predicted[record.name].append(target + residual)

@@ -107,7 +107,7 @@ def _no_number_at_start(problem: Problem) -> str:
     if not problem.simulated:
         return ""
     model = problem.model
-    values = problem.model_parameters(problem.start_vector)
+    values = problem.start_parameters
     both = ca.vertcat(model.f, model.h)
     names = [f"the derivative of '{s}'" for s in model.states] + [f"output '{o}'" for o in model.outputs]
     function = ca.Function("at_start", [model.x, model.u, model.p, model.w], [both])

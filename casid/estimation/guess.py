@@ -7,8 +7,9 @@ off, a stiff system, it is the simulation at the start values by CVODES.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -18,10 +19,11 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.layout import build_layout
-from casid.estimation.transcriptions.steps import cached
+from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.simulate import cvodes_step
 from casid.model.system import Model
+from casid.records.record import Record
 
 _NOISE = 0.05  # of a channel's range
 _WANDER = 10.0  # sizes of a state over a record
@@ -30,7 +32,36 @@ _RELATIVE, _ABSOLUTE = 1e-6, 1e-9  # tolerances of CVODES
 _MOTION = 1e-3  # sizes of a state that may be missing between two samples, noise and all
 
 
-def guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
+def with_guess(problem: Problem, inner: Problem) -> Problem:
+    """`inner` with states that the records of `problem` do not have where a smoother sees them, which begins with what
+    is known of their initial value."""
+    states, known = problem.model.states, inner.initial_knowledge[0]
+    missing, table = {}, {}
+    for r, (posed, record) in enumerate(zip(problem.records, inner.records, strict=True)):
+        own = [i for i, s in enumerate(states) if s not in posed or not np.isfinite(posed[s]).any()]
+        missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
+        table[record.name][:, own] = np.where(np.isnan(known[r, own]), table[record.name][:, own], known[r, own])
+    inner = _guessing(inner, table)
+    found = _guessed_states(inner)
+    if found is None:
+        return inner
+    std, wide = dict(inner.initial_state.std), {}
+    for record, own in missing.items():
+        table[record][:, own] = found[record][:, own]
+        for i in own:  # as large as the guess itself: nobody measured it
+            if not {states[i], f"{states[i]}[{record}]"} & set(std):
+                size = float(np.abs(found[record][:, i]).max())
+                wide[f"{states[i]}[{record}]"] = max(size, inner.model.state_scale[states[i]])
+    return _guessing(replace(inner, initial_state=replace(inner.initial_state, std=std | wide)), table)
+
+
+def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
+    """The problem with a guess (N, states) by record."""
+    model = replace(problem.model, guess=partial(looked_up, table))
+    return replace(problem, model=share_cache(model, problem.model))
+
+
+def _guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
     found = _smoothed(problem)
     return _simulated(problem) if found is None else found
@@ -40,14 +71,13 @@ def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
     model = cached(problem.model, ("held",), lambda: _held(problem.model))
     duration = max(record.duration for record in problem.records)
-    measured = np.concatenate([problem.measured(record) for record in problem.records])
     held = Problem(
         model,
         problem.records,
         free=[_NOTHING],
         fixed=_values(problem),
         cost=OutputError(),
-        noise=dict(zip(model.outputs, _twentieth(measured), strict=True)),
+        noise={name: _twentieth(problem.records, name) for name in model.outputs},
         prior=True,
         initial_state=problem.initial_state,
     )
@@ -73,7 +103,7 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
     known = problem.initial_knowledge[0]
     layout = build_layout(problem, None)
     found = {}
-    for r, (record, p) in enumerate(zip(problem.records, problem.model_parameters(problem.start_vector), strict=True)):
+    for r, (record, p) in enumerate(zip(problem.records, problem.start_parameters, strict=True)):
         rows = [np.where(np.isnan(known[r]), model.guess(record)[0], known[r])]
         try:
             for k in range(len(record) - 1):
@@ -83,6 +113,11 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
             return None
         found[record.name] = np.array(rows)
     return found if all(np.isfinite(x).all() for x in found.values()) else None
+
+
+def looked_up(table: Mapping[str, np.ndarray], record: Record) -> np.ndarray:
+    """A `Model.guess` that was made before, record name -> (N, states)."""
+    return table[record.name]
 
 
 _NOTHING = "(nothing)"  # a parameter without effect: all others are held
@@ -102,7 +137,7 @@ def _held(model: Model) -> Model:
 
 def _values(problem: Problem) -> dict[str, float]:
     """Every parameter at its start, by record."""
-    values = problem.model_parameters(problem.start_vector)
+    values = problem.start_parameters
     return {
         f"{name}[{record.name}]": float(values[r, i])
         for r, record in enumerate(problem.records)
@@ -110,10 +145,11 @@ def _values(problem: Problem) -> dict[str, float]:
     }
 
 
-def _twentieth(measured: np.ndarray) -> list[float]:
-    """Of the range of each channel of (N, channels); of one that is constant or missing any number."""
-    seen = np.isfinite(measured)
-    low = np.where(seen, measured, np.inf).min(axis=0)
-    high = np.where(seen, measured, -np.inf).max(axis=0)
-    spread = np.where(high > low, high - low, np.where(np.isfinite(high), np.maximum(np.abs(high), 1e-6), 1.0))
-    return [float(_NOISE * s) for s in spread]
+def _twentieth(records: Sequence[Record], name: str) -> float:
+    """Of the range of a channel over all records; of one that is constant or missing any number."""
+    read = np.concatenate([record[name] for record in records if name in record] or [np.zeros(0)])
+    read = read[np.isfinite(read)]
+    if not len(read):
+        return _NOISE
+    spread = float(read.max() - read.min())
+    return _NOISE * (spread if spread > 0.0 else max(abs(float(read[0])), 1e-6))

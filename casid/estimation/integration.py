@@ -7,85 +7,151 @@ standard deviations: the estimate is a projection of the residuals. So |e| over 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
+from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
+from casid.estimation.solvers.point import Linearised, ObjectiveValue
+from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.transcriptions.collocation import LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Trajectory
-from casid.estimation.transcriptions.steps import cached, quiet
-from casid.estimation.transcriptions.transcription import Collocation, Transcription
-from casid.native.compiler import Compilable
+from casid.estimation.transcriptions.steps import compiled, rates_function
+from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
-TOLERANCE = 0.1  # standard deviations that an estimate may be off
+Stepping = SingleShooting | MultipleShooting | Collocation  # the transcriptions that choose their steps
+_TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
 _ORDER = 4  # of Runge and Kutta's method
 _NODES = 4  # at which the motion's rates are looked at
-MOST_STEPS = 64  # per sample interval: what takes more is stiff
+_MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
+_REFINEMENTS = 5  # solutions with ever more steps per sample interval
 _GROWTH = 1.3  # more steps than the order asks for
 
 
-def is_plain(objective: Objective, value: ObjectiveValue, point: Point) -> bool:
+def integrated(
+    objective: Objective, outcome: Outcome, method: Stepping, solver: Solver
+) -> tuple[Objective, Outcome, Transcription]:
+    """The solution on a motion that is integrated well enough, with its objective and the transcription that it took:
+    from collocation where shooting lost its way, with more steps where the data are worth them."""
+    if isinstance(method, MultipleShooting) and isinstance(solver, Automatic):
+        objective, outcome = _from_collocation(objective, outcome, method, solver)
+    return _finely(objective, outcome, method, solver) if method.substeps is None else (objective, outcome, method)
+
+
+def _from_collocation(
+    objective: Objective, outcome: Outcome, method: MultipleShooting, solver: Automatic
+) -> tuple[Objective, Outcome]:
+    """Where the motion over the intervals is too far from straight for the solver: once more from where collocation
+    ends, which has a state of its own at every sample."""
+    problem, status = objective.problem, outcome.status
+    lost_its_way = status.startswith(("stopped", "departed")) or "descent" in status or "no motion" in status
+    if not lost_its_way or objective.dynamics is None or objective.soft or problem.feedback or problem.path_constraints:
+        return objective, outcome
+    if method.substeps is None and _stable_steps(objective) > 1:  # it is the steps that are too long
+        return objective, outcome
+    finely = Objective(problem, Collocation(substeps=1).dynamics(problem))
+    found = solver.minimise(finely)
+    if found.status != "converged":
+        return objective, outcome
+    own = [finely.layout.segments_of(r) for r in range(len(problem.records))]
+    nodes = np.concatenate([found.point.nodes[segments][:: method.interval] for segments in own])
+    begin = replace(objective.start(), theta=found.point.theta, nodes=nodes)
+    again = Objective(problem, method.dynamics(problem), begin)
+    ended = solver.minimise(again)
+    return (again, ended) if ended.status == "converged" else (objective, outcome)
+
+
+def _finely(
+    objective: Objective, outcome: Outcome, method: Stepping, solver: Solver
+) -> tuple[Objective, Outcome, Transcription]:
+    """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
+    problem, steps = objective.problem, 1
+    if objective.dynamics is None or problem.feedback is not None or objective.soft:
+        return objective, outcome, method
+    for _ in range(_REFINEMENTS):
+        needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
+        if needed <= steps:
+            break
+        steps = needed
+        if steps > _MOST_STEPS:
+            if isinstance(method, Collocation):
+                break
+            method, steps = Collocation(), 1
+        method = replace(method, substeps=steps)
+        objective = Objective(problem, method.dynamics(problem))
+        outcome = solver.minimise(objective)
+    return objective, outcome, method
+
+
+def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> int:
+    steps = objective.layout.substeps
+    if outcome.status != "converged":  # where it gave up is no place to judge the motion of the solution
+        return steps if isinstance(finer, Collocation) else max(_stable_steps(objective), steps)
+    if _is_plain(objective, outcome):
+        return steps
+    linear = outcome.linear
+    if linear is None:
+        with suppress(np.linalg.LinAlgError):
+            linear = objective.linearise(outcome.point, outcome.value)
+    if linear is None:
+        return max(_stable_steps(objective), steps)
+    error = _integration_error(objective, outcome, linear, finer)
+    if not np.isfinite(error) and isinstance(finer, Collocation):
+        return 2 * steps
+    return steps if error < _TOLERANCE else max(_steps_for(error, steps, _order(finer)), steps + 1)
+
+
+def _is_plain(objective: Objective, outcome: Outcome) -> bool:
     """Whether the rates of the motion alone say that the error is small enough, with no look at the motion.
 
     A step h of the method errs by (rate h)^4/120 of the signal over the time 1/rate.
     """
     step = float(objective.layout.dt.max())
-    worst = (_fastest(objective, point) * step) ** _ORDER / 120.0
-    return bool(worst * value.noise.levels.size < TOLERANCE)
+    worst = (_fastest(objective, outcome.point.nodes, outcome.value.parameters) * step) ** _ORDER / 120.0
+    return bool(worst * outcome.value.noise.levels.size < _TOLERANCE)
 
 
-def _fastest(objective: Objective, point: Point, decaying: bool = False) -> float:
+def _fastest(objective: Objective, nodes: np.ndarray, parameters: np.ndarray, decaying: bool = False) -> float:
     """Largest magnitude of an eigenvalue of df/dx [1/s] at some of the nodes, or of the decaying ones alone."""
     model, layout = objective.problem.model, objective.layout
-    slope = cached(
-        model,
-        ("compiled rates",),
-        lambda: Compilable(
-            ca.Function(
-                "rates", [model.x, model.u, model.p], [ca.densify(ca.jacobian(quiet(model, model.f), model.x).T)]
-            )
-        ),
-    )
+    rates = compiled(model, rates_function)
     which = np.linspace(0, layout.segments - 1, _NODES).astype(int)
-    parameters = objective.problem.model_parameters(point.theta)[layout.record[which]]
-    found = slope.mapped(_NODES)(point.nodes[which], layout.u0[which, 0], parameters)[0].reshape(
-        _NODES, len(model.states), -1
-    )
+    found = rates.mapped(_NODES)(nodes[which], layout.u0[which, 0], parameters[layout.record[which]])[0]
+    found = found.reshape(_NODES, len(model.states), -1)
     if not np.isfinite(found).all():
         return 0.0 if decaying else math.inf
-    rates = np.linalg.eigvals(found)
-    return float(np.abs(rates[rates.real < 0.0] if decaying else rates).max(initial=0.0))
+    eigenvalues = np.linalg.eigvals(found)
+    return float(np.abs(eigenvalues[eigenvalues.real < 0.0] if decaying else eigenvalues).max(initial=0.0))
 
 
-def order(method: Transcription) -> int:
+def _order(method: Transcription) -> int:
     """With which power of the step the error falls."""
     return 2 * method.degree - 1 if isinstance(method, Collocation) else _ORDER
 
 
-def stable_steps(objective: Objective) -> int:
+def _stable_steps(objective: Objective) -> int:
     """Steps per sample interval with which a decaying motion at the start does not grow by the method alone."""
-    interval = float(objective.layout.dt.max()) * objective.layout.substeps
-    return math.ceil(min(_fastest(objective, objective.start(), decaying=True) * interval / _STABLE, 1e6))
+    interval, start = float(objective.layout.dt.max()) * objective.layout.substeps, objective.start()
+    parameters = objective.problem.model_parameters(start.theta)
+    return math.ceil(min(_fastest(objective, start.nodes, parameters, decaying=True) * interval / _STABLE, 1e6))
 
 
-def integration_error(
-    objective: Objective, point: Point, linear: Linearised, value: ObjectiveValue, method: Transcription
-) -> float:
+def _integration_error(objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription) -> float:
     """|e| by the motion with twice as many steps from the same nodes; `method` is the transcription with these."""
+    value, nodes = outcome.value, outcome.point.nodes
     trajectory, finer = value.trajectory, method.dynamics(objective.problem)
     assert trajectory is not None and linear.blocks is not None
-    power = 2.0 ** order(method)
+    power = 2.0 ** _order(method)
     scale = power / (power - 1.0)  # of the difference, to the error
     if isinstance(finer, LiftedCollocation):
-        better = replace(trajectory, end=_end_of_halves(objective, point, trajectory, finer))
+        better = replace(trajectory, end=_end_of_halves(objective, outcome, trajectory, finer))
         direct = 0.0  # samples are nodes
     else:
-        better = finer.trajectory(point.nodes, objective.parameters(point.theta))
+        better = finer.trajectory(nodes, value.parameters[objective.layout.record])
         direct = _directly(objective, value, trajectory, better, scale)
     shift = _shift_of_nodes(objective, linear, scale * (better.end - trajectory.end))
     # what a shift of a node does to the predictions of its segment, in the whitened norm
@@ -94,15 +160,14 @@ def integration_error(
     return float(np.sqrt(direct + by_node.sum()))
 
 
-def _end_of_halves(objective: Objective, point: Point, coarse: Trajectory, finer: LiftedCollocation) -> np.ndarray:
+def _end_of_halves(objective: Objective, outcome: Outcome, coarse: Trajectory, finer: LiftedCollocation) -> np.ndarray:
     """(K, n) ends of the steps of collocation by two half steps each; the last sample of a record has no step."""
     layout, halves = objective.layout, finer.layout
     last = np.append(layout.first[1:], layout.segments) - 1
     steps = np.setdiff1d(np.arange(layout.segments), last)
     pair = halves.first[layout.record[steps]] + 2 * (steps - layout.first[layout.record[steps]])
-    parameters = objective.problem.model_parameters(point.theta)[halves.record]
     end = coarse.end.copy()
-    end[steps] = finer.ends_of_pairs(point.nodes[steps], pair, parameters)
+    end[steps] = finer.ends_of_pairs(outcome.point.nodes[steps], pair, outcome.value.parameters[halves.record])
     return end
 
 
@@ -124,7 +189,7 @@ def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -
     return shift
 
 
-def steps_for(error: float, substeps: int, power: int = _ORDER) -> int:
+def _steps_for(error: float, substeps: int, power: int = _ORDER) -> int:
     """Steps per sample interval with which the error should be small enough; a motion that ran off needs any number."""
-    needed = _GROWTH * substeps * (error / TOLERANCE) ** (1.0 / power) if math.isfinite(error) else math.inf
+    needed = _GROWTH * substeps * (error / _TOLERANCE) ** (1.0 / power) if math.isfinite(error) else math.inf
     return math.ceil(min(needed, 1e6))

@@ -227,6 +227,11 @@ class Problem:
         return values
 
     @cached_property
+    def start_parameters(self) -> np.ndarray:
+        """(records, model parameters) values that each record is simulated with at the start."""
+        return self.model_parameters(self.start_vector)
+
+    @cached_property
     def _known(self) -> np.ndarray:
         """(records, model parameters) values of what is not free."""
         return np.array([self.model.nominal_vector(self.fixed_in(record.name)) for record in self.records])

@@ -216,7 +216,7 @@ def _parts(
     if value.trajectory is not None and objective.dynamics is not None:
         layout, n, weights = objective.layout, len(objective.scale), objective.whitening(value.noise.levels)
         own, outputs = layout.segments_of(r), layout.z.shape[2]
-        for slab in objective.dynamics.slabs(value.trajectory, objective.parameters(linear.point.theta), weights, own):
+        for slab in objective.dynamics.slabs(value.trajectory, value.parameters[layout.record], weights, own):
             at = slab.segments, slab.samples
             by_state = linear.reduced[r].ds_p[slab.segments.start - own.start : slab.segments.stop - own.start, None]
             rows = slab.rows[..., n:] - slab.rows[..., :n] @ by_state
@@ -226,5 +226,5 @@ def _parts(
     if value.equations is not None:
         residuals = value.equations.residuals[r]
         weighted = np.nan_to_num(residuals) * objective.equation_weights(value.noise.levels)
-        for samples, rows in objective.equation_slabs(linear.point, r, value.noise.levels):
+        for samples, rows in objective.equation_slabs(value, r):
             yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])

@@ -18,7 +18,7 @@ from casid.errors import EstimationError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
-from casid.estimation.guess import guessed_states
+from casid.estimation.guess import looked_up, with_guess
 from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.steps import cached, share_cache
@@ -103,37 +103,8 @@ def working(problem: Problem) -> Working:
         inner = _in_other_coordinates(problem, with_initial)
     missing = unguessed_states(model, problem.records) if problem.simulated and problem.feedback is None else []
     if missing:
-        inner = _with_guess(problem, inner)
+        inner = with_guess(problem, inner)
     return Working(posed=problem, problem=inner)
-
-
-def _with_guess(problem: Problem, inner: Problem) -> Problem:
-    """`inner` with states that the records of `problem` do not have where a smoother sees them, which begins with what
-    is known of their initial value."""
-    states, known = problem.model.states, inner.initial_knowledge[0]
-    missing, table = {}, {}
-    for r, (posed, record) in enumerate(zip(problem.records, inner.records, strict=True)):
-        own = [i for i, s in enumerate(states) if s not in posed or not np.isfinite(posed[s]).any()]
-        missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
-        table[record.name][:, own] = np.where(np.isnan(known[r, own]), table[record.name][:, own], known[r, own])
-    inner = _guessing(inner, table)
-    found = guessed_states(inner)
-    if found is None:
-        return inner
-    std, wide = dict(inner.initial_state.std), {}
-    for record, own in missing.items():
-        table[record][:, own] = found[record][:, own]
-        for i in own:  # as large as the guess itself: nobody measured it
-            if not {states[i], f"{states[i]}[{record}]"} & set(std):
-                size = float(np.abs(found[record][:, i]).max())
-                wide[f"{states[i]}[{record}]"] = max(size, inner.model.state_scale[states[i]])
-    return _guessing(replace(inner, initial_state=replace(inner.initial_state, std=std | wide)), table)
-
-
-def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
-    """The problem with a guess (N, states) by record."""
-    model = replace(problem.model, guess=partial(looked_up, table))
-    return replace(problem, model=share_cache(model, problem.model))
 
 
 def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:
@@ -179,11 +150,6 @@ def initial_offsets(problem: Problem, theta: np.ndarray) -> np.ndarray:
         for i, p in enumerate(problem.model_parameters(theta)):
             found[i] = values(p).full()[:, 0]
     return found
-
-
-def looked_up(table: Mapping[str, np.ndarray], record: Record) -> np.ndarray:
-    """A `Model.guess` that was made before, record name -> (N, states)."""
-    return table[record.name]
 
 
 def _logarithmic(problem: Problem) -> frozenset[str]:

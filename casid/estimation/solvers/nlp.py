@@ -100,7 +100,7 @@ def data(objective: Objective, noise: NoiseState, scale: np.ndarray, gain: float
             values["factor"] = noise.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
     if objective.equations is not None:
         measured = np.concatenate(objective.equations.data)
-        residual = np.concatenate(objective.equations.value(problem.start_vector).residuals)
+        residual = np.concatenate(objective.equations.value(problem.start_parameters).residuals)
         # a missing signal takes no part, but must be a number
         values["signals"] = np.where(np.isfinite(measured), measured, np.nanmean(measured, axis=0)).T
         values["seen"] = np.isfinite(residual).astype(float).T

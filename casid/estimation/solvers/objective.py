@@ -64,7 +64,7 @@ class Objective:
     def _noise_levels(self) -> Levels:
         measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
         if self.equations is not None:
-            measured = _side_by_side(measured, np.concatenate(self.equations.targets()))
+            measured = _side_by_side(measured, np.concatenate(self.equations.targets))
         share = np.full(measured.shape[1], self.equation_share)
         share[: self._outputs] = self.part
         noise, names = self.problem.noise, self.channel_names
@@ -133,15 +133,17 @@ class Objective:
 
     def value(self, point: Point, noise: NoiseState | None = None) -> ObjectiveValue:
         """Simulate and weigh with `noise`, that of the start if None; not finite where the simulation departs."""
-        trajectory = None
+        trajectory, parameters = None, self.problem.model_parameters(point.theta)
         if self.dynamics is not None:
-            trajectory = self.dynamics.trajectory(point.nodes, self.parameters(point.theta), point.points)
-        equations = self.equations.value(point.theta) if self.equations is not None else None
-        return self._weighed(point, trajectory, equations, noise or self.noise)
+            trajectory = self.dynamics.trajectory(point.nodes, parameters[self.layout.record], point.points)
+        equations = self.equations.value(parameters) if self.equations is not None else None
+        return self._weighed(point, parameters, trajectory, equations, noise or self.noise)
 
     def reweighed(self, point: Point, value: ObjectiveValue, noise: NoiseState) -> ObjectiveValue:
         """The value at the same point with another noise; nothing is simulated."""
-        return value if noise is value.noise else self._weighed(point, value.trajectory, value.equations, noise)
+        if noise is value.noise:
+            return value
+        return self._weighed(point, value.parameters, value.trajectory, value.equations, noise)
 
     def relaxed(self, point: Point, value: ObjectiveValue) -> tuple[ObjectiveValue, float]:
         """The value with the levels at what its residuals say, maximum likelihood for the present parameters, and the
@@ -152,7 +154,12 @@ class Objective:
         return self.reweighed(point, value, replace(value.noise, levels=levels)), change
 
     def _weighed(
-        self, point: Point, trajectory: Trajectory | None, equations: EquationValue | None, noise: NoiseState
+        self,
+        point: Point,
+        parameters: np.ndarray,
+        trajectory: Trajectory | None,
+        equations: EquationValue | None,
+        noise: NoiseState,
     ) -> ObjectiveValue:
         prior = (point.theta - self.problem.nominal) / self.problem.prior_std
         rest = float(prior @ prior)
@@ -174,6 +181,7 @@ class Objective:
             cost=0.5 * rest + noise.levels.cost(squares),
             rest=0.5 * rest,
             squares=squares,
+            parameters=parameters,
             trajectory=trajectory,
             equations=equations,
             noise=noise,
@@ -198,7 +206,8 @@ class Objective:
         blocks, noise = None, value.noise
         if value.trajectory is not None and self.dynamics is not None:
             layout, n = self.layout, len(self.scale)
-            blocks = self.dynamics.blocks(value.trajectory, self.parameters(point.theta), self.whitening(noise.levels))
+            parameters = value.parameters[layout.record]
+            blocks = self.dynamics.blocks(value.trajectory, parameters, self.whitening(noise.levels))
             diagonal, weight = np.arange(n), self.initial_precision**2
             blocks.hessian[layout.first[:, None], diagonal, diagonal] += weight
             blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) * weight
@@ -217,7 +226,7 @@ class Objective:
                     channels[: along.shape[0], columns] += along
         for r, residuals in enumerate(value.equations.residuals if value.equations is not None else ()):
             columns, grid = self._columns[r]
-            for samples, rows in self.equation_slabs(point, r, noise.levels):
+            for samples, rows in self.equation_slabs(value, r):
                 residual = np.nan_to_num(residuals[samples]) * self.equation_weights(noise.levels)
                 flat = rows.reshape(-1, rows.shape[2])
                 equation_hessian[grid] += flat.T @ flat
@@ -246,11 +255,11 @@ class Objective:
             blocks.channel_gradient[first][:, held] = 0.0
             blocks.transition[first][:, held] = 0.0
 
-    def equation_slabs(self, point: Point, record: int, levels: Levels) -> Iterator[tuple[slice, np.ndarray]]:
+    def equation_slabs(self, value: ObjectiveValue, record: int) -> Iterator[tuple[slice, np.ndarray]]:
         """Samples of a record and the derivatives (samples, equations, free) of the weighted equation residuals."""
         if self.equations is not None:
-            for samples, rows in self.equations.slabs(point.theta, record):
-                yield samples, rows * self.equation_weights(levels)[:, None]
+            for samples, rows in self.equations.slabs(value.parameters, record):
+                yield samples, rows * self.equation_weights(value.noise.levels)[:, None]
 
     def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
         own = self.layout.segments_of(record)

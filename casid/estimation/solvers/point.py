@@ -39,11 +39,13 @@ class NoiseState:
 class ObjectiveValue:
     """cost at a point, weighed with `noise`: `rest` of priors and process noise, and what `squares` (channels,), the
     sums of squared residuals (with a full covariance their moments, see full_noise), cost; constraint residuals:
-    defects (T, n), limits (rows,) beyond the linear limits, gap of collocation."""
+    defects (T, n), limits (rows,) beyond the linear limits, gap of collocation. `parameters` (records, model
+    parameters) are what each record was simulated with."""
 
     cost: float
     rest: float
     squares: np.ndarray
+    parameters: np.ndarray
     trajectory: Trajectory | None
     equations: EquationValue | None
     noise: NoiseState

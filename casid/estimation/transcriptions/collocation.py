@@ -8,7 +8,7 @@ block (end, A, B) of the same shape as a shooting step's; the interior states mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -18,10 +18,9 @@ from casid.errors import EstimationError
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.kernel import whitened
 from casid.estimation.transcriptions.layout import Layout
-from casid.estimation.transcriptions.steps import cached, dynamics_function, output_function, quiet
+from casid.estimation.transcriptions.steps import compiled, dynamics_function, output_function, quiet
 from casid.estimation.transcriptions.symbolic import collocated
 from casid.model.system import Model
-from casid.native.compiler import Compilable
 
 _NEWTON = 12  # steps of Newton's method for two steps of the motion
 _SOLVED = 1e-6  # of the states: what may be left of its equations
@@ -74,11 +73,8 @@ class LiftedCollocation:
         u0, u1 = layout.u0[:, 0, None], layout.u1[:, 0, None]
         self.u = u0 + self.tau[:, None] * (u1 - u0)
         self.shape = (count, degree, n)
-        slope = cached(model, ("compiled slope",), lambda: Compilable(dynamics_function(model)))
-        outputs = cached(model, ("compiled outputs",), lambda: Compilable(output_function(model)))
-        derivatives = cached(
-            model, ("compiled slopes", tuple(free)), lambda: Compilable(_derivative_function(model, free))
-        )
+        slope, outputs = compiled(model, dynamics_function), compiled(model, output_function)
+        derivatives = compiled(model, _derivative_function, tuple(free))
         self._slope = slope.mapped(count * degree)
         self._outputs = outputs.mapped(count)
         self._derivatives = derivatives.mapped(count * degree)
@@ -179,7 +175,7 @@ class LiftedCollocation:
         return CollocationLift(correction=solved[..., 0], gain=solved[..., 1:], matrix=matrix)
 
 
-def _derivative_function(model: Model, free: np.ndarray) -> ca.Function:
+def _derivative_function(model: Model, free: Sequence[int]) -> ca.Function:
     """(x, u, p) -> df/dx, df/dp_free, dh/dx, dh/dp_free, transposed (numpy row order)."""
     f, h = quiet(model, model.f), quiet(model, model.h)
     p_free = ca.vertcat(*[model.p[int(i)] for i in free])

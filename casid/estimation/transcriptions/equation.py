@@ -91,6 +91,8 @@ def _channel(record: Record, name: str) -> np.ndarray:
 class EquationPart:
     """Residuals and Jacobians of the equations on the measured signals of all records.
 
+    `targets` are, per record (N, equations), what the equations are to give; NaN where any of their signals is missing.
+
     Raises EstimationError at construction when a channel is not recorded or, for a pure equation-error cost, when a
     free parameter stands in no equation.
     """
@@ -114,6 +116,7 @@ class EquationPart:
         self.residual = self._residual.symbolic
         self.data = [self._signals(record, form.channels) for record in problem.records]
         self._cuts = np.cumsum([len(record) for record in problem.records])[:-1]
+        self.targets = self._targets(problem.start_parameters)
 
     def _signals(self, record: Record, names: tuple[str, ...]) -> np.ndarray:
         """(N, channels); without states a measured output that is not there is missing, as where it is simulated."""
@@ -135,27 +138,26 @@ class EquationPart:
     def _prior(self, name: str) -> float:
         return self.problem.model.prior_std.get(name, np.inf) if self.problem.prior else np.inf
 
-    def _evaluate(self, kernel: Compilable, theta: np.ndarray) -> list[np.ndarray]:
+    def _evaluate(self, kernel: Compilable, parameters: np.ndarray) -> list[np.ndarray]:
         """Per record (N * rows, columns) of the function's transposed result."""
         lengths = [len(data) for data in self.data]
-        values = np.repeat(self.problem.model_parameters(theta), lengths, axis=0)
+        values = np.repeat(parameters, lengths, axis=0)
         result = kernel.mapped(sum(lengths))(np.concatenate(self.data), values)[0].copy()
         return np.split(result, self._cuts * (len(result) // sum(lengths)))
 
-    def targets(self) -> list[np.ndarray]:
-        """Per record (N, equations) what the equations are to give; NaN where any of their signals is missing."""
-        found = self._evaluate(self._target, self.problem.start_vector)
-        usable = self.value(self.problem.start_vector).residuals
+    def _targets(self, parameters: np.ndarray) -> list[np.ndarray]:
+        found = self._evaluate(self._target, parameters)
+        usable = self._evaluate(self._residual, parameters)
         return [np.where(np.isfinite(e), t, np.nan) for t, e in zip(found, usable, strict=True)]
 
-    def value(self, theta: np.ndarray) -> EquationValue:
-        """Residuals at the parameters."""
-        return EquationValue(residuals=self._evaluate(self._residual, theta))
+    def value(self, parameters: np.ndarray) -> EquationValue:
+        """Residuals at values (records, model parameters)."""
+        return EquationValue(residuals=self._evaluate(self._residual, parameters))
 
-    def slabs(self, theta: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
         """Samples of a record and the derivatives (samples, equations, free) there in its free parameters, zero where
         a signal is missing; not all at once, which would take most of the memory."""
-        data, p = self.data[record], self.problem.model_parameters(theta)[record]
+        data, p = self.data[record], parameters[record]
         size = min(max(map(len, self.data)), _SLAB_SAMPLES)
         values = np.tile(p, (size, 1))
         derivatives, residuals = self._jacobian.mapped(size), self._residual.mapped(size)

@@ -20,6 +20,7 @@ from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, 
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.steps import (
     cached,
+    compiled,
     output_function,
     sample_derivatives,
     stage_functions,
@@ -28,7 +29,7 @@ from casid.estimation.transcriptions.steps import (
 from casid.estimation.transcriptions.symbolic import shot
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
-from casid.native.compiler import Compilable, PointBatch
+from casid.native.compiler import PointBatch
 
 _SLAB_SAMPLES = 4096  # of which the derivatives are held at once
 
@@ -69,12 +70,8 @@ class Shooting:
         """Simulation, outputs of all samples, derivatives over a slab, by CasADi."""
         model, feedback = self._model, self._feedback
         count, length = self.shape
-        step = cached(model, ("compiled step", feedback), lambda: Compilable(step_function(model, feedback)))
-        outputs = cached(model, ("compiled outputs",), lambda: Compilable(output_function(model)))
-        key = ("compiled derivatives", tuple(self._free), self.noise_names, feedback)
-        derivatives = cached(
-            model, key, lambda: Compilable(sample_derivatives(model, self._free, self.noise_names, feedback))
-        )
+        step, outputs = compiled(model, step_function, feedback), compiled(model, output_function)
+        derivatives = compiled(model, sample_derivatives, tuple(self._free), self.noise_names, feedback)
         simulate = step.batch(("simulate", length, count), lambda f: f.mapaccum("simulate", length).map(count))
         return simulate, outputs.mapped(count * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
 

@@ -5,7 +5,7 @@ Inputs run linearly from u0 to u1 within the step (u1 = u0 when they are held); 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -14,6 +14,7 @@ import numpy as np
 from casid.errors import unknown
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
+from casid.native.compiler import Compilable
 
 _CACHE: WeakKeyDictionary[Model, dict] = WeakKeyDictionary()
 
@@ -30,6 +31,11 @@ def share_cache(model: Model, like: Model) -> Model:
     """The model, of the same expressions as `like`, with one store of what is built of them."""
     _CACHE[model] = _CACHE.setdefault(like, {})
     return model
+
+
+def compiled(model: Model, make: Callable[..., ca.Function], *given: Hashable) -> Compilable:
+    """The function `make(model, *given)`, to be compiled once that pays; kept likewise."""
+    return cached(model, (make, *given), lambda: Compilable(make(model, *given)))
 
 
 def rk4(f: ca.Function, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, *rest: ca.SX) -> ca.SX:
@@ -73,6 +79,12 @@ def dynamics_function(model: Model) -> ca.Function:
     return ca.Function("f", [model.x, model.u, model.p], [quiet(model, model.f)])
 
 
+def rates_function(model: Model) -> ca.Function:
+    """(x, u, p) -> df/dx without disturbances, transposed (numpy row order)."""
+    slope = ca.jacobian(quiet(model, model.f), model.x)
+    return ca.Function("rates", [model.x, model.u, model.p], [ca.densify(slope.T)])
+
+
 def output_function(model: Model) -> ca.Function:
     """h(x, u, p) without disturbances."""
     return ca.Function("outputs", [model.x, model.u, model.p], [ca.densify(quiet(model, model.h))])
@@ -91,7 +103,7 @@ def step_function(model: Model, feedback: SampledFeedback | None = None) -> ca.F
 
 
 def sample_derivatives(
-    model: Model, free: np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None = None
+    model: Model, free: Sequence[int] | np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None = None
 ) -> ca.Function:
     """(x, u0, u1, dt, p) -> A, B, G of the step, C, D of the outputs at its start, all transposed (numpy row order).
 
@@ -118,7 +130,7 @@ def sample_derivatives(
 
 
 def stage_functions(
-    model: Model, free: np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None = None
+    model: Model, free: Sequence[int] | np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None = None
 ) -> tuple[ca.Function, ca.Function]:
     """What one sample takes: (x, u0, u1, dt, p) -> (x+, y), and (x, u0, u1, dt, p) -> (x+, y, C, D, then for each of
     the four stages F = df/dx, Q = df/d(p_free, noise) and E = df/du times the slope of the law); sparse.
@@ -151,7 +163,7 @@ def stage_functions(
     return cached(model, ("stage functions", tuple(free), noise, feedback), build)
 
 
-def _slope(model: Model, free: np.ndarray, noise: tuple[str, ...]) -> ca.Function:
+def _slope(model: Model, free: Sequence[int] | np.ndarray, noise: tuple[str, ...]) -> ca.Function:
     """(x, u, p) -> f, df/dx, df/d(p_free, noise), df/du."""
     v, f = noise_vector(model, noise)
     q = ca.vertcat(*[model.p[int(i)] for i in free], v)
@@ -160,7 +172,7 @@ def _slope(model: Model, free: np.ndarray, noise: tuple[str, ...]) -> ca.Functio
     return ca.Function("slope", [model.x, model.u, model.p], quietly)
 
 
-def _output_derivatives(model: Model, free: np.ndarray) -> ca.Function:
+def _output_derivatives(model: Model, free: Sequence[int] | np.ndarray) -> ca.Function:
     """(x, u, p) -> y, C, D."""
     h = quiet(model, model.h)
     by_p = ca.jacobian(h, ca.vertcat(*[model.p[int(i)] for i in free]))
