@@ -27,7 +27,7 @@ class Cause:
     share
         Its part of the variation of the coefficient it adds to, or of its smallest size that matters.
     probability
-        That it is there; `log_odds` against everything that does without it. None by rules.
+        That it is there; `log_odds` against everything that does without it.
     """
 
     kind: str

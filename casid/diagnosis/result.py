@@ -71,7 +71,7 @@ class Diagnosis:
     seconds
         Wall time per stage.
     explanations
-        Names of all that the most probable ones say, with probabilities; none by rules.
+        Names of all that the most probable ones say, with probabilities.
     believed, entered
         Cause -> probability that it is there and matters; the same of something unexplained at a station.
     nothing
@@ -183,7 +183,10 @@ class Diagnosis:
         lines = [f"verdict: {self.verdict}", self.sentence]
         lines += [f"  - data: {one.sentence}" for one in self.data]
         lines += [f"  - values: {one.sentence}" for one in self.contradicted]
-        lines += [f"  - {cause.sentence} (log likelihood ratio {0.5 * cause.statistic:.0f})" for cause in self.causes]
+        lines += [
+            f"  - {cause.sentence} ({_sure(cause)}log likelihood ratio {0.5 * cause.statistic:.0f})"
+            for cause in self.causes
+        ]
         lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
         lines += [f"  - not judged: {one.what} ({one.because})" for one in self.not_judged]
         steps = self.budget.together
@@ -267,3 +270,7 @@ class Diagnosis:
 def _freedom(fit: FlightFit) -> int:
     """How many numbers are fitted: onsets are, and the strength of turbulence."""
     return len(fit.slots) + sum(len(one.onsets) for one in fit.attached) + bool(fit.noise.coloured)
+
+
+def _sure(cause: Cause) -> str:
+    return "" if cause.probability is None else f"{100.0 * cause.probability:.0f} % probable, "

@@ -29,7 +29,8 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
                 cause_name(c.kind, c.target, c.term),
                 "\n".join([with_std(c.value, c.std, c.unit), *(f"{k}: {digits(v)}" for k, v in c.parameters.items())]),
                 _where(c),
-                digits(c.statistic) if c.probability is None else probability_in_words(c.probability),
+                "–" if c.probability is None else probability_in_words(c.probability),
+                digits(c.statistic),
                 _held(c),
                 ", ".join(cause_name(o["kind"], o["target"], o["term"]) for o in c.indistinguishable_from) or "–",
             ),
@@ -37,12 +38,12 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
         )
         for number, c in enumerate(diagnosis.causes, 1)
     )
-    by_score = any(c.probability is not None for c in diagnosis.causes)
     head = (
         "cause",
         "size ± 1σ",
         "records",
-        "probability" if by_score else "evidence",
+        "probability",
+        "evidence",
         "evidence per reading on held-out records",
         "cannot be told apart from",
     )

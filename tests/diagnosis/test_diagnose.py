@@ -64,6 +64,7 @@ def test_a_hidden_effect_is_named_with_its_size(hidden: Attached) -> None:
     cause = found.causes[0]
     assert (cause.kind, cause.target, cause.term) == hidden.effect.key, str(found)
     assert abs(cause.value - hidden.values["value"]) < 5.0 * cause.std + 0.02 * abs(hidden.values["value"])
+    assert cause.probability is not None and cause.probability > 0.9
     if hidden.effect.timed:
         assert cause.onset_s is not None
         for record, (low, high) in cause.onset_s.items():

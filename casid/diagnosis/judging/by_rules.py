@@ -10,6 +10,7 @@ from casid.diagnosis.flight.view import view_of
 from casid.diagnosis.given.as_given import AsGiven
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.flight_values import flight_values
+from casid.diagnosis.judging.belief import believed
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.kept import keep
 from casid.diagnosis.judging.left import what_is_left
@@ -42,6 +43,8 @@ def by_rules(
     structure, required = (kept.structure, kept.structure_gain), begun.required
     causes, minor = causes_of(naming, kept.evidence, begun.turbulence, kept.gains, structure, required, left)
     minor, unexplained = what_is_left(kept, naming, left, (causes, minor), required)
+    belief = believed(causes, unexplained, naming, left)
+    causes = belief.causes
     verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
@@ -78,4 +81,8 @@ def by_rules(
         turbulence=begun.turbulence,
         detectable=smallest_detectable(candidates, criteria.verdict),
         seconds=stages.seconds,
+        explanations=belief.explanations,
+        believed=belief.there,
+        entered=belief.entered,
+        nothing=belief.nothing,
     )

@@ -59,23 +59,33 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
     What kinematics put second and confirm, and the whole model puts first, is in dispute between the two, as a lag
     beside a scale error is with a delay.
     """
-    key = best.effect.key  # a variant of the best is no other cause
-    found, by = [], criteria.naming
-    for trial in trials:
-        if trial.effect.key == key or trial.refuted or not (trial.meaningful or _is_small(trial)):
-            continue
-        angle, behind = sine(best, trial), best.gain.total - trial.gain.total
-        disputed = trial.check.confirmed and trial.gain.total > best.gain.total
-        if best.check.confirmed and trial.check.judges and not disputed:
-            behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
-        near = behind < equivalence(best.gain.raw, criteria)
+    return tuple(t for t in possible_rivals(best, trials) if distance(best, t, criteria) < 1.0)
+
+
+def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:
+    """Trials of another cause than the best one that might stand in its place; a variant of it is no other cause."""
+    key = best.effect.key
+    return [t for t in trials if t.effect.key != key and not t.refuted and (t.meaningful or _is_small(t))]
+
+
+def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
+    """How far a trial is behind the best one, in units of what is too near to prefer either (`equivalents_of`);
+    infinite where the two have nothing in common."""
+    by = criteria.naming
+    angle, behind = sine(best, trial), best.gain.total - trial.gain.total
+    disputed = trial.check.confirmed and trial.gain.total > best.gain.total
+    if best.check.confirmed and trial.check.judges and not disputed:
+        behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
+    ways = [np.inf]
+    if angle < by.unrelated:
+        ways.append(behind / equivalence(best.gain.raw, criteria))
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
             # other small terms explain most of what a term does, and little is left of its gain to compare with
-            near = near or best.gain.exact - trial.gain.exact < equivalence(best.gain.exact, criteria)
+            ways.append((best.gain.exact - trial.gain.exact) / equivalence(best.gain.exact, criteria))
+    if angle < by.alike:
         spread = 2.0 * np.sqrt(best.gain.total) * angle
-        if (near and angle < by.unrelated) or (angle < by.alike and behind < by.alike_sigmas * spread):
-            found.append(trial)
-    return tuple(found)
+        ways.append(behind / max(by.alike_sigmas * spread, 1e-300))
+    return float(min(ways))
 
 
 def sine(one: Trial, other: Trial) -> float:

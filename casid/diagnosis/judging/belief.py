@@ -1,0 +1,186 @@
+"""How probable it is what the rules tell: every cause against its rivals, and against nothing at all.
+
+Causes were fitted as wholes, each in the place of the other, and their gains are drops of 2 ln L. A likelihood is not
+believed to its last digit: the structure is never exact. Two causes count as equivalent within a distance of gain
+(`screening.equivalent`), and a set of equivalents is to hold 95 % (`priors.holds`). So the odds of two causes are
+19 to 1 at that distance, and go on from there as a likelihood's do: 19^x at x times the distance. A criterion is where
+a name becomes worth its risk: there the odds are the cost of a wrong name over that of a missed one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import prod
+
+import numpy as np
+from scipy.special import expit, logit
+
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.naming.comparing import distance, possible_rivals
+from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.round import Round, Trial
+from casid.diagnosis.naming.trials import required_gain
+from casid.model.effect import Effect
+from casid.model.effects import effect_of
+
+_LEAST = 1e-4  # probability below which nothing is told
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Believed:
+    """What is told, with probabilities.
+
+    causes        with theirs, and those of what they cannot be told apart from
+    explanations  what the most probable ones say: names of causes, probability
+    there         name of a cause -> probability that it is there and matters
+    entered       station -> probability that something unexplained enters there
+    nothing       probability that nothing that matters is wrong
+    """
+
+    causes: tuple[Cause, ...]
+    explanations: tuple[tuple[tuple[str, ...], float], ...]
+    there: Mapping[str, float]
+    entered: Mapping[str, float]
+    nothing: float
+
+
+def believed(
+    causes: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, left: Sequence[MissingInput]
+) -> Believed:
+    """Probabilities of the named `causes`, of what is `unexplained`, and of what was not clear enough for either.
+
+    left  every missing input of the model that is told
+    """
+    scale = _Scale(criteria=naming.criteria)
+    rounds = {round_.leader.effect.key: round_ for round_ in naming.named}
+    places = [_place(one, rounds.get((one.kind, one.target, one.term)), scale) for one in causes]
+    faint = _not_named(naming, {effect.key for place in places for effect in place.effects}, scale)
+    entered = {one.station: scale.of_missing(one) for one in unexplained}
+    further = max([scale.of_missing(one) for one in left] if not unexplained else entered.values(), default=0.0)
+    there = {name: p for place in places for name, p in place.probabilities.items()} | faint
+    nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
+    tempered = naming.criteria.priors.tempered
+    return Believed(
+        causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
+        explanations=tuple((names, tempered(p)) for names, p in _explanations(places, faint, naming.criteria)),
+        there={name: tempered(p) for name, p in there.items() if p > _LEAST},
+        entered={name: tempered(p) for name, p in entered.items()},
+        nothing=tempered(nothing),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scale:
+    """Gains as logarithms of odds."""
+
+    criteria: Criteria
+
+    @property
+    def per_distance(self) -> float:
+        """Of two causes whose gains are as far apart as those of equivalents may be."""
+        return float(logit(self.criteria.priors.holds))
+
+    def against_nothing(self, gain: float, required: float) -> float:
+        """Of what gains so much where so much is required."""
+        priors = self.criteria.priors
+        beyond = (gain - required) / equivalence(gain, self.criteria)
+        return float(np.log(priors.wrong / priors.missed)) + self.per_distance * beyond
+
+    def of_missing(self, one: MissingInput) -> float:
+        """Probability that an unknown input is there."""
+        return float(expit(self.against_nothing(one.gain, self.criteria.verdict.missing)))
+
+    def of_trial(self, trial: Trial) -> float:
+        """Of a cause that was fitted."""
+        gained = trial.gain.total if trial.effect.regressor else trial.gain.net
+        return self.against_nothing(gained, required_gain(trial.effect, self.criteria))
+
+    def of_put_in(self, cause: Cause) -> float:
+        """Of a cause that was in the model before others were named: moving air, or expected structure."""
+        air, structure = self.criteria.turbulence.gain, self.criteria.structure.demanded
+        return self.against_nothing(cause.statistic, air if cause.kind == "turbulence" else structure)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Place:
+    """What may be there in the place of a named cause, it first: effects, the logarithms of their weights, and that of
+    nothing at all."""
+
+    effects: Sequence[Effect]
+    logs: Sequence[float]
+    log_nothing: float
+
+    @property
+    def _total(self) -> float:
+        return float(np.logaddexp.reduce([*self.logs, self.log_nothing]))
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Name of an effect -> probability."""
+        return {e.name: float(np.exp(log - self._total)) for e, log in zip(self.effects, self.logs, strict=True)}
+
+    @property
+    def nothing(self) -> float:
+        return float(np.exp(self.log_nothing - self._total))
+
+    @property
+    def log_odds(self) -> float:
+        """Of the first against all that does without it."""
+        return self.logs[0] - float(np.logaddexp.reduce([*self.logs[1:], self.log_nothing]))
+
+    def of(self, key: tuple[str, str, str | None]) -> float:
+        """Probability of a kind with its target and term, whatever its variant."""
+        names = [effect.name for effect in self.effects if effect.key == key]
+        return sum(self.probabilities[name] for name in names)
+
+
+def _place(cause: Cause, round_: Round | None, scale: _Scale) -> _Place:
+    if round_ is None:  # nothing was fitted in its place
+        return _Place(effects=(effect_of(cause),), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
+    best, logs = round_.leader, {}
+    effects = {best.effect.name: best.effect}
+    logs[best.effect.name] = 0.0
+    for rival in possible_rivals(best, round_.rivals):
+        behind = -scale.per_distance * max(distance(best, rival, scale.criteria), 0.0)
+        name = rival.effect.name
+        effects[name], logs[name] = rival.effect, max(behind, logs.get(name, -np.inf))
+    return _Place(effects=tuple(effects.values()), logs=tuple(logs.values()), log_nothing=-scale.of_trial(best))
+
+
+def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> Cause:
+    """The cause with probabilities, its own and those of what it cannot be told apart from."""
+    alike = tuple(
+        {**one, "probability": tempered(place.of((one["kind"], one["target"], one["term"])))}
+        for one in cause.indistinguishable_from
+    )
+    own = place.of((cause.kind, cause.target, cause.term))
+    return replace(cause, probability=tempered(own), log_odds=place.log_odds, indistinguishable_from=alike)
+
+
+def _not_named(naming: Naming, seen: Collection[tuple[str, str, str | None]], scale: _Scale) -> dict[str, float]:
+    """Name -> probability of the clearest cause that was not clear enough for a name, where one was tried."""
+    trials = [t for round_ in naming.rounds if not round_.named for t in round_.trials]
+    possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in seen]
+    if not possible:
+        return {}
+    best = max(possible, key=scale.of_trial)
+    return {best.effect.name: float(expit(scale.of_trial(best)))}
+
+
+def _explanations(
+    places: Sequence[_Place], faint: Mapping[str, float], criteria: Criteria
+) -> list[tuple[tuple[str, ...], float]]:
+    """Names of all that an explanation says, and its probability, the most probable first."""
+    choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]
+    choices += [{(name,): p, (): 1.0 - p} for name, p in faint.items()]
+    likely = [{names: p for names, p in one.items() if p > _LEAST} for one in choices]
+    wholes = (
+        (tuple(sorted(sum((names for names, _ in chosen), ()))), prod(p for _, p in chosen))
+        for chosen in product(*(one.items() for one in likely))
+    )
+    return sorted(wholes, key=lambda whole: -whole[1])[: criteria.priors.numerics.reported]

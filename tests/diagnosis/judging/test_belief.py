@@ -1,0 +1,130 @@
+"""Probabilities of what the rules tell. Their truth is what defines them: 19 to 1 at the distance of equivalents, and
+the odds of the costs where a name is worth its risk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis_flights import trial_of
+
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.judging.belief import believed
+from casid.diagnosis.naming.round import Round, Trial
+from casid.model.causes import actuator_lag, gust, input_delay, sensor_bias, turbulence
+
+CRITERIA = Criteria()
+DOUBT, AT_CRITERION = CRITERIA.priors.doubt, CRITERIA.priors.named
+LAG = Attached(effect=actuator_lag("delta_e"), values={"value": 0.1})
+DELAY = Attached(effect=input_delay("delta_e"), values={"value": 0.1})
+BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
+ALONG = (1.0, 0.0, 0.0)  # a fingerprint
+
+
+def naming_of(*rounds: Round) -> Any:
+    return SimpleNamespace(criteria=CRITERIA, rounds=rounds, named=[r for r in rounds if r.named])
+
+
+def round_of(*trials: Trial, named: bool = True) -> Round:
+    return Round(candidates=(), trials=trials, equivalents=(), named=named)
+
+
+def cause_of(one: Attached, statistic: float = 0.0, alike: tuple[Attached, ...] = ()) -> Cause:
+    kind, target, term = one.effect.key
+    others = tuple(dict(zip(("kind", "target", "term"), other.effect.key, strict=True)) for other in alike)
+    return Cause(
+        kind=kind,
+        target=target,
+        term=term,
+        value=1.0,
+        std=0.1,
+        unit="",
+        records=(),
+        onset_s=None,
+        statistic=statistic,
+        dof=1,
+        held_out_gain=None,
+        indistinguishable_from=others,
+        sentence="",
+        parameters={},
+        meaningful=True,
+        share=1.0,
+    )
+
+
+@pytest.mark.parametrize("gain", [500.0, 50_000.0])
+def test_a_rival_at_the_distance_of_equivalents_has_one_in_twenty(gain: float) -> None:
+    """Whatever the gain: what makes two causes equivalent grows with it."""
+    rival = trial_of(DELAY, gain - equivalence(gain, CRITERIA), fingerprint=ALONG)
+    found = believed(
+        [cause_of(LAG, alike=(DELAY,))], [], naming_of(round_of(trial_of(LAG, gain, fingerprint=ALONG), rival)), []
+    )
+    (lag,) = found.causes
+    assert lag.probability == pytest.approx(0.95 * (1.0 - DOUBT))
+    assert lag.indistinguishable_from[0]["probability"] == pytest.approx(0.05 * (1.0 - DOUBT))
+    assert lag.log_odds == pytest.approx(np.log(19.0))
+    assert [names for names, _ in found.explanations] == [(LAG.name,), (DELAY.name,)]
+
+
+def test_equals_share_and_what_has_nothing_in_common_takes_nothing() -> None:
+    """Two that explain the same to the last digit have half each. A third that explains as much of something else is no
+    rival of theirs, and may be there besides."""
+    trials = [trial_of(one, 300.0, fingerprint=ALONG) for one in (LAG, DELAY)]
+    apart = trial_of(BIAS, 300.0, fingerprint=(0.0, 1.0, 0.0))
+    found = believed([cause_of(LAG)], [], naming_of(round_of(*trials, apart)), [])
+    assert found.causes[0].probability == pytest.approx(0.5 * (1.0 - DOUBT))
+    assert BIAS.name not in found.there
+
+
+def test_at_its_criterion_a_name_is_worth_its_risk() -> None:
+    """There its odds are those of the costs of a wrong name and of a missed one; and so are those of a cause that falls
+    just short of it, of the air, and of something unknown."""
+    required = CRITERIA.naming.gain
+    named = believed([cause_of(LAG)], [], naming_of(round_of(trial_of(LAG, required))), [])
+    assert named.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
+    faint = believed([], [], naming_of(round_of(trial_of(LAG, required), named=False)), [])
+    assert faint.there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
+    assert faint.nothing == pytest.approx((1.0 - AT_CRITERION) * (1.0 - DOUBT))
+    air = Attached(effect=turbulence(""), values={"value": 1.0})
+    moving = believed([cause_of(air, CRITERIA.turbulence.gain)], [], naming_of(), [])
+    assert moving.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
+    unknown: Any = SimpleNamespace(station="dCm", gain=CRITERIA.verdict.missing)
+    assert believed([], [unknown], naming_of(), [unknown]).entered == {
+        "dCm": pytest.approx(AT_CRITERION * (1.0 - DOUBT))
+    }
+
+
+def test_explanations_are_wholes_and_their_probabilities_multiply() -> None:
+    """Two places with two possible causes each: the four wholes hold all the probability but the doubt."""
+    second = (Attached(effect=gust("z"), values={"value": 3.0}), BIAS)
+    rounds = [
+        round_of(*(trial_of(one, gain, fingerprint=ALONG) for one, gain in zip(pair, (400.0, 396.0), strict=True)))
+        for pair in ((LAG, DELAY), second)
+    ]
+    found = believed([cause_of(LAG), cause_of(second[0])], [], naming_of(*rounds), [])
+    assert len(found.explanations) == 4
+    assert sum(p for _, p in found.explanations) == pytest.approx(1.0 - DOUBT)
+    lag, air = (one.probability for one in found.causes)
+    assert lag is not None and air is not None
+    assert found.explanations[0] == ((LAG.name, second[0].name), pytest.approx(lag * air / (1.0 - DOUBT)))
+
+
+def test_what_was_refuted_or_is_too_small_is_no_rival() -> None:
+    first = trial_of(LAG, 300.0, fingerprint=ALONG)
+    refuted = replace(trial_of(DELAY, 300.0, fingerprint=ALONG), given_up=True)
+    found = believed([cause_of(LAG)], [], naming_of(round_of(first, refuted)), [])
+    assert found.causes[0].probability == pytest.approx(1.0 - DOUBT)
+
+
+def test_nothing_faint_leaves_the_model_adequate() -> None:
+    """A cause far below its criterion, and an unknown input far below its own."""
+    little: Any = SimpleNamespace(station="dCL", gain=20.0)
+    found = believed([], [], naming_of(round_of(trial_of(LAG, 5.0), named=False)), [little])
+    assert found.nothing == pytest.approx(1.0 - DOUBT, abs=1e-3)
+    assert found.explanations[0][0] == ()
