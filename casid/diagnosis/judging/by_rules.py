@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.missing_input import missing_inputs
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.view import view_of
 from casid.diagnosis.given.as_given import AsGiven
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.flight_values import flight_values
-from casid.diagnosis.judging.belief import believed
+from casid.diagnosis.judging.belief import Believed, believed
 from casid.diagnosis.judging.extension import extended_aircraft
-from casid.diagnosis.judging.kept import keep
+from casid.diagnosis.judging.kept import Kept, keep
 from casid.diagnosis.judging.left import what_is_left
 from casid.diagnosis.judging.verdict import causes_of, smallest_detectable, verdict_of
 from casid.diagnosis.kinematics.stage import KinematicFindings
 from casid.diagnosis.naming.baseline import Baseline, named
+from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
@@ -40,10 +42,7 @@ def by_rules(
     left = naming.missing if kept.evidence is naming.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
-    structure, required = (kept.structure, kept.structure_gain), begun.required
-    causes, minor = causes_of(naming, kept.evidence, begun.turbulence, kept.gains, structure, required, left)
-    minor, unexplained = what_is_left(kept, naming, left, (causes, minor), required)
-    belief = believed(causes, unexplained, naming, left)
+    minor, unexplained, belief = _told(begun, naming, kept, left)
     causes = belief.causes
     verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
@@ -86,3 +85,13 @@ def by_rules(
         entered=belief.entered,
         nothing=belief.nothing,
     )
+
+
+def _told(
+    begun: Baseline, naming: Naming, kept: Kept, left: Sequence[MissingInput]
+) -> tuple[tuple[Cause, ...], list[MissingInput], Believed]:
+    """(minor, unexplained, causes with their probabilities); `left` are the missing inputs of the kept model."""
+    structure, required = (kept.structure, kept.structure_gain), begun.required
+    causes, minor = causes_of(naming, kept.evidence, begun.turbulence, kept.gains, structure, required, left)
+    minor, unexplained = what_is_left(kept, naming, left, (causes, minor), required)
+    return minor, unexplained, believed(causes, unexplained, naming, left)
