@@ -162,6 +162,7 @@ class ScoreNumerics:
     smallest_further: float = number(1e-3, "and at least, in its unit")
     responses: int = number(48, "whitened responses in memory twice")
     reported: int = number(8, "explanations that are told")
+    least: float = number(1e-4, "probability below which nothing is told of a cause")
     rows: int = number(2000, "rows of a record that are multiplied at a time")
     died_away: float = number(1e-7, "response, of the largest of its column, below which it has died away")
     ridge: float = number(

@@ -180,7 +180,7 @@ class PosteriorReading:
         """Probability of every cause that may be there at a size that matters."""
         put_in = {one.name: self._notable(one) for one in self._standing}
         found = {one.name: one.matters for one in self.explained.posterior.causes} | put_in
-        return {name: self.priors.tempered(min(p, 1.0)) for name, p in found.items() if p > 1e-4}
+        return {name: self.priors.tempered(min(p, 1.0)) for name, p in found.items() if p > self.priors.numerics.least}
 
     def verdict(self, causes: Sequence[Cause]) -> tuple[str, str]:
         """(verdict, the sentence that opens the report)."""

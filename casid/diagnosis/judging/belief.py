@@ -25,10 +25,9 @@ from casid.diagnosis.naming.comparing import distance, possible_rivals
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.trials import required_gain
+from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
-
-_LEAST = 1e-4  # probability below which nothing is told
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,11 +63,13 @@ def believed(
     further = max([scale.of_missing(one) for one in left] if not unexplained else entered.values(), default=0.0)
     there = {name: p for place in places for name, p in place.probabilities.items()} | faint
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
-    tempered = naming.criteria.priors.tempered
+    tempered, least = naming.criteria.priors.tempered, naming.criteria.priors.numerics.least
     return Believed(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
-        explanations=tuple((names, tempered(p)) for names, p in _explanations(places, faint, naming.criteria)),
-        there={name: tempered(p) for name, p in there.items() if p > _LEAST},
+        explanations=tuple(
+            (names, tempered(p)) for names, p in _explanations(places, faint, naming.criteria.priors.numerics)
+        ),
+        there={name: tempered(p) for name, p in there.items() if p > least},
         entered={name: tempered(p) for name, p in entered.items()},
         nothing=tempered(nothing),
     )
@@ -173,14 +174,14 @@ def _not_named(naming: Naming, seen: Collection[tuple[str, str, str | None]], sc
 
 
 def _explanations(
-    places: Sequence[_Place], faint: Mapping[str, float], criteria: Criteria
+    places: Sequence[_Place], faint: Mapping[str, float], numerics: ScoreNumerics
 ) -> list[tuple[tuple[str, ...], float]]:
     """Names of all that an explanation says, and its probability, the most probable first."""
     choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]
     choices += [{(name,): p, (): 1.0 - p} for name, p in faint.items()]
-    likely = [{names: p for names, p in one.items() if p > _LEAST} for one in choices]
+    likely = [{names: p for names, p in one.items() if p > numerics.least} for one in choices]
     wholes = (
         (tuple(sorted(sum((names for names, _ in chosen), ()))), prod(p for _, p in chosen))
         for chosen in product(*(one.items() for one in likely))
     )
-    return sorted(wholes, key=lambda whole: -whole[1])[: criteria.priors.numerics.reported]
+    return sorted(wholes, key=lambda whole: -whole[1])[: numerics.reported]
