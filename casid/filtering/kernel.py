@@ -28,7 +28,8 @@ class FilterKernel:
         loaded = ctypes.CDLL(library)
         self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
         self._interval, self._augment, self._entrances = loaded.interval, loaded.augment, loaded.entrances
-        for without in (self._whiten, self._costates, self._interval, self._augment, self._entrances):
+        self._whiten_one = loaded.whiten_one
+        for without in (self._whiten, self._whiten_one, self._costates, self._interval, self._augment, self._entrances):
             without.restype = None
 
     def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
@@ -77,6 +78,10 @@ class FilterKernel:
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         sizes = (N, R, n, F.shape[2], ny, nc)
         kept = states if keep else None
+        if nc == 1:  # as most calls have, which would leave fifteen places of a tile empty
+            given = (of.A, of.C, of.gain, of.inverse_root, Y, F, first)
+            _call(self._whiten_one, R, (N, R, n, F.shape[2], ny), *given, white, kept)
+            return white, states
         columns = (Y, F, first, ctypes.c_long(0), *[None] * 6)
         _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *columns, white, kept, None)
         return white, states

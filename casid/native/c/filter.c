@@ -328,6 +328,54 @@ static void enter(long rows, long nw, const histories *of, const double *by, con
     }
 }
 
+/* to (rows) += sign a (rows, inner: the first `most`, of a lower triangle those that are not zero) b, one column: four
+   rows at a time, whose sums do not wait for each other */
+static inline void product_one(long rows, long inner, const double *a, const double *b, double *to, double sign,
+                               int triangle)
+{
+    long i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        const double *r = a + i * inner;
+        double s = to[i], t = to[i + 1], u = to[i + 2], v = to[i + 3];
+        for (long j = 0, most = triangle ? i + 4 : inner; j < most; j++) {
+            double x = sign * b[j];
+            s += r[j] * x; t += r[inner + j] * x; u += r[2 * inner + j] * x; v += r[3 * inner + j] * x;
+        }
+        to[i] = s; to[i + 1] = t; to[i + 2] = u; to[i + 3] = v;
+    }
+    for (; i < rows; i++)
+        for (long j = 0, most = triangle ? i + 1 : inner; j < most; j++) to[i] += a[i * inner + j] * sign * b[j];
+}
+
+/* `whiten` of one column, given as Y, F and E0; a part is a record */
+void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, const double *A, const double *C,
+                const double *gain, const double *root, const double *Y, const double *F, const double *E0,
+                double *white, double *states)
+{
+    double E[MOST], e[MOST], next[MOST];
+    BEGIN
+    for (long r = from; r < to; r++) {
+        memset(E, 0, sizeof E);
+        if (E0) memcpy(E, E0 + r * n, n * sizeof(double));
+        for (long k = 0; k < N; k++) {
+            long at = k * R + r;
+            double *out = white + (r * N + k) * ny;
+            if (states) memcpy(states + at * n, E, n * sizeof(double));
+            memcpy(e, Y + at * ny, ny * sizeof(double));
+            product_one(ny, n, C + at * ny * n, E, e, 1.0, 0);
+            memset(out, 0, ny * sizeof(double));
+            product_one(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
+            if (k == N - 1) break;
+            memset(next, 0, n * sizeof(double));
+            memcpy(next, F + at * nx, nx * sizeof(double));
+            product_one(n, ny, gain + at * n * ny, e, next, -1.0, 0);
+            product_one(n, n, A + at * n * n, E, next, 1.0, 0);
+            memcpy(E, next, n * sizeof(double));
+        }
+    }
+    END
+}
+
 /* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc), or, when Y is
    null, as time histories: column l is the sum of series (N,R,begin[nc]) from number begin[l] to begin[l + 1], which
    enter at disturbance number `station` through Dw, B0, B1; it is zero as long as these are.
