@@ -132,6 +132,24 @@ def run_script() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 @pytest.fixture
+def script_here(
+    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """`script_here("table5", "--cases", "J")` runs a script in this process, which spares it the imports: exit status,
+    standard output, standard error."""
+
+    def run(name: str, *arguments: object) -> tuple[int, str, str]:
+        from casid.cli.start import outcome
+
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])
+        capsys.readouterr()
+        status = outcome(load_script(name).main)
+        return (status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
 def own_cache(tmp_path, monkeypatch):
     """The folder of compiled kernels, empty and of this test alone."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -65,7 +65,8 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             transcription=SingleShooting(), closed=False, words="single shooting, open loop on measured surfaces"
         ),
         "multiple-open": Method(
-            transcription=MultipleShooting(interval=INTERVAL),
+            # one step per sample, as the truth is flown: without noise casid would refine the steps without end
+            transcription=MultipleShooting(interval=INTERVAL, substeps=1),
             closed=False,
             words=f"multiple shooting, {INTERVAL} samples each, open loop on measured surfaces",
         ),

@@ -1,4 +1,7 @@
-"""The scripts of the paper, run as a user runs them: their files, the same numbers again, resumption, bad input."""
+"""The scripts of the paper: their files, the same numbers again, resumption, bad input.
+
+As processes of their own where the process is the point, otherwise in this one, which spares them the imports.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ import pytest
 
 REPO = Path(__file__).resolve().parents[2]
 Run = Callable[..., subprocess.CompletedProcess[str]]
+Here = Callable[..., tuple[int, str, str]]
 SCRIPTS = ("table5", "compare_shooting", "weighting", "constraints", "paper_figures")
 
 
@@ -21,10 +25,6 @@ def start(script: str, *arguments: str) -> subprocess.Popen:
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, str(REPO / "scripts" / f"{script}.py"), *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
-
-
-def results(process: subprocess.CompletedProcess[str]) -> tuple[int, str, str]:
-    return process.returncode, process.stdout, process.stderr
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -35,8 +35,8 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_table5_is_exact_without_noise(tmp_path: Path, run_script: Run) -> None:
     """Truth: A and C are exact (claim 1 of the paper)."""
     exact = ("--cases", "A,C", "--manoeuvres", "1", "--method", "multiple-open")
-    status, out, err = results(run_script("table5", *exact, "--jobs", "2", "--out", str(tmp_path)))
-    assert (status, err) == (0, "") and "claim 1 confirmed" in out
+    done = run_script("table5", *exact, "--jobs", "2", "--out", str(tmp_path))
+    assert (done.returncode, done.stderr) == (0, "") and "claim 1 confirmed" in done.stdout
     table = rows(tmp_path / "table5.csv")
     assert list(table[0]) == ["case", "estimator", "method", "statistic", "value"]
     published = {r["statistic"] for r in rows(REPO / "problems" / "paper" / "table5.csv")}
@@ -62,10 +62,10 @@ def test_table5_does_not_show_what_was_compiled_before(
 
 
 @pytest.mark.slow
-def test_table5_killed_in_mid_run_resumes_to_the_same_table(tmp_path: Path, run_script: Run) -> None:
-    cases = ("--cases", "B,D", "--manoeuvres", "1,2", "--method", "multiple-open", "--jobs", "1")
-    assert results(run_script("table5", *cases, "--out", str(tmp_path / "whole")))[0] == 0
-    process = start("table5", *cases, "--out", str(tmp_path / "cut"))
+def test_table5_killed_in_mid_run_resumes_to_the_same_table(tmp_path: Path, script_here: Here) -> None:
+    cases = ("--cases", "B,D", "--manoeuvres", "1,2", "--method", "multiple-open")
+    assert script_here("table5", *cases, "--jobs", "0", "--out", tmp_path / "whole")[0] == 0
+    process = start("table5", *cases, "--jobs", "1", "--out", str(tmp_path / "cut"))
     store = tmp_path / "cut" / "campaign.sqlite"
     for _ in range(600):
         if store.exists() and store.stat().st_size > 30_000:
@@ -74,16 +74,16 @@ def test_table5_killed_in_mid_run_resumes_to_the_same_table(tmp_path: Path, run_
     process.kill()
     process.communicate()
     assert not (tmp_path / "cut" / "table5.csv").exists()
-    status, out, _ = results(run_script("table5", *cases, "--resume", "--out", str(tmp_path / "cut")))
+    status, out, _ = script_here("table5", *cases, "--jobs", "0", "--resume", "--out", tmp_path / "cut")
     assert status == 0 and "found finished" in out
     assert (tmp_path / "cut" / "table5.csv").read_bytes() == (tmp_path / "whole" / "table5.csv").read_bytes()
 
 
 @pytest.mark.slow
-def test_compare_shooting_tells_the_methods_apart(tmp_path: Path, run_script: Run) -> None:
+def test_compare_shooting_tells_the_methods_apart(tmp_path: Path, script_here: Here) -> None:
     """Truth: an unstable aircraft cannot be simulated open loop for 20 s; in pieces of half a second it can."""
-    arguments = ("--starts", "2", "--no-basin", "--method", "single", "multiple 25", "--jobs", "1")
-    status, _, err = results(run_script("compare_shooting", *arguments, "--out", str(tmp_path)))
+    arguments = ("--starts", "2", "--no-basin", "--method", "single", "multiple 25", "--jobs", "0")
+    status, _, err = script_here("compare_shooting", *arguments, "--out", tmp_path)
     assert (status, err) == (0, "")
     right = {
         (r["aircraft"], r["method"]): int(r["right of random starts"]) for r in rows(tmp_path / "compare_shooting.csv")
@@ -94,10 +94,9 @@ def test_compare_shooting_tells_the_methods_apart(tmp_path: Path, run_script: Ru
 
 
 @pytest.mark.slow
-def test_weighting_ends_at_the_pure_estimators(tmp_path: Path, run_script: Run) -> None:
-    status, out, err = results(
-        run_script("weighting", "--starts", "0", "--manoeuvres", "1", "--jobs", "1", "--out", str(tmp_path))
-    )
+def test_weighting_ends_at_the_pure_estimators(tmp_path: Path, script_here: Here) -> None:
+    arguments = ("--starts", "0", "--manoeuvres", "1", "--jobs", "0", "--out", tmp_path)
+    status, out, err = script_here("weighting", *arguments)
     assert (status, err) == (0, "")
     curve = {(r["case"], r["weight"]): r for r in rows(tmp_path / "weighting.csv")}
     assert {w for _, w in curve} >= {"0", "0.5", "1"}
@@ -108,11 +107,11 @@ def test_weighting_ends_at_the_pure_estimators(tmp_path: Path, run_script: Run) 
 
 
 @pytest.mark.slow
-def test_constraints_and_figures_write_their_files(tmp_path: Path, run_script: Run) -> None:
-    status, out, _ = results(run_script("constraints", "--experiment", "static margin", "--out", str(tmp_path / "c")))
+def test_constraints_and_figures_write_their_files(tmp_path: Path, script_here: Here) -> None:
+    status, out, _ = script_here("constraints", "--experiment", "static margin", "--out", tmp_path / "c")
     assert status == 0 and "multiplier" in out
     assert {p.name for p in (tmp_path / "c").iterdir()} == {"constraints.html", "constraints.csv", "run.json"}
-    status, _, _ = results(run_script("paper_figures", "--out", str(tmp_path / "f")))
+    status, _, _ = script_here("paper_figures", "--out", tmp_path / "f")
     assert status == 0
     names = {p.name for p in (tmp_path / "f").iterdir()}
     assert names == {*(f"figure_{i}.svg" for i in range(1, 7)), "paper_figures.html", "run.json"}
@@ -137,10 +136,10 @@ def test_constraints_and_figures_write_their_files(tmp_path: Path, run_script: R
     ],
 )
 def test_bad_input_is_one_line_and_status_2(
-    tmp_path: Path, run_script: Run, script: str, arguments: tuple[str, ...], words: str
+    tmp_path: Path, script_here: Here, script: str, arguments: tuple[str, ...], words: str
 ) -> None:
-    out = () if script == "compare_solvers" or "--out" in arguments else ("--out", str(tmp_path / "o"))
-    status, _, err = results(run_script(script, *arguments, *out))
+    out = () if script == "compare_solvers" or "--out" in arguments else ("--out", tmp_path / "o")
+    status, _, err = script_here(script, *arguments, *out)
     assert status == 2 and not (tmp_path / "o").exists()
     assert words in err and err.count("\n") == 1 and err.startswith("error: ")
 
