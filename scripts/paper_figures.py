@@ -74,11 +74,11 @@ def main() -> None:
         for estimator in ESTIMATORS:
             stage(f"{estimator} error")
             values[estimator] = estimate(flight, estimator, given.method).values
-    pictures = figures(flight, values)
+    drawn = [(picture, picture.svg()) for picture in figures(flight, values)]
     with whole_folder(given.out) as folder:
-        for picture in pictures:
-            (folder / f"{picture.name}.svg").write_bytes(picture.svg())
-        sections = [Section(title=f"Case {given.case}", parts=[figure(picture) for picture in pictures])]
+        for picture, svg in drawn:
+            (folder / f"{picture.name}.svg").write_bytes(svg)
+        sections = [Section(title=f"Case {given.case}", parts=[figure(picture, svg) for picture, svg in drawn])]
         lead = [f"Record {chosen.name}: {CASES[given.case].origin}. {METHODS[given.method].words}."]
         write_page(folder / "paper_figures.html", "Figures 1-6 of the paper, ours", lead, sections, made_with)
         write_provenance(made_with, folder / "run.json")

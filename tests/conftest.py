@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from types import ModuleType
 
 import hypothesis
@@ -139,11 +140,17 @@ def script_here(
     standard output, standard error."""
 
     def run(name: str, *arguments: object) -> tuple[int, str, str]:
+        from casid.cli.app import COMMANDS
+        from casid.cli.run import script, status_of
         from casid.cli.start import outcome
 
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])
+        words = [str(argument) for argument in arguments]
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *words])
         capsys.readouterr()
-        status = outcome(load_script(name).main)
+        if name in COMMANDS:  # the script is one command of casid
+            status = status_of(script(resolve_name(COMMANDS[name])), words)
+        else:
+            status = outcome(load_script(name).main)
         return (status, *capsys.readouterr())
 
     return run

@@ -21,6 +21,7 @@ Work = Callable[[Task], Any]
 Finished = tuple[str, Any, float]
 _AHEAD = 2  # tasks per process that wait in its queue: enough to keep it busy, few to lose
 _DEATHS = 3  # of worker processes over one task before the task is to blame
+_ANSWERS = 10.0  # seconds in which a scheduler must answer
 # BLAS threads cost more than they give on small matrices: a factor of ten when two processes share two cores
 _ONE_THREAD: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -166,7 +167,7 @@ def _dask(tasks: Mapping[str, Task], work: Work, scheduler: str) -> Iterator[Fin
     except ImportError:
         raise InputError("--scheduler needs the package distributed; install casid[dask]") from None
     try:
-        client = Client(scheduler, timeout=10, set_as_default=False)
+        client = Client(scheduler, timeout=_ANSWERS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
             f"--scheduler {scheduler}: no Dask scheduler answers ({error}); start one, or check it"

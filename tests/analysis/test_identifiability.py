@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -237,18 +235,13 @@ def test_an_unknown_control_is_named():
         identifiability(fit, controls=["delta_aa"])
 
 
-def script(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(REPO / "scripts" / "identifiability.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=240)
-
-
-def test_the_script_reports_the_demonstration_and_refuses_half_an_input(tmp_path):
-    done = script("--out", str(tmp_path / "out"), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_the_script_reports_the_demonstration_and_refuses_half_an_input(tmp_path, script_here):
+    status, said, error = script_here("identifiability", "--out", tmp_path / "out")
+    assert status == 0, error
     found = json.loads((tmp_path / "out" / "identifiability.json").read_text(encoding="utf-8"))
     # unit columns: the squares of the singular values sum to the number of parameters
     assert sum(value**2 for value in found["singular_values"]) == pytest.approx(len(found["names"]), rel=1e-9)
-    assert all(direction["sentence"] in done.stdout for direction in found["weak"])
+    assert all(direction["sentence"] in said for direction in found["weak"])
     assert set(found["blend"]) <= set(found["names"])
-    half = script("flight.csv", cwd=tmp_path)
-    assert half.returncode == 2 and "--aircraft" in half.stderr and half.stderr.count("\n") == 1
+    status, _, error = script_here("identifiability", "flight.csv")
+    assert status == 2 and "--aircraft" in error and error.count("\n") == 1

@@ -193,7 +193,8 @@ def test_a_store_is_plain_sqlite(tmp_path: Path) -> None:
     connection.close()
 
 
-def test_no_cluster_and_bad_jobs_are_one_line_errors(tmp_path: Path) -> None:
+def test_no_cluster_and_bad_jobs_are_one_line_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("casid.campaign.run._ANSWERS", 0.5)
     with open_store(tmp_path, {}) as store:
         with pytest.raises(InputError, match="expected a number of processes"):
             run_campaign({"a": {"x": 1}}, campaign_work.square, store, jobs=-1)

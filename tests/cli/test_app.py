@@ -8,13 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from pkgutil import resolve_name
 
 import numpy as np
 import pytest
 
-from casid.cli.app import COMMANDS
+from casid.cli.app import COMMANDS, main
 from casid.cli.check import check
 from casid.cli.convert import convert
 from casid.cli.design import design
@@ -55,16 +56,37 @@ def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
     assert all(name in words for name in (*COMMANDS, "--hold-out"))
 
 
+@pytest.fixture
+def casid_here(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Iterator[Callable[..., tuple[int, str, str]]]:
+    """`casid_here(*words)` is `casid(*words)` in this process: exit status, standard output, standard error."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def run(*words: object) -> tuple[int, str, str]:
+        ended: list[int] = []
+        monkeypatch.setattr(sys, "argv", ["casid", *map(str, words)])
+        monkeypatch.setattr("casid.cli.app.leave", ended.append)
+        main()
+        return (ended[0], *capsys.readouterr())
+
+    yield run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
 @pytest.mark.parametrize("arguments", [("diagnos",), ("estimate", "a.csv"), ("diagnose", "--seed", "x")])
-def test_bad_words_are_one_line_and_status_2(arguments: tuple[str, ...]) -> None:
-    done = casid(*arguments)
-    assert done.returncode == 2 and done.stdout == ""
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+def test_bad_words_are_one_line_and_status_2(casid_here: Callable, arguments: tuple[str, ...]) -> None:
+    status, said, error = casid_here(*arguments)
+    assert status == 2 and said == ""
+    assert error.startswith("error: ") and error.count("\n") == 1
 
 
 def test_an_aircraft_without_records_is_an_error_and_not_the_demonstration(tmp_path: Path) -> None:
+    """As a process: the status is what a shell sees."""
     done = casid("diagnose", "--aircraft", DEMO / "aircraft.toml", "--out", tmp_path / "out")
-    assert done.returncode == 2 and "needs records" in done.stderr and not (tmp_path / "out").exists()
+    assert done.returncode == 2 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+    assert "needs records" in done.stderr and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -196,16 +194,11 @@ def test_two_surfaces_share_the_record_and_keep_the_limits():
     assert moving["delta_a"].max() < moving["delta_r"].min()
 
 
-def script(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(REPO / "scripts" / "design_input.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=280)
-
-
 @pytest.mark.slow
-def test_the_script_writes_table_page_and_records(tmp_path):
+def test_the_script_writes_table_page_and_records(tmp_path, script_here):
     asked = ("--experiment", "longitudinal", "--shape", "pulses4", "--runs", "20", "--starts", "1")
-    done = script(*asked, "--out", str(tmp_path / "out"), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    status, _, error = script_here("design_input", *asked, "--out", tmp_path / "out")
+    assert status == 0, error
     with (tmp_path / "out" / "design.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["input"] == "pulses4"]
     assert np.prod([float(row["bound / standard"]) for row in rows]) < 1.0
@@ -213,8 +206,8 @@ def test_the_script_writes_table_page_and_records(tmp_path):
     assert (tmp_path / "out" / "longitudinal_pulses4.csv").exists()
 
 
-def test_the_script_refuses_wrong_names(tmp_path):
-    wrong = script("--experiment", "lateral2", cwd=tmp_path)
-    assert wrong.returncode == 2 and "did you mean 'lateral'" in wrong.stderr
-    few = script("--runs", "5", cwd=tmp_path)
-    assert few.returncode == 2 and "--runs 5" in few.stderr
+def test_the_script_refuses_wrong_names(script_here):
+    status, _, error = script_here("design_input", "--experiment", "lateral2")
+    assert status == 2 and "did you mean 'lateral'" in error
+    status, _, error = script_here("design_input", "--runs", "5")
+    assert status == 2 and "--runs 5" in error

@@ -99,7 +99,7 @@ def test_functions_of_one_model_are_built_and_called_from_many_threads() -> None
 
 def test_a_diagnosis_does_not_depend_on_the_number_of_processors(monkeypatch: pytest.MonkeyPatch) -> None:
     slow = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
-    records, found = flights([slow], seed=3), []
+    records, found = flights([slow], seed=3, count=2, duration_s=12.0), []
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(8), raising=False)
     for threads in ("1", "5"):
         monkeypatch.setenv("OMP_NUM_THREADS", threads)

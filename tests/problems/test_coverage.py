@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -93,38 +91,33 @@ def test_bootstrap_and_filter_give_an_interval_about_their_estimate():
     assert "input_noise" not in CONDITIONS["clean"].kinds
 
 
-def script(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(REPO / "scripts" / "coverage.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=None, timeout=240)
-
-
-def test_the_script_writes_its_table_and_refuses_wrong_names(tmp_path):
+def test_the_script_writes_its_table_and_refuses_wrong_names(tmp_path, script_here):
     out = tmp_path / "coverage"
     asked = ("--runs", "3", "--condition", "clean", "--kind", "cramer_rao", "corrected", "--jobs", "0")
-    done = script(*asked, "--out", str(out), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    status, _, error = script_here("coverage", *asked, "--out", out)
+    assert status == 0, error
     with (out / "coverage.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert list(dict.fromkeys(row["interval"] for row in rows)) == ["Cramer-Rao", "corrected for coloured residuals"]
     assert {row["parameter"] for row in rows} == set(TRUTH)
     assert {row["runs"] for row in rows} == {"3"}
     assert json.loads((out / "run.json").read_text(encoding="utf-8"))["command"][0] == "coverage.py"
-    wrong = script("--condition", "clear", cwd=tmp_path)
-    assert wrong.returncode == 2 and "did you mean 'clean'" in wrong.stderr and wrong.stderr.count("\n") == 1
+    status, _, error = script_here("coverage", "--condition", "clear")
+    assert status == 2 and "did you mean 'clean'" in error and error.count("\n") == 1
 
 
-def test_intervals_of_an_aircraft_side_by_side_and_the_bootstrap_resumes(tmp_path):
+def test_intervals_of_an_aircraft_side_by_side_and_the_bootstrap_resumes(tmp_path, script_here):
     """On one flight all kinds are of one size; a second run finds all draws done and writes the same numbers."""
-    command = [sys.executable, str(REPO / "scripts" / "intervals.py"), "--axes", "longitudinal", "--free", "Cm_*"]
-    command += ["--draws", "39", "--jobs", "0", "--input-noise", "delta_e=0.001", "--profile", "Cm_q"]
-    tables, names = [], []
+    words = ["--axes", "longitudinal", "--free", "Cm_*", "--out", tmp_path]
+    words += ["--draws", "39", "--jobs", "0", "--input-noise", "delta_e=0.001", "--profile", "Cm_q"]
+    tables, names, told = [], [], ""
     for more in ([], ["--resume"]):
-        done = subprocess.run([*command, *more], capture_output=True, text=True, cwd=tmp_path, timeout=240)
-        assert done.returncode == 0, done.stderr
-        with (tmp_path / "out" / "intervals" / "intervals.csv").open(encoding="utf-8") as file:
+        status, told, error = script_here("intervals", *words, *more)
+        assert status == 0, error
+        with (tmp_path / "intervals.csv").open(encoding="utf-8") as file:
             tables.append(list(csv.DictReader(file)))
         names = [row["parameter"] for row in tables[-1]]
-    assert "draws 39 of 39" in done.stdout and "draws 0 of 39" not in done.stdout
+    assert "draws 39 of 39" in told and "draws 0 of 39" not in told
     for before, after in zip(*tables, strict=True):  # compiled or not, an estimation is the same to rounding only
         assert before.pop("parameter") == after.pop("parameter")
         np.testing.assert_allclose(*([float(v) for v in t.values() if v] for t in (before, after)), rtol=1e-5)
@@ -132,5 +125,5 @@ def test_intervals_of_an_aircraft_side_by_side_and_the_bootstrap_resumes(tmp_pat
     half = {k: float(pitch[f"{k} high"]) - float(pitch[f"{k} low"]) for k in ("Cramer-Rao", "profile", "bootstrap")}
     assert all(0.5 < size / half["Cramer-Rao"] < 2.0 for size in half.values())
     assert float(pitch["noisy inputs high"]) - float(pitch["noisy inputs low"]) >= half["Cramer-Rao"] * (1 - 1e-6)
-    wrong = subprocess.run([*command, "--input-noise", "delta_e"], capture_output=True, text=True, cwd=tmp_path)
-    assert wrong.returncode == 2 and "INPUT=SIGMA" in wrong.stderr
+    status, _, error = script_here("intervals", *words, "--input-noise", "delta_e")
+    assert status == 2 and "INPUT=SIGMA" in error

@@ -89,9 +89,11 @@ def pitching_moment(folder, run_in_process):
     return run
 
 
-def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, run_script, tmp_path):
-    done = run_script("estimate", folder / "m?.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, script_here, tmp_path):
+    status, _, error = script_here(
+        "estimate", folder / "m?.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path
+    )
+    assert status == 0, error
     result = estimated(tmp_path)
     assert result["converged"] and result["axes"] == "longitudinal" and result["records"] == ["m1", "m2"]
     assert set(result["parameters"]) == set(PITCH)
@@ -193,11 +195,11 @@ def test_bad_options_are_one_line(folder, run_in_process, tmp_path, options, mes
     assert not (tmp_path / "x").exists()
 
 
-def test_bad_input_ends_with_status_2(folder, run_script, tmp_path):
+def test_bad_input_ends_with_status_2(folder, run_script, script_here, tmp_path):
     done = run_script("estimate", folder / "m9.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path)
     assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1 and "m9.csv" in done.stderr
-    done = run_script("simulate", folder / "m1.csv", "--aircraft", folder / "m1.csv", "--out", tmp_path)
-    assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1
+    status, _, error = script_here("simulate", folder / "m1.csv", "--aircraft", folder / "m1.csv", "--out", tmp_path)
+    assert status == 2 and len(error.strip().splitlines()) == 1
 
 
 def test_equations_refuse_effects_that_they_cannot_have(folder, run_in_process, tmp_path):
@@ -215,9 +217,9 @@ def test_equations_refuse_effects_that_they_cannot_have(folder, run_in_process, 
         )
 
 
-def test_simulate_flies_aircraft_side_by_side(folder, run_script, tmp_path):
+def test_simulate_flies_aircraft_side_by_side(folder, script_here, tmp_path):
     """The true aircraft leaves the noise, the wrong one more; what is written reads back as a record."""
-    done = run_script(
+    status, said, error = script_here(
         "simulate",
         folder / "m1.csv",
         folder / "m2.csv",
@@ -227,7 +229,7 @@ def test_simulate_flies_aircraft_side_by_side(folder, run_script, tmp_path):
         "--out",
         tmp_path,
     )
-    assert done.returncode == 0, done.stderr
+    assert status == 0, error
     result = json.loads((tmp_path / "simulate.json").read_text())["records"]
     assert set(result) == {"m1", "m2"}
     for record in result.values():
@@ -238,7 +240,7 @@ def test_simulate_flies_aircraft_side_by_side(folder, run_script, tmp_path):
     clean = aircraft_model(do328(), axes="longitudinal").outputs
     assert set(clean) <= set(written.channels)
     np.testing.assert_array_equal(written["delta_e"], read_record(folder / "m1.csv")["delta_e"])
-    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2  guess" in done.stdout
+    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2  guess" in said
 
 
 def test_a_simulation_that_diverges_is_said(folder, run_in_process, tmp_path):

@@ -70,9 +70,9 @@ def number(value: float | int | None) -> str:
     return f"{value:.3g}".replace("-", "−")
 
 
-def figure(picture: Picture) -> str:
-    """The picture inside the page."""
-    data = base64.b64encode(picture.svg()).decode("ascii")
+def figure(picture: Picture, svg: bytes | None = None) -> str:
+    """The picture inside the page; `svg` where it has been drawn already."""
+    data = base64.b64encode(picture.svg() if svg is None else svg).decode("ascii")
     return (
         f"<figure><h3>{escape(picture.title)}</h3><img src='data:image/svg+xml;base64,{data}' "
         f"alt='{escape(picture.alt)}'><figcaption>{escape(picture.caption)}</figcaption></figure>"
