@@ -14,7 +14,7 @@ Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean da
              makes them of the sets that are finished; the same command resumes, also after worse.
 
     python scripts/blind.py [--sets do328 jsbsim f16 do328_instruments ...] [--seeds 1..1] [--kinds GLOB ...]
-        [--sizes 1 0.5 0.25] [--naming rules|score] [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
+        [--sizes 1 0.5 0.25] [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
         [--table FILE]
 """
 
@@ -65,12 +65,6 @@ def arguments() -> argparse.Namespace:
         default=[1.0],
         metavar="FACTOR",
         help="on the size of what is hidden, for detection against size; the other tables are of size 1",
-    )
-    parser.add_argument(
-        "--naming",
-        choices=("rules", "score"),
-        default="rules",
-        help="how the diagnosis names causes: see its docstring",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=int, default=2, help="local processes; 0: none besides this one")
@@ -127,8 +121,8 @@ def run(given: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     with progress() as stage:
         with open_store(out / "answers", {"campaign": "blind", "sources": source_digest(*GENERATOR)}) as store:
             run_campaign(todo, generate, store, report=counted(stage, "hiding"), **how)
-        blind = {name: {"folder": str(out / "sets" / name), "naming": given.naming} for name in sorted(todo)}
-        protocol = {"campaign": "diagnosis", "naming": given.naming, "sources": source_digest(*SOLVER)}
+        blind = {name: {"folder": str(out / "sets" / name)} for name in sorted(todo)}
+        protocol = {"campaign": "diagnosis", "sources": source_digest(*SOLVER)}
         with open_store(out, protocol, given.resume) as store:
             with suppress(KeyboardInterrupt):
                 run_campaign(blind, solve, store, report=counted(stage, "diagnosing"), **how)
@@ -148,9 +142,8 @@ def main() -> None:
     command = " ".join(["python scripts/blind.py", *_options(given)])
     pairs = [pair for name, s in scores.items() for pair in stated(s.answer, found[name])]
     text = page(list(scores.values()), wanted, command, made_with["commit"])
-    if given.naming == "score":
-        score_of_all = f"Log score {log_score(pairs) / len(scores):.2f} nats a set, of all causes; 0 is perfect."
-        text += "\n\n".join(["", "## Probabilities", score_of_all, markdown(reliability(pairs))]) + "\n"
+    score_of_all = f"Log score {log_score(pairs) / len(scores):.2f} nats a set, of all causes; 0 is perfect."
+    text += "\n\n".join(["", "## Probabilities", score_of_all, markdown(reliability(pairs))]) + "\n"
     with whole_folder(given.out) as folder:
         (folder / "blind.md").write_text(text, encoding="utf-8")
         write_lines(folder / "blind.csv", [line(name, s, found[name]) for name, s in scores.items()])
@@ -169,7 +162,7 @@ def main() -> None:
 def _options(given: argparse.Namespace) -> list[str]:
     sizes = ["--sizes", *(f"{size:g}" for size in given.sizes)]
     kinds = [f"'{glob}'" for glob in given.kinds]
-    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *kinds, *sizes, "--naming", given.naming]
+    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *kinds, *sizes]
 
 
 def page(scores: Sequence[Score], wanted: int, command: str, commit: str | None) -> str:

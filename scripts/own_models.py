@@ -6,7 +6,7 @@ Set-up       problems/jsbsim/own_model.py: the flights of problems/blind ("jsbsi
              as the aircraft file. Cases in turn, seeds from `--seed` on; below 1000 are for development.
 Expectation  First or in its set 95 %; clean flights without a name.
 
-    python scripts/own_models.py [--of jsbsim|f16] [--seed 1] [--minutes 15] [--naming rules|score] [--cases NAME ...]
+    python scripts/own_models.py [--of jsbsim|f16] [--seed 1] [--minutes 15] [--cases NAME ...]
                                  [--out DIR]
 """
 
@@ -58,7 +58,6 @@ def main() -> None:
     options.add_argument("--of", choices=("jsbsim", "f16"), default="jsbsim")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--minutes", type=float, default=15.0, help="after which no set is begun")
-    options.add_argument("--naming", choices=("rules", "score"), default="rules")
     options.add_argument("--cases", nargs="+", default=list(CASES))
     options.add_argument("--out", type=out_folder, default=Path("out/own_models"))
     given = options.parse_args()
@@ -67,7 +66,7 @@ def main() -> None:
     for case, seed in _in_turn(given.cases, given.seed):
         if time.monotonic() - begin > 60.0 * given.minutes:
             break
-        rows.append(_row(given.of, case, seed, given.out / f"{given.of}_{case}_{seed}", given.naming))
+        rows.append(_row(given.of, case, seed, given.out / f"{given.of}_{case}_{seed}"))
         print(json.dumps(rows[-1]), flush=True)
     hidden = [row for row in rows if not row["case"].startswith("clean")]
     clean = [row for row in rows if row["case"].startswith("clean")]
@@ -82,10 +81,10 @@ def _in_turn(cases: list[str], seed: int) -> Iterator[tuple[str, int]]:
         seed += 1
 
 
-def _row(of: str, case: str, seed: int, folder: Path, naming: str) -> dict[str, Any]:
+def _row(of: str, case: str, seed: int, folder: Path) -> dict[str, Any]:
     begin = time.monotonic()
     flown = hide_in_own(of, case, seed, folder)
-    found = solve({"folder": str(folder), "naming": naming})
+    found = solve({"folder": str(folder)})
     result = score(flown.answer, found)
     (folder / "found.json").write_text(json.dumps(found, default=str), encoding="utf-8")
     truth = [f"{h.kind}({h.target}{':' + h.term if h.term else ''}) {h.value:.3g}" for h in flown.answer.hidden]

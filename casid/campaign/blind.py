@@ -20,7 +20,7 @@ _TRIALS = 6  # kept of every round of naming
 
 
 def solve(task: Mapping[str, Any]) -> dict[str, Any]:
-    """Diagnose the records m*.csv with aircraft.toml of the task's folder, by its `naming`; nothing else is opened.
+    """Diagnose the records m*.csv with aircraft.toml of the task's folder; nothing else is opened.
 
     Returns what diagnosis.json has of verdict and causes, the strongest trials of every round, and seconds of
     processor time; {"failed": message} when the diagnosis cannot be carried out.
@@ -31,7 +31,6 @@ def solve(task: Mapping[str, Any]) -> dict[str, Any]:
         found = diagnose(
             Aircraft.read(folder / "aircraft.toml"),
             read_records([folder / "m*.csv"]),
-            naming=task.get("naming", "rules"),
         )
     except (CasidError, ArithmeticError, ValueError, IndexError) as fault:
         return {"failed": f"{type(fault).__name__}: {fault}"}

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -55,7 +55,6 @@ def diagnose(
     seed: Whole = 0,
     quick: Flag = False,
     criteria: Path | None = None,
-    naming: Literal["rules", "score"] = "rules",
     as_recorded: Flag = False,
     as_json: AsJson = False,
 ) -> None:
@@ -88,8 +87,6 @@ def diagnose(
         Thin the records to 25 Hz.
     criteria
         TOML file with other numbers to decide by.
-    naming
-        How causes are named: by rules with refits, or by one score of whole explanations (docs/diagnosis.md).
     as_recorded
         Leave the data as they are: what is wrong with them is told, and neither corrected nor left out.
     as_json
@@ -101,8 +98,8 @@ def diagnose(
         raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
     if model is not None and (aircraft is not None or axes is not None or not records):
         raise InputError("--model FILE.py:NAME takes records, and neither --aircraft nor --axes")
-    if model is not None and (naming != "rules" or as_recorded):
-        raise InputError("--naming and --as-recorded are for an aircraft file; leave them out beside --model")
+    if model is not None and as_recorded:
+        raise InputError("--as-recorded is for an aircraft file; leave it out beside --model")
     if records and aircraft is None and model is None:
         raise InputError("--aircraft FILE is missing; the records alone do not say what flew")
     if aircraft is not None and not records:
@@ -116,7 +113,7 @@ def diagnose(
         diagnose_model(system, fitted, held_out, by, out, seed, as_json)
         return
     file = aircraft or DEMO / "aircraft.toml"
-    choices = {"criteria": by, "axes": axes, "naming": naming, "as_recorded": as_recorded}
+    choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
     _write(diagnosed, file, by, out, seed, as_json)
 

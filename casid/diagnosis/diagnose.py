@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
-from casid.arguments import an, one_of
+from casid.arguments import an
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.check import check
-from casid.diagnosis.explanations.by_score import by_score
 from casid.diagnosis.flight.colour import in_colour, is_far, unread
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
@@ -47,7 +45,6 @@ def diagnose(
     report: Callable[[str], None] = lambda stage: None,
     criteria: Criteria | None = None,
     *,
-    naming: Literal["rules", "score"] = "rules",
     as_recorded: bool = False,
     axes: str | None = None,
 ) -> Diagnosis:
@@ -65,9 +62,6 @@ def diagnose(
         Is called with the name of every stage.
     criteria
         The numbers by which the diagnosis decides; by default those of `Criteria()`.
-    naming
-        How causes are named: by rules about gains, or by the score, in which explanations compete as wholes and have
-        probabilities.
     as_recorded
         The data stay as they were recorded: faults are told, and neither corrected nor left out.
     axes
@@ -80,7 +74,6 @@ def diagnose(
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
-    one_of(naming, ("rules", "score"), "diagnose: naming")
     an(as_recorded, bool, "diagnose: as_recorded", "as_recorded=True or as_recorded=False")
     criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     stages = Stages(report)
@@ -100,7 +93,7 @@ def diagnose(
         given = fly_as_given(flight, reach.held, known)
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
-        case = _Case(aircraft=aircraft, given=given, held=reach.held, known=known, by_score=naming == "score")
+        case = _Case(aircraft=aircraft, given=given, held=reach.held, known=known)
         found = _attempt(case, flight, stages)
         if is_far(found.extended.fit, criteria.noise.far_from_causes):
             found = _attempt(case, unread(flight), stages)
@@ -115,7 +108,6 @@ class _Case:
     given: AsGiven
     held: Sequence[Record]
     known: Sequence[Attached]
-    by_score: bool
 
 
 def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
@@ -132,5 +124,4 @@ def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
     stages.begin("refit of the file")
     begun = baseline(calm, found.turbulence, found.nuisance)
     stages.begin("naming")
-    by = by_score if case.by_score else by_rules
-    return by(case.aircraft, begun, found, case.given, case.held, stages)
+    return by_rules(case.aircraft, begun, found, case.given, case.held, stages)

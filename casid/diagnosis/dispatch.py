@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, overload
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose as diagnose_aircraft
@@ -29,7 +29,6 @@ def diagnose(
     report: Say = ...,
     criteria: Criteria | None = None,
     *,
-    naming: Literal["rules", "score"] = "rules",
     as_recorded: bool = False,
     axes: str | None = None,
 ) -> Diagnosis: ...
@@ -56,7 +55,7 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
     ----------
     simulation
         An `Aircraft` or the name of its file, or the `Model` of any dynamic system (`define_model`).
-    records, hold_out, report, criteria, naming, as_recorded, axes
+    records, hold_out, report, criteria, as_recorded, axes
         Of an aircraft: see `casid.diagnosis.diagnose.diagnose`.
     records, hold_out, report, criteria, ports, exact, library
         Of a model: see `casid.diagnosis.systems.diagnose.diagnose_system`.
@@ -67,8 +66,8 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
         For records that cannot feed the simulation, and for ports of an aircraft, which has its own.
     """
     if isinstance(simulation, Model):
-        if {"axes", "naming", "as_recorded"} & set(options):
-            raise InputError("axes, naming and as_recorded are for an aircraft; a Model takes ports, exact and library")
+        if {"axes", "as_recorded"} & set(options):
+            raise InputError("axes and as_recorded are for an aircraft; a Model takes ports, exact and library")
         return diagnose_system(simulation, *arguments, **options)
     if {"ports", "exact", "library"} & set(options):
         raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")

@@ -118,7 +118,7 @@ class NamingNumerics:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreNumerics:
-    """Of naming by the score: which explanations are looked at, and how finely."""
+    """Of the score of a system's explanations: which are looked at, and how finely."""
 
     causes: int = number(5, "causes in an explanation at most")
     beam: int = number(24, "explanations of each number of causes that are grown further")
@@ -131,36 +131,11 @@ class ScoreNumerics:
     pairs: int = number(2, "causes that are added whatever the first of them promises alone")
     loose: int = number(3, "ports with something unknown at most")
     settings: int = number(6, "settings of scales and ports that are gone through at most")
-    first_settings: int = number(3, "settings gone through until the best explanation is that of the fit")
+    linear: float = number(0.1, "part of an explanation's log odds that linearisation may be wrong by")
+    near: float = number(10.0, "log odds that it may be wrong by, if that is more")
     misfit: float = number(
         0.5, "log evidence per reading, short of white noise, from which higher levels everywhere are gone through"
     )
-    rounds: int = number(6, "rounds of search and refit at most")
-    rivals: int = number(3, "rivals that are fitted as wholes")
-    linear: float = number(0.1, "part of an explanation's log odds that linearisation may be wrong by")
-    near: float = number(10.0, "log odds that it may be wrong by, if that is more")
-    moves: int = number(2, "moves of an event's onset in a refit")
-    amplitudes: tuple[float, float] = number(
-        (0.3, 1.8), "amplitudes of a nonlinear size between which linearisation is asked about it"
-    )
-    colour_rounds: int = number(3, "searches with the colour that the one before left")
-    colour_stays: float = number(0.2, "change of the logarithm of what readings are worth that ends these")
-    colour_waves: int = number(200, "lowest frequencies of a record by which colour is judged")
-    colour_free: float = number(20.0, "how much of these must be free of what is fitted", "derived: a third's error")
-    ranked: int = number(45, "candidates of each ranking")
-    of_a_kind: int = number(2, "candidates of each kind, whatever their rank")
-    timed: int = number(4, "events whose onsets are looked at more finely")
-    onset_step: float = number(0.2, "time between their onsets", unit="s")
-    onset_near: float = number(1.0, "time about the best coarse onset", unit="s")
-    onset_edge: float = number(0.3, "time after the beginning within which nothing can set in", unit="s")
-    spacing: float = number(0.5, "time between nodes of an unknown history", unit="s")
-    most_nodes: int = number(400, "nodes of all records together; longer records are looked at less finely")
-    step: float = number(
-        0.2, "time for which the response to such a history is constant, of that between nodes", "derived: 1 % of it"
-    )
-    further: float = number(0.5, "prior 1-sigma of a further value of an effect in the fit, of that value")
-    smallest_further: float = number(1e-3, "and at least, in its unit")
-    responses: int = number(48, "whitened responses in memory twice")
     reported: int = number(8, "explanations that are told")
     least: float = number(1e-4, "probability below which nothing is told of a cause")
     rows: int = number(2000, "rows of a record that are multiplied at a time")

@@ -76,8 +76,6 @@ class Diagnosis:
         Cause -> probability that it is there and matters; the same of something unexplained at a station.
     nothing
         Probability that nothing that matters is wrong.
-    worths
-        Channel -> part of its readings that independent ones are as good as.
     """
 
     verdict: str
@@ -112,7 +110,6 @@ class Diagnosis:
     believed: Mapping[str, float] = field(default_factory=dict)
     entered: Mapping[str, float] = field(default_factory=dict)
     nothing: float | None = None
-    worths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def criteria(self) -> Criteria:
@@ -214,7 +211,6 @@ class Diagnosis:
             "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
             "believed": dict(self.believed),
             "nothing": self.nothing,
-            "worths": dict(self.worths),
             "budget": self.budget.to_dict(),
             "as_given": self.as_given.to_dict(),
             "refitted": self.refitted.to_dict(),

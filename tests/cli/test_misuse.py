@@ -87,7 +87,6 @@ MISUSES: list[tuple[str, str]] = [
     ("diagnose {r} {r} --aircraft {p}", "twice"),
     ("diagnose {r} --aircraft {p} --out {r}", "--out"),
     ("check {r} --out {r}", "--out"),
-    ("diagnose {r} --aircraft {p} --naming rule", "rules"),
     ("check {d}/sentinel.csv", "-999"),
     ("diagnose {r} --aircraft {p} --out=", "--out is empty"),
     ("simulate {r} --aircraft {p} --out=", "--out is empty"),
@@ -110,7 +109,6 @@ MISUSES: list[tuple[str, str]] = [
     ("diagnose {r} --model {p}", "like tanks.py:model"),
     ("diagnose {r} --model {d}/none.py:tank --aircraft {p}", "neither --aircraft"),
     ("diagnose {r} --model {d}/none.py:tank --as-recorded", "--as-recorded"),
-    ("diagnose {r} --model {d}/none.py:tank --naming score", "--naming"),
     ("new-aircraft {d}/n.toml --mass -1 --span 1 --chord 1 --area 1 --speed 1", "--mass"),
 ]
 

@@ -65,7 +65,7 @@ class Seen:
         **choices: Any,
     ) -> None:
         self.aircraft, self.samples, self.criteria = aircraft, len(given[0]), criteria
-        self.axes, self.choices = choices["axes"], (choices["naming"], choices["as_recorded"])
+        self.axes, self.as_recorded = choices["axes"], choices["as_recorded"]
         fitted, held = split(given, hold_out, criteria.held_out)
         self.fitted, self.held = [r.name for r in fitted], [r.name for r in held]
         raise KeyboardInterrupt
@@ -117,9 +117,9 @@ def test_choices_are_passed_on(run: Callable, flight: Path, tmp_path: Path) -> N
     seen = Seen()
     words = [flight / "*.csv", "--aircraft", flight / "aircraft.toml", "--out", tmp_path]
     run(*words, "--axes", "lateral", instead=seen)
-    assert seen.axes == "lateral" and seen.choices == ("rules", False)
-    run(*words, "--naming", "score", "--as-recorded", instead=seen)
-    assert seen.choices == ("score", True)
+    assert seen.axes == "lateral" and not seen.as_recorded
+    run(*words, "--as-recorded", instead=seen)
+    assert seen.as_recorded
 
 
 def test_what_the_reader_remarks_is_said_once(run: Callable, flight: Path, tmp_path: Path) -> None:

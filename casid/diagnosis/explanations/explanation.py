@@ -27,7 +27,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import csr_array
 
 Unknown = tuple[str, float, float]  # name of it, level v in units of what matters, correlation time [s]
 
@@ -39,12 +38,9 @@ class RecordColumns:
     residual   (rows,)            y
     nuisance   (rows, k)          response to a unit of each nuisance
     small      (rows, m)          response to each small term
-    histories  per port (rows, n) response to a unit at each node, by `steps` where there are; single precision is
-               enough
+    histories  per port (rows, n) response to a unit at each node; single precision is enough
     shapes     (rows, j)          responses to causes, which `CauseColumn.shape` picks from
     nodes      (n,) time [s] of the nodes of this record
-    steps      (steps, rows) orthonormal: the steps in time of which a history's response is made, `steps` times it
-               standing in `histories`. It has no more detail than its nodes have, and a tenth of the rows may do
     """
 
     residual: np.ndarray
@@ -53,15 +49,6 @@ class RecordColumns:
     histories: tuple[np.ndarray, ...]
     shapes: np.ndarray
     nodes: np.ndarray
-    steps: csr_array | None = None
-
-    def in_steps(self, columns: np.ndarray) -> np.ndarray:
-        """(steps, ...) of (rows, ...): what products with histories need of columns."""
-        return columns if self.steps is None else self.steps @ columns
-
-    def in_rows(self, columns: np.ndarray) -> np.ndarray:
-        """(rows, ...) of (steps, ...)."""
-        return columns if self.steps is None else self.steps.T @ columns
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,17 +6,14 @@ Nothing is decided here but by probability: a name is given where it is worth th
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
 
 from casid.diagnosis.explanations.explanation import CauseColumn, Explanation
 from casid.diagnosis.explanations.search import Found
-
-_NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,7 +47,7 @@ class Posterior:
     explanations  names of all that they say -> probability, most probable first
     causes        most probable first;  unknown  entrance -> probability that what enters there is as large as matters
     adequate      probability that nothing that matters is wrong
-    best          the most probable explanation;  weights  of those of the search
+    best          the most probable explanation
     """
 
     explanations: Mapping[frozenset[str], float]
@@ -58,7 +55,6 @@ class Posterior:
     unknown: Mapping[str, float]
     adequate: float
     best: Explanation
-    weights: tuple[tuple[Explanation, float], ...]
     threshold: float
 
     @property
@@ -75,65 +71,30 @@ class Posterior:
         return tuple(found)
 
 
-def posterior(
-    found: Found, *others: Found, predicted: Mapping[str, float] = _NOTHING, wholes: Sequence[float] = ()
-) -> Posterior:
-    """What the explanations of a search say together.
-
-    others     searches about fits of rivals; of the names in its best explanation, such a fit counts in place of the
-               linearisation of the first
-    predicted  name of a cause of the first search -> log likelihood ratio of its predictions of held-out records
-    wholes     log likelihood ratio of each of the others to the first, in the held-out records
-    """
-    ratios = {id(of): ratio for of, ratio in zip(others, wholes, strict=False)}
-    pairs = []
-    for of, one in _together(found, others, predicted):
-        ratio = _refused(found, one, predicted) if of is found else ratios.get(id(of), 0.0)
-        pairs.append((of, replace(one, log=one.log + ratio) if ratio else one))
-    logs = np.array([one.log for _, one in pairs])
-    weights = np.exp(logs - _log_sum(logs))
+def posterior(found: Found) -> Posterior:
+    """What the explanations of a search say together."""
+    logs = np.array([one.log for one in found.explanations])
+    weights = np.exp(logs - _log_sum(logs)).tolist()
     by_names: dict[frozenset[str], float] = defaultdict(float)
     unknown: dict[str, float] = defaultdict(float)
     adequate = 0.0
-    for (of, one), weight in zip(pairs, weights, strict=True):
-        by_names[one.names] += float(weight)
-        nothing = float(weight)
+    for one, weight in zip(found.explanations, weights, strict=True):
+        by_names[one.names] += weight
+        nothing = weight
         for (name, _, _), large in zip(one.unknown, one.large, strict=True):
-            unknown[name] += float(weight) * large
+            unknown[name] += weight * large
             nothing *= 1.0 - large
-        for p in _matter(of.innovations.causes, one):
+        for p in _matter(found.innovations.causes, one):
             nothing *= 1.0 - p
         adequate += nothing
-    weighed = [(of, one, float(weight)) for (of, one), weight in zip(pairs, weights, strict=True)]
     return Posterior(
         explanations=_ranked(by_names),
-        causes=_beliefs(found, weighed, predicted),
+        causes=_beliefs(found, weights),
         unknown=_ranked(unknown),
         adequate=min(adequate, 1.0),
-        best=max(pairs, key=lambda pair: pair[1].log)[1],
-        weights=tuple((one, weight) for _, one, weight in weighed),
+        best=found.explanations[0],
         threshold=found.priors.named,
     )
-
-
-def _together(found: Found, others: Sequence[Found], predicted: Collection[str]) -> list[tuple[Found, Explanation]]:
-    """Every explanation, as the fit says that was made for it; also those without what other records may refuse."""
-    refitted = {
-        of.explanations[0].names: of for of in others if of.explanations[0].names != found.explanations[0].names
-    }
-    every = dict.fromkeys([*found.explanations, *(found.without[name] for name in predicted if name in found.without)])
-    pairs = [(found, one) for one in every if one.names not in refitted]
-    return pairs + [(of, one) for names, of in refitted.items() for one in of.explanations if one.names == names]
-
-
-def _refused(found: Found, one: Explanation, predicted: Mapping[str, float]) -> float:
-    """Log likelihood ratio of held-out records for an explanation that lacks causes whose predictions are known.
-
-    Another cause in the place of one of these shares its ratio by the squared cosine of the responses to both.
-    """
-    names = {found.innovations.causes[e.column].name for e in one.elements}
-    shared = {c: max((found.cosine(c, name) ** 2 for name in names), default=0.0) for c in predicted}
-    return -float(sum((1.0 - shared[cause]) * ratio for cause, ratio in predicted.items()))
 
 
 def _log_sum(logs: Sequence[float] | np.ndarray) -> float:
@@ -171,22 +132,19 @@ class _Part:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _About:
     """By name of a cause: its parts in all explanations, its probability, and the column of its most probable part;
-    the logs of all explanations, and what was `predicted`."""
+    and the logs of all explanations."""
 
     found: Found
     parts: Mapping[str, Sequence[_Part]]
     likely: Mapping[str, float]
     foremost: Mapping[str, CauseColumn]
     logs: Sequence[float]
-    predicted: Mapping[str, float]
 
 
-def _beliefs(
-    found: Found, weighed: Sequence[tuple[Found, Explanation, float]], predicted: Mapping[str, float]
-) -> tuple[Belief, ...]:
+def _beliefs(found: Found, weights: Sequence[float]) -> tuple[Belief, ...]:
     parts: dict[str, list[_Part]] = defaultdict(list)
-    for number, (of, one, weight) in enumerate(weighed):
-        columns = of.innovations.causes
+    columns = found.innovations.causes
+    for number, (one, weight) in enumerate(zip(found.explanations, weights, strict=True)):
         matter = _matter(columns, one)
         for element, (mean, std), p in zip(one.elements, one.amplitudes, matter, strict=True):
             column = columns[element.column]
@@ -205,8 +163,7 @@ def _beliefs(
         parts=parts,
         likely={name: min(sum(p.weight for p in of), 1.0) for name, of in parts.items()},
         foremost={name: max(of, key=lambda p: (p.weight, -p.number)).column for name, of in parts.items()},
-        logs=[one.log for _, one, _ in weighed],
-        predicted=predicted,
+        logs=[one.log for one in found.explanations],
     )
     beliefs = [_belief(about, name) for name in parts]
     return tuple(sorted(beliefs, key=lambda one: (-one.probability, -one.log_odds, one.name)))
@@ -221,8 +178,7 @@ def _belief(about: _About, name: str) -> Belief:
     having = {p.number for p in mine}
     against = _log_sum([log for number, log in enumerate(about.logs) if number not in having])
     if name in about.found.without:
-        without = about.found.without[name]
-        against = max(against, without.log + _refused(about.found, without, about.predicted))
+        against = max(against, about.found.without[name].log)
     alike, together = _set(about, name)
     return Belief(
         name=name,

@@ -72,12 +72,12 @@ def sums_of(innovations: WhitenedInnovations, numerics: ScoreNumerics) -> Sums:
 def _record_sums(innovations: WhitenedInnovations, record: RecordColumns, numerics: ScoreNumerics) -> RecordSums:
     n = len(record.nodes) * len(innovations.ports)
     X = np.column_stack([record.nuisance, record.small, record.shapes, record.residual])
-    stepped, square = record.in_steps(X), _gram(X)
+    square = _gram(X)
     hh, hx = np.zeros((n, n)), np.zeros((n, X.shape[1]))
     unit = np.repeat([port.matters for port in innovations.ports], len(record.nodes))
     largest = [np.abs(h).max(axis=0, initial=0.0) for h in record.histories]
     gone = numerics.died_away * (np.concatenate(largest) if largest else np.zeros(0)) * unit
-    for first in range(0, len(stepped) if n else 0, numerics.rows):
+    for first in range(0, len(X) if n else 0, numerics.rows):
         rows = slice(first, first + numerics.rows)
         h = np.concatenate([one[rows] for one in record.histories], axis=1).astype(float) * unit
         alive = np.flatnonzero(np.abs(h).max(axis=0, initial=0.0) > gone)
@@ -85,7 +85,7 @@ def _record_sums(innovations: WhitenedInnovations, record: RecordColumns, numeri
             continue
         some = h[:, alive]
         hh[np.ix_(alive, alive)] += _gram(some)
-        hx[alive] += some.T @ stepped[rows]
+        hx[alive] += some.T @ X[rows]
     return RecordSums(hh=hh, hx=hx[:, :-1], hy=hx[:, -1], xx=square[:-1, :-1], xy=square[:-1, -1])
 
 

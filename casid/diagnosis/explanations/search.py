@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -36,69 +35,30 @@ class Found:
     """What a search found: explanations that are not negligible, best first, none twice.
 
     without  name of a cause -> the best explanation without it
-    nothing  log weight of the best explanation without any cause
     alike    (causes, causes) cosines of the responses to the causes' columns, as far as the background leaves them
-    gone     the settings that were gone through, for `further`
     """
 
     sums: Sums
     priors: Priors
     explanations: tuple[Explanation, ...]
     without: Mapping[str, Explanation]
-    nothing: float
     alike: np.ndarray
-    gone: _Gone
 
     @property
     def innovations(self) -> WhitenedInnovations:
         return self.sums.innovations
 
-    def cosine(self, one: str, other: str) -> float:
-        """Largest cosine between responses to two causes in any of their shapes; none of what was not asked about."""
-        if one == other:
-            return 1.0
-        at, there = self._columns.get(one), self._columns.get(other)
-        return 0.0 if at is None or there is None else float(np.abs(self.alike[np.ix_(at, there)]).max())
 
-    @cached_property
-    def _columns(self) -> dict[str, list[int]]:
-        found: dict[str, list[int]] = {}
-        for i, cause in enumerate(self.innovations.causes):
-            found.setdefault(cause.name, []).append(i)
-        return found
+def search(innovations: WhitenedInnovations, priors: Priors) -> Found:
+    """The explanations of these innovations that are worth their weight."""
+    return search_sums(sums_of(innovations, priors.numerics), priors)
 
 
-def search(
-    innovations: WhitenedInnovations, priors: Priors, about: Explanation | None = None, settings: int | None = None
-) -> Found:
-    """The explanations of these innovations that are worth their weight.
-
-    about     an explanation of nearly the same innovations, in whose setting it begins
-    settings  that are gone through at most, where a glance will do
-    """
-    return search_sums(sums_of(innovations, priors.numerics), priors, about, settings)
-
-
-def search_sums(sums: Sums, priors: Priors, about: Explanation | None = None, settings: int | None = None) -> Found:
+def search_sums(sums: Sums, priors: Priors) -> Found:
     """The same from normal equations that are there already."""
     ones = dict.fromkeys(sums.innovations.owners, priors.bends[0])
+    gone, settings = _Gone(sums, priors), priors.numerics.settings
     todo: list[_Wanted] = [(level, (), ones) for level in priors.base[:2]]
-    if about is not None:
-        todo = [(about.setting.level, (), {**ones, **{o: v for o, v in about.setting.scales if o in ones}})]
-    gone = _Gone(sums, priors)
-    gone.todo = todo
-    return _gone_on(gone, settings or priors.numerics.settings)
-
-
-def further(found: Found) -> Found:
-    """The same search through all of its settings."""
-    if not found.gone.todo or len(found.gone.done) >= found.priors.numerics.settings:
-        return found
-    return _gone_on(found.gone, found.priors.numerics.settings)
-
-
-def _gone_on(gone: _Gone, settings: int) -> Found:
-    todo = gone.todo
     while todo and len(gone.done) < settings:
         wanted = todo.pop(0)
         if _named(wanted) not in gone.done:
@@ -109,7 +69,7 @@ def _gone_on(gone: _Gone, settings: int) -> Found:
         if not todo:
             best = gone.best
             gone.large |= dict(zip(best.unknown, best.large, strict=True))
-            todo = gone.todo = [one for one in _wanted_now(gone, best) if _named(one) not in gone.done]
+            todo = [one for one in _wanted_now(gone, best) if _named(one) not in gone.done]
     return gone.found()
 
 
@@ -127,12 +87,10 @@ class _Gone:
         self.sums, self.priors = sums, priors
         self.helds: dict[tuple[float, tuple[Unknown, ...]], Held] = {}
         self.done: list[object] = []
-        self.todo: list[_Wanted] = []
         self.hopeful: frozenset[str] | None = None  # entrances; all before the first setting
         self.large: dict[Unknown, float] = {}
         self._found: dict[object, Explanation] = {}
         self._without: dict[str, Explanation] = {}
-        self._nothing = -np.inf
         self._alike: dict[object, np.ndarray] = {}
 
     @property
@@ -157,7 +115,6 @@ class _Gone:
         for name, other in one.without().items():
             if name not in self._without or other.log > self._without[name].log:
                 self._without[name] = other
-        self._nothing = max(self._nothing, one.nothing)
         self.hopeful = one.hopeful if self.hopeful is None else self.hopeful | one.hopeful
 
     def higher(self, wanted: _Wanted) -> list[_Wanted]:
@@ -186,9 +143,7 @@ class _Gone:
             priors=self.priors,
             explanations=tuple(kept),
             without=self._without,
-            nothing=self._nothing,
             alike=K * unit[:, None] * unit,
-            gone=self,
         )
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 from score_questions import ROWS, a_question, density, with_response
 
 from casid.diagnosis.explanations.explanation import WhitenedInnovations
@@ -31,28 +30,6 @@ def test_evidence_is_the_density_written_out() -> None:
     for i in sorted(some)[:80]:
         one = found.explanations[i]
         assert one.evidence == pytest.approx(density(asked, one, priors), abs=1e-8)
-
-
-def test_steps_of_histories_lose_nothing_that_is_constant_in_them() -> None:
-    """Responses that are constant over three rows each: by rows and by steps the same posterior, to 1e-9."""
-    asked = with_response(a_question(7), {2: 0.8})
-    steps = csr_array(np.kron(np.eye(ROWS // 3), np.full((1, 3), 3.0**-0.5)))
-    by_rows = [replace(r, histories=tuple(steps.T @ (steps @ h) for h in r.histories)) for r in asked.records]
-    by_steps = [replace(r, histories=tuple(steps @ h for h in r.histories), steps=steps) for r in asked.records]
-    one, other = (believed(replace(asked, records=tuple(records))) for records in (by_rows, by_steps))
-    assert one.explanations == pytest.approx(other.explanations, abs=1e-9)
-    assert one.best.log == pytest.approx(other.best.log, abs=1e-8)
-
-
-def test_predictions_of_other_records_count_as_any_other_evidence() -> None:
-    """A ratio of e^-200 for one of two sure causes: its name is gone; of e^5: so much to its odds, less what causes
-    with a like response share."""
-    found = search(with_response(a_question(5, causes=20, shapes=1), {3: 0.75, 11: -1.2}), Priors())
-    before, refused, more = (posterior(found, predicted=p) for p in ({}, {"cause3": -200.0}, {"cause11": 5.0}))
-    odds = [next(one.log_odds for one in p.causes if one.name == "cause11") for p in (before, more)]
-    assert {one.name for one in before.named} == {"cause3", "cause11"}
-    assert "cause3" not in {one.name for one in refused.named}
-    assert 2.5 < odds[1] - odds[0] <= 5.0
 
 
 def test_where_nothing_explains_the_innovations_higher_levels_are_gone_through() -> None:
