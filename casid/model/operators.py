@@ -6,6 +6,8 @@ All take t (N,) [s] and a series (N,), run between samples linearly, start in st
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import integrate, interpolate, linalg, signal
 
@@ -119,15 +121,22 @@ def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> t
     uniform t; a cubic spline between samples, because straight lines weaken what is near the mode's frequency."""
     w0, dt = 2.0 * np.pi * frequency_hz, float(np.median(np.diff(t)))
     parts = max(1, int(np.ceil(frequency_hz * dt / _STRAIGHT)))
-    y = interpolate.CubicSpline(np.arange(len(y)), y)(np.arange((len(y) - 1) * parts + 1) / parts)
-    dt /= parts
+    if parts > 1:
+        y = interpolate.CubicSpline(np.arange(len(y)), y)(np.arange((len(y) - 1) * parts + 1) / parts)
+    numerators, denominator = _mode_filter(w0, damping, dt / parts)
+    rate, derivative = (np.asarray(signal.lfilter(n, denominator, y - y[0]))[::parts] for n in numerators)
+    return rate, derivative
+
+
+@lru_cache(maxsize=256)  # every channel that a surface may shake asks for the same frequencies
+def _mode_filter(w0: float, damping: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """(numerators of the rate and of its derivative, denominator) of the sampled mode."""
     a = np.array([[0.0, 1.0], [-(w0**2), -2.0 * damping * w0]])
     b = np.array([[0.0], [w0**2]])
     phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
     rows, through = np.array([[0.0, 1.0], a[1]]), np.array([[0.0], b[1]])
     numerators, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, rows, rows @ gamma1 + through)
-    rate, derivative = (np.asarray(signal.lfilter(n, denominator, y - y[0]))[::parts] for n in numerators)
-    return rate, derivative
+    return np.atleast_2d(numerators), np.asarray(denominator)
 
 
 def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

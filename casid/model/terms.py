@@ -20,6 +20,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from casid.errors import InputError, unknown
@@ -115,6 +116,7 @@ class Term:
         return product
 
 
+@cache
 def parse_term(text: str, where: str = "") -> Term:
     """The Term that `text` spells, e.g. `alpha*beta^2`; `where` names the place in messages.
 
