@@ -1,7 +1,9 @@
 """How many steps a sample interval takes: the error of the integration against the noise of the data.
 
 An error e of the predictions, in standard deviations of the data, moves no estimate by more than |e| of its own
-standard deviations: the estimate is a projection of the residuals. So |e| over all samples is what must be small.
+standard deviations: the estimate is a projection of the residuals. So |e| over all samples must be small. It moves
+-ln(likelihood) at the optimum by r'e + |e|^2/2 with the residuals r: some |e| where they are noise, more where they are
+not. That must be small beside the one half that a parameter more is worth.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from casid.estimation.transcriptions.transcription import Collocation, MultipleS
 
 Stepping = SingleShooting | MultipleShooting | Collocation  # the transcriptions that choose their steps
 _TOLERANCE = 0.1  # standard deviations that an estimate may be off
+_COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
 _EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
 _ORDER = 4  # of Runge and Kutta's method
 _NODES = 4  # at which the motion's rates are looked at
@@ -30,6 +33,7 @@ _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 _GROWTH = 1.3  # more steps than the order asks for
+_NEAR = 4  # times as many steps, at most: the motion was off by some ten deviations, and the solution by no more
 
 
 def integrated(
@@ -76,14 +80,19 @@ def _finely(
         needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
         if needed <= steps:
             break
+        near = outcome.status == "converged" and needed <= _NEAR * steps and not isinstance(method, Collocation)
         steps = needed
         if steps > _MOST_STEPS:
             if isinstance(method, Collocation):
                 break
-            method, steps = Collocation(), 1
+            method, steps, near = Collocation(), 1, False
         method = replace(method, substeps=steps)
-        objective = Objective(problem, method.dynamics(problem))
+        dynamics = method.dynamics(problem)
+        objective = Objective(problem, dynamics, outcome.point if near else None)
         outcome = solver.minimise(objective)
+        if near and outcome.status != "converged":
+            objective = Objective(problem, dynamics)
+            outcome = solver.minimise(objective)
     return objective, outcome, method
 
 
@@ -99,20 +108,23 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> in
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
         return max(_stable_steps(objective), steps)
-    error = _integration_error(objective, outcome, linear, finer)
-    if not np.isfinite(error) and isinstance(finer, Collocation):
+    excess = _integration_error(objective, outcome, linear, finer)
+    if not np.isfinite(excess) and isinstance(finer, Collocation):
         return 2 * steps
-    return steps if error < _TOLERANCE else max(_steps_for(error, steps, _order(finer)), steps + 1)
+    return steps if excess < 1.0 else max(_steps_for(excess, steps, _order(finer)), steps + 1)
 
 
 def _is_plain(objective: Objective, outcome: Outcome) -> bool:
     """Whether the rates of the motion alone say that the error is small enough, with no look at the motion.
 
-    A step h of the method errs by (rate h)^4/120 of the signal over the time 1/rate.
+    A step h of the method errs by (rate h)^4/120 of what moves in the signal over the time 1/rate.
     """
-    step = float(objective.layout.dt.max())
-    worst = (_fastest(objective, outcome.point.nodes, outcome.value.parameters) * step) ** _ORDER / 120.0
-    return bool(worst * outcome.value.noise.levels.size < _TOLERANCE)
+    layout, value = objective.layout, outcome.value
+    worst = (_fastest(objective, outcome.point.nodes, value.parameters) * float(layout.dt.max())) ** _ORDER / 120.0
+    mean = (layout.z * layout.present).sum(axis=(0, 1)) / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
+    moves = (layout.z - mean) * layout.present / value.noise.levels.sigma[: len(mean)]
+    off = worst * float(np.linalg.norm(moves))
+    return bool(off < _TOLERANCE and off * np.sqrt(2.0 * value.cost) < _COST)
 
 
 def _fastest(objective: Objective, nodes: np.ndarray, parameters: np.ndarray, decaying: bool = False) -> float:
@@ -141,7 +153,8 @@ def _stable_steps(objective: Objective) -> int:
 
 
 def _integration_error(objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription) -> float:
-    """|e| by the motion with twice as many steps from the same nodes; `method` is the transcription with these."""
+    """How many times too large |e| is, or what it makes of the cost, if that is worse: by the motion with twice as many
+    steps from the same nodes; `method` is the transcription with these."""
     value, nodes = outcome.value, outcome.point.nodes
     trajectory, finer = value.trajectory, method.dynamics(objective.problem)
     assert trajectory is not None and linear.blocks is not None
@@ -149,15 +162,17 @@ def _integration_error(objective: Objective, outcome: Outcome, linear: Linearise
     scale = power / (power - 1.0)  # of the difference, to the error
     if isinstance(finer, LiftedCollocation):
         better = replace(trajectory, end=_end_of_halves(objective, outcome, trajectory, finer))
-        direct = 0.0  # samples are nodes
+        direct = along = 0.0  # samples are nodes
     else:
         better = finer.trajectory(nodes, value.parameters[objective.layout.record])
-        direct = _directly(objective, value, trajectory, better, scale)
+        direct, along = _directly(objective, value, trajectory, better, scale)
     shift = _shift_of_nodes(objective, linear, scale * (better.end - trajectory.end))
     # what a shift of a node does to the predictions of its segment, in the whitened norm
     n = shift.shape[1]
     by_node = np.einsum("kn,knm,km->k", shift, linear.blocks.hessian[:, :n, :n], shift)
-    return float(np.sqrt(direct + by_node.sum()))
+    # of both first orders the residuals' part: at the optimum the parameters' own moves change nothing
+    off, cost = np.sqrt(direct + by_node.sum()), along + (linear.blocks.gradient[:, :n] * shift).sum()
+    return float(np.maximum(off / _TOLERANCE, np.abs(cost) / _COST))
 
 
 def _end_of_halves(objective: Objective, outcome: Outcome, coarse: Trajectory, finer: LiftedCollocation) -> np.ndarray:
@@ -171,13 +186,17 @@ def _end_of_halves(objective: Objective, outcome: Outcome, coarse: Trajectory, f
     return end
 
 
-def _directly(objective: Objective, value: ObjectiveValue, coarse: Trajectory, fine: Trajectory, scale: float) -> float:
-    """Sum of squares of the whitened difference of the predictions from the same nodes."""
+def _directly(
+    objective: Objective, value: ObjectiveValue, coarse: Trajectory, fine: Trajectory, scale: float
+) -> tuple[float, float]:
+    """Of the whitened difference of the predictions from the same nodes: sum of squares, and product with the
+    residuals."""
     layout = objective.layout
     low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
     high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
     sigma = np.maximum(value.noise.levels.sigma[: len(low)], _EXACT * np.maximum(high - low, 0.0))
-    return float(((scale * (fine.y[:, ::2] - coarse.y) * layout.present / sigma) ** 2).sum())
+    off = scale * (fine.y[:, ::2] - coarse.y) * layout.present / sigma
+    return float((off**2).sum()), float((off * (coarse.y - layout.z) / sigma).sum())
 
 
 def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> np.ndarray:
@@ -189,7 +208,8 @@ def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -
     return shift
 
 
-def _steps_for(error: float, substeps: int, power: int = _ORDER) -> int:
-    """Steps per sample interval with which the error should be small enough; a motion that ran off needs any number."""
-    needed = _GROWTH * substeps * (error / _TOLERANCE) ** (1.0 / power) if math.isfinite(error) else math.inf
+def _steps_for(excess: float, substeps: int, power: int = _ORDER) -> int:
+    """Steps per sample interval with which an error so many times too large should be small enough; a motion that ran
+    off needs any number."""
+    needed = _GROWTH * substeps * excess ** (1.0 / power) if math.isfinite(excess) else math.inf
     return math.ceil(min(needed, 1e6))
