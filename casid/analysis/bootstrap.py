@@ -88,7 +88,7 @@ class Bootstrap:
 
 def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, float]) -> Problem:
     """The problem of a fit with data drawn from it: predicted outputs, white noise of the fit's covariance, the same
-    samples missing; white noise of 1-sigma `input_noise` (input -> value, SI) on the inputs that the estimator sees.
+    samples missing. White noise of 1-sigma `input_noise` (input -> value, SI) on the inputs that the estimator sees.
 
     It starts at the fit's estimates. Raises EstimationError for EquationError, which predicts no data.
     """

@@ -30,7 +30,7 @@ _WORTH = 1.2  # factor that a suggested manoeuvre must gain
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Suggestion:
     """A manoeuvre that would help: `form` on `control` with pulses of `unit_s` [s] and `amplitude` (SI) about the first
-    sample; `gain` is the factor by which the uncertainty of the direction falls with that record added."""
+    sample. `gain` is the factor by which the uncertainty of the direction falls with that record added."""
 
     control: str
     form: str

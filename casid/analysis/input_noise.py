@@ -1,7 +1,7 @@
 """Errors in the inputs: what noise of the measured surfaces does to the estimates.
 
 An output-error fit takes its inputs as exact. Noise n_j of an input at sample j moves the predicted outputs, and with
-them the gradient of the cost by G_j' n_j, where G_j comes from one backward pass (adjoint) over the fit's linearised
+them the gradient of the cost by G_j' n_j. G_j comes from one backward pass (adjoint) over the fit's linearised
 system with the states re-estimated. The estimate moves by the inverse information times that, so that
 
     cov = I^-1 (sum_ij J_i' W R(i-j) W J_j + sum_j G_j' S G_j) I^-1
@@ -70,7 +70,7 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
     """Covariance of the estimates when inputs are measured with white noise of 1-sigma `sigma` (input -> value, SI).
 
     Measurement noise that was given is white. Where the fit estimated it, its residuals hold the effect of the inputs
-    as well: then their autocovariance less what the inputs are expected to cause is that of the measurement noise (see
+    as well. Then their autocovariance less what the inputs are expected to cause is that of the measurement noise (see
     residual_colour), and its variance never less than the noise of the band above the motion. `method` as in
     `relinearise`; no array grows with samples times parameters, only with the samples of one segment.
     Raises InputError for a name that is no input or a negative sigma, EstimationError for any cost but OutputError.
@@ -158,7 +158,7 @@ def _left(noise: np.ndarray, caused: np.ndarray, least: float, count: int) -> Co
     """Colour of the measurement noise of a channel: (lags,) autocovariance of its residuals less what is caused.
 
     White where that explains the residuals better than an autoregression does, by AIC, and where the difference has
-    less power at low frequency, where the sensitivities are, than white noise of its variance: what is caused, and
+    less power at low frequency, where the sensitivities are, than white noise of its variance. What is caused, and
     partly absorbed by the fit, was then taken off twice.
     """
     left = noise - caused
@@ -187,7 +187,8 @@ def _least_variance(at: AtFit) -> np.ndarray:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Group:
     """Consecutive segments of a record and the derivatives (k, L, rows, columns) at each of their samples: of the state
-    after the step in state, parameters, input at its start and at its end; of the outputs in state, parameters, input.
+    after the step in state, parameters, input at its start and at its end. Then of the outputs in state, parameters,
+    input.
     """
 
     record: int
@@ -260,7 +261,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 def _gains(at: AtFit, group: _Group, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(m, inputs, f) derivatives of the gradient in the samples of a group's inputs, and (inputs, f) what the step of
-    its last sample adds to those of the next group's first; `last` is the latter of the group before."""
+    its last sample adds to those of the next group's first. `last` is the latter of the group before."""
     layout, record = at.objective.layout, at.objective.problem.records[group.record]
     begin = (group.segments.start - layout.segments_of(group.record).start) * layout.length
     size = min(len(record) - begin, (group.segments.stop - group.segments.start) * layout.length)

@@ -29,14 +29,14 @@ def main() -> None:
 
     from cyclopts import App
 
-    from casid.cli.run import call
+    from casid.cli.run import status_of
 
     app = App(name="casid", help="Identify aircraft from flight data.", version=version("casid"))
     listed = sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS
     for name, where in COMMANDS.items():
         app.command(where, name=name, help=_first_line(where) if listed else None)
     app.register_install_completion_command()
-    leave(outcome(lambda: call(app)))
+    leave(status_of(app))
 
 
 def _first_line(where: str) -> str:

@@ -20,7 +20,7 @@ def script(command: Callable[..., int | None], name: str | None = None) -> App:
 
 def run(command: Callable[..., int | None]) -> NoReturn:
     """Run one function as a script: its parameters are the options."""
-    leave(outcome(lambda: call(script(command))))
+    leave(status_of(script(command)))
 
 
 def status_of(app: App, arguments: Sequence[str] | None = None) -> int:

@@ -1,12 +1,12 @@
 """The input that tells most about the parameters within given limits: D- or A-optimal, by IPOPT on exact derivatives.
 
 The bound is that of output error with the initial state free: states and their sensitivities to (initial state,
-parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta), and the initial state is eliminated by the
+parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta). The initial state is eliminated by the
 Schur complement. Parameters are in units of their size, so that "D" minimises the mean logarithm of their relative
 variances and "A" their mean (Mulder, Sridhar and Breeman, AGARD AG-300 Vol. 3; Morelli and Klein, 1990).
 
 Limits hold at every sample. Most of the way goes by limited-memory BFGS, whose steps are cheap but which knows only
-curvature upwards and creeps along the limits at the end; the exact Hessian then finishes the best of all starts.
+curvature upwards and creeps along the limits at the end. The exact Hessian then finishes the best of all starts.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ def freedom(objective: Objective, levels: Levels, parameters: float) -> float:
     """Factor N / (N - f) of the variance of noise that was estimated from N samples along with f unknowns; 1 where the
     noise was given, infinity where nothing is left of the samples.
 
-    The unknowns are the `parameters` as far as the data and not a prior determine them, and the initial states of all
-    records that some output shows and of which the caller knew no more than the scale. It is exact for one channel
+    The unknowns are the `parameters` as far as the data and not a prior determine them. So are the initial states of
+    all records that some output shows and of which the caller knew no more than the scale. It is exact for one channel
     (Draper and Smith, Applied Regression Analysis, ch. 1); several channels share the unknowns evenly.
     """
     if levels.fixed:

@@ -1,6 +1,6 @@
 """A first guess of states that no channel measures: what the model, at its start values, makes of what is measured.
 
-A smoother: outputs weigh as if their noise were a twentieth of their range, and every state may wander by ten times its
+A smoother: outputs weigh as if their noise were a twentieth of their range. Every state may wander by ten times its
 size over a record, so that a wrong start value does not keep the motion from the data. Where its explicit steps run
 off, a stiff system, it is the simulation at the start values by CVODES.
 """

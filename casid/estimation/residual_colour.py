@@ -300,8 +300,8 @@ def estimated(autocovariance: np.ndarray, count: int) -> Colour:
     """`autoregression` of an autocovariance (lags,) that comes from `count` samples, less its bias to first order.
 
     The bias of least squares is linear in the coefficients (Shaman and Stine, JASA 83, 1988; the same numbers as Pope,
-    J. Time Ser. Anal. 11, 1990, without a mean): count times that of a_j is -j a_j, plus the a_k with k < j, minus
-    those with k > order - j, both for the k that differ from j by an even number. That of the equations of Yule and
+    J. Time Ser. Anal. 11, 1990, without a mean). Count times that of a_j is -j a_j, plus the a_k with k < j, minus
+    those with k > order - j. Both for the k that differ from j by an even number. That of the equations of Yule and
     Walker is greater, by an amount that depends on the poles. As much of it is taken off as leaves the noise stationary
     (Kilian, Rev. Econ. Stat. 80, 1998).
     """
@@ -326,8 +326,8 @@ def _stationary(a: np.ndarray) -> bool:
 
 
 class _Filter:
-    """X' R X of one channel and record: R = variance (A' A)^-1 with the filter A of the autoregression, so that it is
-    the Gram matrix of the rows run through 1/A, also of what rings on after the last."""
+    """X' R X of one channel and record: R = variance (A' A)^-1 with the filter A of the autoregression. So it is the
+    Gram matrix of the rows run through 1/A, also of what rings on after the last."""
 
     def __init__(self, colour: Colour, columns: np.ndarray) -> None:
         self.colour, self.columns = colour, columns

@@ -74,7 +74,7 @@ class Starts:
 
 def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:
     """Starts at the points of a scrambled Sobol sequence: where a parameter has two limits, between them, on a
-    logarithmic scale if it is estimated on one; where it has a prior, as that is distributed; else within a decade
+    logarithmic scale if it is estimated on one. Where it has a prior, as that is distributed; else within a decade
     either way, on a logarithmic scale. Raises InputError for a parameter that begins at zero and has neither."""
     limits = _limits(problem)
     rules = [_rule(problem, i, *limits.get(name, (-math.inf, math.inf))) for i, name in enumerate(problem.parameters)]

@@ -1,6 +1,6 @@
 """Standard errors: Cramer-Rao bound, and its correction for coloured residuals.
 
-Initial states, and every other unknown of a record, are eliminated, not fixed: a sample's row is its sensitivity to
+Initial states, and every other unknown of a record, are eliminated, not fixed. A sample's row is its sensitivity to
 the parameters with the states re-estimated (u_i below), obtained from the same banded system as the step.
 """
 

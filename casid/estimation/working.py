@@ -2,7 +2,7 @@
 
 Solvers know a model of free parameters, one noise level per channel, and initial states that are free or numbers. So a
 parameter that is estimated by its logarithm enters as exp(p); an output with a noise per sample is divided by that, an
-input of the model; and a state whose initial value is a formula is counted from there, where it begins at zero.
+input of the model. And a state whose initial value is a formula is counted from there, where it begins at zero.
 """
 
 from __future__ import annotations

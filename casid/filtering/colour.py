@@ -2,7 +2,7 @@
 
 An innovation is then told in part by the one before it, and only the rest of it is news. Of a channel whose innovations
 are a first-order Gauss-Markov process of 1-sigma s and correlation time tau, the reading after an interval d brings
-(e - rho e_before) / (s sqrt(1 - rho^2)), rho = exp(-d / tau), which is white with unit variance.
+(e - rho e_before) / (s sqrt(1 - rho^2)), rho = exp(-d / tau). It is white with unit variance.
 """
 
 from __future__ import annotations

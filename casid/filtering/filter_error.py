@@ -2,7 +2,7 @@
 
 The innovations of `innovations.kalman_filter` are white with unit variance at the truth, so that -2 ln L is their sum
 of squares plus the log determinant of their covariance. Parameters and trajectory move by Gauss-Newton on the
-innovations; the logarithms of all noise variances move by a quasi-Newton method on the likelihood of the linearised
+innovations. The logarithms of all noise variances move by a quasi-Newton method on the likelihood of the linearised
 system, with the parameters at their optimum for every variance, and with its exact gradient (see `noise_score`).
 Without process noise it is output error with measurement noise by maximum likelihood.
 """

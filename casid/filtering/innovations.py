@@ -1,7 +1,7 @@
 """A dynamic system linearised along its records, for the innovations: the whitened residual.
 
 The model is linearised about a nominal trajectory, the deviation from it goes through a time-varying Kalman filter (see
-`kalman`), and what comes out of the filter is white with unit variance when the model is right. The filter is a fixed
+`kalman`). What comes out of the filter is white with unit variance when the model is right. The filter is a fixed
 linear operator on (output residual, state defect), so residual, parameter sensitivities and any candidate's fingerprint
 go through it side by side. Without process noise it is output error; with unknown forces and moments, flight path
 reconstruction.

@@ -23,10 +23,10 @@ _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scal
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filter:
-    """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E, whitened by `inverse_root`
-    (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log determinant per
-    sample (N, R); `noise` what is random; `through` the model that predicts and that noise goes through: `linear` but
-    for `along`."""
+    """Kalman filter of a linearised model under a noise model: prediction error e = Y + C E. It is whitened by
+    `inverse_root` (N, R, ny, ny), gain of the prediction (N-1, R, n, ny), prediction covariance P (N, R, n, n), log
+    determinant per sample (N, R). `noise` what is random; `through` the model that predicts and that noise goes
+    through: `linear` but for `along`."""
 
     linear: Linear
     through: Linear
@@ -186,8 +186,8 @@ class InputNoise:
     """How noise of recorded inputs enters a model: variance (ni,), `now` (N, R, nx, ni) and `after` (N-1, R, nx, ni)
     into the state over the interval behind a sample and over the one before it, `out` (N, R, ny, ni) into the outputs.
 
-    The filter's state is the model's without what the noise of the sample has put into it over the interval before, so
-    that noise enters one interval and one sample, in which state and outputs share it.
+    The filter's state is the model's without what the noise of the sample has put into it over the interval before. So
+    noise enters one interval and one sample, in which state and outputs share it.
     """
 
     variance: np.ndarray
@@ -288,8 +288,8 @@ def residual_about(
     through: Linear | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(Y, F, first) of the residual of a model linearised about histories `coloured` (N, R, nc) of the noise's coloured
-    disturbances, which their processes expect to begin near zero and to decay from sample to sample, and about the
-    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero; both go `through` the model that the
+    disturbances, which their processes expect to begin near zero and to decay from sample to sample. Also about the
+    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero. Both go `through` the model that the
     filter has (`Filter.through`), by default this one."""
     Y, F = residual_column(linear)
     linear = through or linear
@@ -346,7 +346,7 @@ def _sources(linear: Linear, noise: NoiseModel) -> _Sources:
 
 def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[Any, ...]:
     """A, C, Q, M of the model with its coloured disturbances as further states, S that state and outputs share (None
-    without noise of inputs), and the initial covariance; `plain` in numpy, as without a compiler."""
+    without noise of inputs), and the initial covariance. `plain` in numpy, as without a compiler."""
     model, ny = linear.model, linear.C.shape[2]
     sources = _sources(linear, noise)
     n = len(model.states) + len(sources.coloured)

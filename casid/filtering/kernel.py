@@ -88,7 +88,7 @@ class FilterKernel:
 
     def whiten_histories(self, of, stations, first, series, squares: bool = False) -> np.ndarray:
         """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns that are sums of time histories (N, R,
-        histories) at disturbance `stations`, from number `first` (nc,) on to that of the next column; or their sums of
+        histories) at disturbance `stations`, from number `first` (nc,) on to that of the next column. Or their sums of
         squares (R, nc) alone."""
         (N, R, ny, n), nc = of.C.shape, len(first)
         Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1

@@ -1,7 +1,7 @@
 """The effects of an aircraft file in force: the model that has them, and the records made ready for it.
 
 How an effect acts depends on where it enters: a symbolic one is a parameter of the model, fixed at the value of the
-file unless it is freed; one before the aerodynamics (a lagged surface, a gust) is a known time history; a lag of an
+file unless it is freed. One before the aerodynamics (a lagged surface, a gust) is a known time history. A lag of an
 instrument is a further state of the model; a delay or a ringing of an instrument is taken out of the record, exactly
 but for the interpolation between samples. Turbulence is no deterministic effect: it is process noise.
 """

@@ -4,11 +4,11 @@ A cause is one `@cause` function that returns an `Effect`: an extra piece at one
 in one of three ways, and simulation, estimation, screening, extension of the aircraft file and the generator of hidden
 effects all use the same definition:
 
-change   symbolic: it changes the path at `station`; its value is a parameter of the model, 0 = absent
+change   symbolic: it changes the path at `station`. Its value is a parameter of the model, 0 = absent
 series   a time history at a disturbance station of the path, computed from the record (a lagged surface, a gust)
 output   an operator on what an instrument reads (delay, lag)
 
-An effect with a state of its own gives both `change` and `series`: a model that has it takes the first, a diagnosis,
+An effect with a state of its own gives both `change` and `series`: a model that has it takes the first. A diagnosis,
 which weighs it against others before it is in the model, the second.
 Whatever else there is to know of a cause stands in its definition too; nothing outside compares names of kinds.
 """

@@ -1,8 +1,8 @@
 """Gridded look-up of one to three dimensions, as an expression that every algebra can evaluate: no branch, no search.
 
 A piecewise-linear function is a sum over the intervals of its breakpoints: the value at the first of them, and the rise
-over each interval times how much of that has been passed, from 0 to 1. In more dimensions the value and the rises are
-look-ups over the axes that remain. A cubic one is a sum of B-splines, by the recursion of Cox and de Boor.
+over each interval times the share of it that has been passed. In more dimensions the value and the rises are look-ups
+over the axes that remain. A cubic one is a sum of B-splines, by the recursion of Cox and de Boor.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ _USUAL = {"V": 100.0, "rho": 1.0, "thrust": 0.0}  # where neither file nor recor
 
 def given_slopes(aircraft: Aircraft, records: Iterable[Record] = ()) -> dict[str, float]:
     """Name of each derivative of the file -> its slope by tables and own aerodynamics at the trim of the file, or at
-    the medians of the records; of a constant, so that the tangent is right there. Empty for a file without these."""
+    the medians of the records. Of a constant, so that the tangent is right there. Empty for a file without these."""
     if aircraft.aerodynamics is None and not aircraft.tables:
         return {}
     point = _point(aircraft, tuple(records))

@@ -95,7 +95,7 @@ AIR_STATES: Mapping[str, tuple[str, int, float]] = MappingProxyType({"q": ("air_
 
 def air_rotation(path: SignalPath) -> dict[str, Any]:
     """Rotation of the air [rad/s] about p, q, r: of its own, and what the gradient of its velocity along the path makes
-    about the axes of `turning` (MIL-F-8785C, 3.7.5: q = -s / (V + 4 b s / pi) w, r = s / (V + 3 b s / pi) v)."""
+    about the axes of `turning`. By MIL-F-8785C, 3.7.5: q = -s / (V + 4 b s / pi) w, r = s / (V + 3 b s / pi) v."""
     rotation = {axis: path.disturbance[station.rotation(axis)] for axis in "pqr"}
     speed, span = path.state["u"], 2.0 * path.aircraft.rate_length_lateral
     for axis, sign in path.turning.items():

@@ -15,9 +15,9 @@ from casid.model.effect import Kind
 from casid.model.terms import in_words, parse_term
 from casid.signals import label_of
 
-__all__ = ["KINDS", "Kind", "check_effect", "effect_sentence", "effect_title", "effect_unit"]
+__all__ = ["KINDS", "LABELS", "Kind", "check_effect", "effect_sentence", "effect_title", "effect_unit"]
 
-_LABELS = {
+LABELS = {
     "CL": "lift",
     "CD": "drag",
     "CY": "side force",
@@ -97,7 +97,7 @@ def effect_title(kind: str, target: str | None, term: str | None) -> str:
 
 
 def _label(part: str) -> str:
-    return _LABELS.get(part, label_of(part))
+    return LABELS.get(part, label_of(part))
 
 
 def _digits(value: float) -> str:

@@ -1,6 +1,6 @@
 """The folder of compiled libraries: owned by the user alone, checked by content, bounded in size.
 
-What is loaded is executed. A folder that somebody else owns or may write to is therefore not used, and a library is
+What is loaded is executed. A folder that somebody else owns or may write to is therefore not used. A library is
 named by the checksum of its content, so that a truncated or foreign one is built again instead of loaded.
 """
 

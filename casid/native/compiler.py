@@ -1,6 +1,6 @@
 """CasADi functions on numpy arrays, through the CasADi virtual machine or, when it pays, as compiled C.
 
-When compiling pays is unknown beforehand, so it is bought like skis: a function runs in the virtual machine until
+When compiling pays is unknown beforehand, so it is bought like skis. A function runs in the virtual machine until
 the time it has spent there equals the estimated time to compile it, then it is compiled. That is never worse than
 twice the best choice in hindsight. A library that is already in the cache is looked up far sooner, because that
 only costs generating the source for its hash.

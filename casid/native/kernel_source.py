@@ -1,7 +1,7 @@
 """C source of a model's kernel: simulate segments, or linearise them and gather their Gram blocks on the way.
 
 Lanes are segments. `data` holds per W segments and sample the vectors u0 (m), u1 (m), dt, z (o) and which row of the
-tables below says what is present; all else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
+tables below says what is present. All else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
 sensitivity of the state.
 """
 

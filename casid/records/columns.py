@@ -40,8 +40,8 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     """Channels of a table: what the map says, and every other named column under its own name; `own` names those of a
     system that is no aircraft, where nothing is nearly a channel of one.
 
-    Raises InputError for a name that is nearly that of an absent channel, for two columns of one name, a unit that
-    is unknown or does not fit, text where a number belongs, and a column of the map that is not there.
+    Raises InputError for a name that is nearly that of an absent channel and for two columns of one name. Also for a
+    unit that is unknown or does not fit, text where a number belongs, and a column of the map that is not there.
     """
     if table.names is None and not column_map.columns:
         raise InputError(

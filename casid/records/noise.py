@@ -2,7 +2,7 @@
 
 Evidence for or against a model comes from the band of the motion, so what counts is the noise's spectral density there.
 It is that of the high band when the noise is white. A channel that was low-pass filtered before it was sampled, or is
-held, or is quantised coarsely against its noise, shows less than that at the top of its spectrum: `high_band_holds`
+held, or is quantised coarsely against its noise, shows less than that at the top of its spectrum. `high_band_holds`
 tells, and `density_sigma` reads the density from another band, as the 1-sigma of white noise of equal density.
 """
 
@@ -35,8 +35,8 @@ def high_band_sigma(values: np.ndarray) -> float:
     """Standard deviation of the white noise in a uniformly sampled series (N,); NaN when fewer than 20 differences.
 
     Robust (median absolute deviation) scale of the fourth differences, which pass white noise with gain sqrt(70) and
-    suppress a motion of frequency f by (2 sin(pi f dt))^4: below 2 % of its amplitude at a tenth of the sampling rate.
-    Assumes noise that is white at the sampling rate. A series without noise gives a value near 0.
+    suppress a motion of frequency f by (2 sin(pi f dt))^4. That is below 2 % of its amplitude at a tenth of the
+    sampling rate. Assumes noise that is white at the sampling rate. A series without noise gives a value near 0.
     """
     good = values[np.isfinite(values)]
     if len(good) < 20 + _ORDER:
@@ -61,7 +61,7 @@ def resolution(values: np.ndarray) -> float:
 
 def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(N,) True at the readings of a channel (N,) that are new: of one that a slower recorder updates, and that is held
-    in between, the first after each update; of any other, all that are there (not NaN).
+    in between, the first after each update. Of any other, all that are there (not NaN).
 
     A slower recorder shows by its beat: the value changes after the same time again and again, or after a multiple of
     it where it happens not to change. A channel of coarse steps changes at any time.
@@ -108,8 +108,8 @@ def quiet_windows(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndar
     """(first, last) samples of a window at every sample of a series (N,) with white noise `sigma`.
 
     The widest window, centred or to one side, whose mean is still compatible with those of all narrower ones
-    (intersection of confidence intervals; Goldenshluger and Nemirovski 1997): long while a surface rests and up to
-    where it begins to move, one sample while it moves.
+    (intersection of confidence intervals; Goldenshluger and Nemirovski 1997). It is long while a surface rests and up
+    to where it begins to move, one sample while it moves.
     """
     at = np.arange(len(values))
     begin, end = at.copy(), at.copy()
@@ -137,7 +137,7 @@ def _off_movement(
     values: np.ndarray, sigma: float, begin: np.ndarray, end: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The windows, but of samples near a movement that of the rest before or after it, where they agree with its mean,
-    and else the sample alone: a mean over the beginning of a movement is compatible with the rest, and late."""
+    and else the sample alone. A mean over the beginning of a movement is compatible with the rest, and late."""
     at, mean = np.arange(len(values)), mean_over(values, begin, end)
     moves = np.abs(np.diff(mean, prepend=mean[0])) > _MOVED * sigma
     near = np.convolve(moves, np.ones(2 * _NEAR + 1))[_NEAR:-_NEAR] > 0.0
@@ -157,10 +157,10 @@ def _off_movement(
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
     """Whether the high-band noise of a channel may stand for its noise at all frequencies.
 
-    Not when the upper half of its spectrum falls (a gentle filter), nor when somewhere beyond twice the frequency
-    `edge_hz`, the end of the motion, it falls more steeply from one octave to the next than motion does (a sharp
-    filter, with what came in behind it as floor), nor when the high band shows little more than the quantisation.
-    Short records, and few levels, do not tell; they are taken as good.
+    Not when the upper half of its spectrum falls (a gentle filter). Nor when somewhere beyond twice the frequency
+    `edge_hz`, the end of the motion, it falls more steeply from one octave to the next than motion does. That is
+    a sharp filter, with what came in behind it as floor. Nor when the high band shows little more than the
+    quantisation. Short records, and few levels, do not tell; they are taken as good.
     """
     series = [record[channel] for record in records]
     sigma = pooled_sigma(series)

@@ -206,8 +206,8 @@ def _in_words(limits: Limits, names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Untold:
-    """A number of the file that these records do not tell: its 1-sigma as the file states it, NaN where it does not;
-    what these records would tell by their noise alone, infinite where they have nothing of it; and honestly."""
+    """A number of the file that these records do not tell: its 1-sigma as the file states it, NaN where it does not.
+    What these records would tell by their noise alone, infinite where they have nothing of it; and honestly."""
 
     name: str
     given: float

@@ -11,7 +11,7 @@ from casid.model import numbers
 from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.terms import in_words
-from casid.model.vocabulary import effect_title
+from casid.model.vocabulary import LABELS, effect_title
 from casid.report.style import shown_unit
 from casid.signals import label_of
 
@@ -20,16 +20,6 @@ _LABEL = 40  # characters
 EVIDENCE = (
     "Evidence is twice the natural logarithm of how many times more probable it makes the records: 14 is 1000 times."
 )
-_COEFFICIENTS = {
-    "CL": "lift",
-    "CD": "drag",
-    "CY": "side force",
-    "CX": "longitudinal force",
-    "CZ": "normal force",
-    "Cl": "rolling moment",
-    "Cm": "pitching moment",
-    "Cn": "yawing moment",
-}
 
 
 def cause_name(kind: str, target: str | None, term: str | None) -> str:
@@ -69,7 +59,7 @@ def place(station: str) -> str:
         return f"wind along {where.name}"
     if where.kind == "reading":
         return f"reading of {where.name}"
-    return f"{_COEFFICIENTS.get(where.name, '')} {where.name}".strip()
+    return f"{LABELS.get(where.name, '')} {where.name}".strip()
 
 
 def digits(value: float, significant: int = 3) -> str:

@@ -20,8 +20,11 @@ Errors = Callable[[Read, DataCriteria], list[np.ndarray]]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Relation:
-    """needs: channels without which it says nothing; uses: all that enter; sides: the two series of a record; slow:
-    to be seen through the longer window; errors: what ordinary errors of healthy instruments put in, 1-sigma each."""
+    """needs: channels without which it says nothing; uses: all that enter; sides: the two series of a record.
+
+    slow: to be seen through the longer window; errors: what ordinary errors of healthy instruments put in, 1-sigma
+    each.
+    """
 
     name: str
     needs: tuple[str, ...]

@@ -1,6 +1,6 @@
 """What the surfaces do to the aircraft, against the derivatives of the file: sign, unit and swap of their records.
 
-The measured coefficients of force and moment are regressed on the motion, with the file's derivatives as prior: an
+The measured coefficients of force and moment are regressed on the motion, with the file's derivatives as prior. An
 explanation that needs derivatives far from the file pays for it, be it the records' fault or the file's own.
 """
 

@@ -144,7 +144,7 @@ def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) ->
 
 def deviation(evidence: Evidence, name: str) -> float:
     """Honest 1-sigma of a fitted slot: its `spread`, where small terms of the structure would move the value to, what
-    records leave open that are sampled and noisy, and a part of it, for no value is known better."""
+    records leave open that are sampled and noisy, and a part of it. For no value is known better."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
     parts = spread(evidence, name), evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
     return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
@@ -192,7 +192,7 @@ def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
 
 def is_sure(evidence: Evidence, name: str) -> bool:
     """Whether no stretch of record contradicts a value, and its 95 % interval, in which small terms of the structure
-    may replace it, leaves zero out; a value that is not fitted itself is taken as sure."""
+    may replace it, leaves zero out. A value that is not fitted itself is taken as sure."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return True
     criteria = evidence.criteria.structure
@@ -211,7 +211,7 @@ def scatter(evidence: Evidence, index: int) -> float:
     """1-sigma of a fitted slot from how far stretches of record pull it apart, whatever makes them disagree.
 
     The sandwich covariance with stretches as clusters, each weighed up by what it determines of the slot itself (the
-    jackknife's: Bell and McCaffrey 2002): without error of the model it is the posterior 1-sigma on average; what is
+    jackknife's: Bell and McCaffrey 2002). Without error of the model it is the posterior 1-sigma on average. What is
     left of the aircraft's real structure makes it larger.
     """
     direction, pulls, shares = evidence.covariance[index], [], []

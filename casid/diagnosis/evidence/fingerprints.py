@@ -74,7 +74,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
 
 def onset_grid(evidence: Evidence, step: float | None = None, length: float = np.inf) -> np.ndarray:
     """Onsets [s] after a record's first sample to look at, `step` apart, by default as a screening does, and further in
-    long records, so that the work grows as the records do; but no further than an event of that `length` takes."""
+    long records, so that the work grows as the records do. But no further than an event of that `length` takes."""
     longest = max(record.duration for record in evidence.fit.flight.records)
     numerics, edge = evidence.criteria.numerics.screening, evidence.criteria.screening.edge
     step = numerics.onset_step if step is None else step

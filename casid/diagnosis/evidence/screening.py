@@ -212,7 +212,7 @@ def grown_sets(
     statistics  (what is chosen, records) -> (onsets, records) statistic of each onset in a record beside that
 
     Larger sets grow from each of the `starts` records that say most by the record and onset that add most, all onsets
-    then moved once more: the fitted derivatives hide a loss that is in most records, so that single records say little.
+    then moved once more. The fitted derivatives hide a loss that is in most records, so that single records say little.
     """
     alone = statistics({}, range(records))
     singles = [{r: int(np.argmax(alone[:, r]))} for r in range(records)]

@@ -104,7 +104,7 @@ def gain(z: np.ndarray, K: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> n
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Held:
     """Histories eliminated record by record, and nothing else yet: normal equations of nuisance and small terms
-    (`common`, without any prior, and `match`), of these with the causes (`cross`) and of the causes (K, z); `nodes`
+    (`common`, without any prior, and `match`), of these with the causes (`cross`) and of the causes (K, z). `nodes`
     per record of histories by themselves, by causes, by the innovations and by the common columns."""
 
     log: float

@@ -1,7 +1,7 @@
 """The search: which explanations are worth their weight.
 
 From nothing, and from every port at which something unknown may enter, causes are added one by one, the best of each
-number kept; then causes of the best explanations are dropped and others put in their place, until none is better. What
+number kept. Then causes of the best explanations are dropped and others put in their place, until none is better. What
 is found does not depend on the order of the causes. Base levels, scales of small terms and levels at further ports are
 settings of their own: each that the best explanation asks for is gone through as well.
 """

@@ -29,7 +29,7 @@ def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effe
 
 def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -> tuple[float, float]:
     """(lowest, highest) change of an inertia: a part of it, and no more than leaves a rigid body, of which no moment is
-    larger than the sum of the other two; of the product of inertia, the part of the roll inertia."""
+    larger than the sum of the other two. Of the product of inertia, the part of the roll inertia."""
     inertia = aircraft.inertia
     if component not in _MOMENTS:
         return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx

@@ -1,7 +1,7 @@
 """Noise that cannot be read from the records is estimated with the fit: how strong it is, and how slowly it moves.
 
 A channel that was filtered, held or rounded does not show its noise (`Flight.doubted`), and what a model leaves of it
-is mostly what the model does not have. Both are believed no more than that: what the fit leaves of such a channel is
+is mostly what the model does not have. Both are believed no more than that. What the fit leaves of such a channel is
 taken for its noise, level and correlation time by maximum likelihood, and once more after every cause that is named.
 """
 

@@ -79,7 +79,7 @@ def fit(
 
 def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
     """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
-    something large: it begins from a fit under wider noise, for which there are fewer minima. None of other fits."""
+    something large. It begins from a fit under wider noise, for which there are fewer minima. None of other fits."""
     numerics = fitted.criteria.numerics.fit
     if fitted.converged or fitted.deviance < numerics.far * fitted.readings:
         return None
@@ -155,7 +155,7 @@ def _squares(work: Work, now: FlightFit) -> float:
 
     Noise in a regressor draws an estimate towards zero, and the most likely noise, which regressors have in them, makes
     up for that. Such regressors are the slope of this sum, in which noise costs what it is unlikely (orthogonal
-    distance), and not of the deviance, in which models are compared: by that, fits stopped anywhere between the two.
+    distance), and not of the deviance, in which models are compared. By that, fits stopped anywhere between the two.
     """
     white = now.white
     if now.held != now.noise:

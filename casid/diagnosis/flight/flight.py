@@ -205,7 +205,7 @@ class Flight:
 
     def with_filtered_inputs(self) -> Flight:
         """This flight with the noise of inputs as dense in the band of the motion as a filter common to all channels
-        has left it: where most outputs were filtered, as much above what the high band shows as theirs is.
+        has left it. Where most outputs were filtered, as much above what the high band shows as theirs is.
 
         An input's own spectrum cannot tell, for it moves at will.
         """

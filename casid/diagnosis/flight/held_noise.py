@@ -32,7 +32,7 @@ def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndar
 
 
 def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
-    """Factor with which noise of an input does no more to the motion than in the reference: a cause must not gain by
+    """Factor with which noise of an input does no more to the motion than in the reference. A cause must not gain by
     making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
     measured, and not stronger than that; and there are no more than `most` 1-sigmas of it."""
     ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)

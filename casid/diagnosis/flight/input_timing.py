@@ -17,7 +17,7 @@ from casid.signals import SURFACES
 
 def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     """The fit with inputs that run between samples as the surfaces agree that they do, if that is another way and gains
-    enough; and, beside causes that are `named` already, if it is worth another naming."""
+    enough. And, beside causes that are `named` already, if it is worth another naming."""
     criteria, share = fitted.criteria.input_timing, held_share(fitted, named=named)
     late = 2.0 * criteria.change_s / float(np.median(fitted.batch.dt))
     worth = min(criteria.change, late) if named else criteria.step

@@ -2,8 +2,8 @@
 
 A channel that was filtered before sampling seems almost free of noise, and every small misfit in it would be evidence.
 The model is therefore fitted with such channels at a share of their variation, flown freely, and the density of what
-is left in the octave above the motion becomes their noise; once more with that noise. So evidence is weighed against
-what is left at frequencies where the model moves little: if the noise is denser still in the band of the motion, as
+is left in the octave above the motion becomes their noise. Once more with that noise. So evidence is weighed against
+what is left at frequencies where the model moves little. If the noise is denser still in the band of the motion, as
 turbulence and slow drifts are, the scores stay too confident, and if a fault shows above it, too cautious. Not touched:
 channels whose high band holds, and channels whose noise the aircraft file states.
 """

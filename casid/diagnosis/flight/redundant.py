@@ -25,7 +25,7 @@ def is_derived(
 
     The filter is fitted by least squares. Behind one that only predicts the acceleration, the rate's noise is left over
     beside that of the acceleration, sigma |h| at least; where it is what the acceleration was made with, nothing is.
-    A filter that is longer, as of a smoother of the whole record, shows by what it has done: an acceleration that is
+    A filter that is longer, as of a smoother of the whole record, shows by its effect: an acceleration that is
     quieter than any instrument, and quieter by far than the differences of its rate.
     """
     rate = RATE_OF[acceleration]

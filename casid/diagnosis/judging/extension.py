@@ -14,8 +14,8 @@ from casid.model.effects import effect_of
 
 
 def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
-    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects or
-    in its tables, and what is `minor` but stands in the fit beside them, terms of the aerodynamics as such."""
+    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects or in
+    its tables. What is `minor` but stands in the fit beside them is in it too, terms of the aerodynamics as such."""
     known = {(e.kind, e.target, e.term) for e in aircraft.effects}
     missing = {one.effect.key for one in fit.attached}
     if fit.noise.coloured:

@@ -97,7 +97,7 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
 
 def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
-    on: no tangent at zero predicts what a long delay does to a reading."""
+    on. No tangent at zero predicts what a long delay does to a reading."""
     try:
         found = kinematics.again(without, [*without.attached, one])
     except InputError:  # of that size it makes readings that no motion can have: they cannot judge it

@@ -59,7 +59,7 @@ def _airspeed(flight: Flight, record: Record) -> np.ndarray:
 
 
 def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
-    """Gauss-Markov disturbances of all coefficients, as large as the motion: if an angular acceleration were freer than
+    """Gauss-Markov disturbances of all coefficients, as large as the motion. If an angular acceleration were freer than
     it is, its estimate would be the noise of the rate, and the size of a lever arm by it too small."""
     aircraft, criteria = flight.aircraft, flight.criteria.kinematics
     qS = 0.5 * float(np.median(flight.records[0]["rho"])) * typical_speed(flight) ** 2 * aircraft.area

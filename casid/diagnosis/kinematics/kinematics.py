@@ -128,8 +128,8 @@ def gusts(
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence. The sense of the air's pitching and yawing by the gradient of its
-    velocity, about which simulators do not agree, and the size of its own rolling are by maximum likelihood on a grid;
-    so is what turns the aircraft besides, where that explains more than a rough model of moving air leaves."""
+    velocity, about which simulators do not agree, and the size of its own rolling are by maximum likelihood on a grid.
+    So is what turns the aircraft besides, where that explains more than a rough model of moving air leaves."""
 
     numerics = flight.criteria.numerics.turbulence
     scales, signs = numerics.rolling, dict(zip(_TURNED, numerics.turning, strict=True))

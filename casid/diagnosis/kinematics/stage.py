@@ -74,7 +74,7 @@ def without_turbulence(
     flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
 ) -> tuple[Evidence, list[Candidate]] | None:
     """Kinematic evidence in calm air and its ranking, as of `judge_kinematics`, when of what it said there,
-    `turbulent`, little is left beside the causes that were named in it, `attached`: moving air imitates faults until
+    `turbulent`, little is left beside the causes that were named in it, `attached`. Moving air imitates faults until
     they are found. None when there is."""
     found = [one for one in attached if one.effect.kinematic]
     before = [one for one in known if one.effect.kinematic]

@@ -52,7 +52,7 @@ def named(
     begun: Baseline, found: KinematicFindings, known: Sequence[Attached], report: Callable[[str], None]
 ) -> tuple[Baseline, Naming]:
     """The naming, and where it began: with inputs that run otherwise between samples, if they show to beside what was
-    named; without turbulence, if that is not there any more; and from another minimum of the baseline, if nothing could
+    named. Without turbulence, if that is not there any more; and from another minimum of the baseline, if nothing could
     be named that far from the data."""
     flight, skews = begun.calm.flight, [one for one in found.nuisance if one.effect.late]
     effects = flight.effects

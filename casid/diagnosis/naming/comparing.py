@@ -25,7 +25,7 @@ def _is_small(trial: Trial) -> bool:
 
 def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Criteria) -> list[Trial]:
     """`trials` in their order, but first a fault of an instrument that is too small to matter, where it explains
-    clearly more than what can be named: left out, it would make a cause of something else."""
+    clearly more than what can be named. Left out, it would make a cause of something else."""
     first = trials[0]
     small = max((t for t in fits if not t.meaningful), key=lambda t: t.gain.total, default=first)
     if small.gain.total <= first.gain.total + equivalence(first.gain.raw, criteria):
@@ -36,7 +36,7 @@ def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Crit
 def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
     """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
     kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
-    stays behind what they confirm: it owes its gain to the aerodynamics' structure, of which they know nothing. Not
+    stays behind what they confirm. It owes its gain to the aerodynamics' structure, of which they know nothing. Not
     what they find smaller, as noise in what makes it does, and what still explains more to them too."""
     ranked = sorted(trials, key=lambda t: (t not in nameable, -t.gain.total))
     confirmed = [t for t in ranked if t in nameable and t.check.confirmed]

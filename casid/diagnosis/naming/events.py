@@ -67,7 +67,7 @@ def at_peak(
     evidence: Evidence, moves: int | None = None, free: Free = "all", which: int = -1
 ) -> tuple[Evidence, Intervals]:
     """Evidence of the fit with the onsets of one of its effects, the last by default, moved until they stay or moving
-    does not help, `moves` times at most, and their intervals: together by what the fit is linearised to, and each to
+    does not help, `moves` times at most, and their intervals. Together by what the fit is linearised to, and each to
     the peak of its own profile, which sees the whole record."""
     interval: Intervals = {}
     numerics = evidence.criteria.numerics.events
@@ -93,7 +93,7 @@ def at_peak(
 
 def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
     """Evidence of the fit with all onsets of an effect moved at once by Gauss-Newton steps, `moves` at most, while they
-    help: onsets and the length of an event lie in a narrow valley, along which none of them can go alone."""
+    help. Onsets and the length of an event lie in a narrow valley, along which none of them can go alone."""
     numerics = evidence.criteria.numerics.events
     for _ in range(moves):
         fitted = evidence.fit
@@ -175,7 +175,7 @@ def _members(strength: np.ndarray, criteria: EventCriteria) -> list[int]:
 
 def is_sudden(evidence: Evidence, one: Attached, beside: Evidence) -> bool:
     """Whether a jump gains clearly more on a fit than a slow change of the same would, a cubic of time in each of its
-    records; or more, where nothing to speak of is missing `beside` it, in the fit that has it. What depends on speed in
+    records. Or more, where nothing to speak of is missing `beside` it, in the fit that has it. What depends on speed in
     a long record, or on anything that drifts, resembles a jump somewhere. What acts only now and then fits both, and
     counts as sudden."""
     base, names = evidence.fit, evidence.fit.batch.names
@@ -279,7 +279,7 @@ def _statistics(steps: Sequence[_Steps], others: Mapping[int, int], records: Seq
 
 
 def further_records(evidence: Evidence, one: Attached) -> Attached:
-    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance; not where
+    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance. Not where
     that is at either end: what helps most when it hardly acts is no event."""
     base, judge, criteria = evidence.fit, Screen(evidence), evidence.criteria
     if len(one.onsets) == len(base.flight.records):

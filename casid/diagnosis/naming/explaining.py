@@ -25,8 +25,8 @@ def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: T
     before, after  what was missing before it and the causes named since, and what is missing beside them
     evidence       of the model that has it
 
-    It is believed when what was missing is gone where it enters and where it helped most, and not only thinned out; or
-    it gains more than an input of any shape could where it enters, or anywhere; or it explains nearly all that is
+    It is believed when what was missing is gone where it enters and where it helped most, and not only thinned out. Or
+    it gains more than an input of any shape could where it enters, or anywhere. Or it explains nearly all that is
     missing where it enters, small terms of the structure apart; or kinematics, which know no aerodynamics, find it too.
     Never when one of `_AGAINST` holds.
     """

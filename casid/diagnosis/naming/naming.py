@@ -155,7 +155,7 @@ def _tried(
 ) -> tuple[list[Trial], dict[Trial, FlightFit], dict[str, Intervals]]:
     """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
     by cause name. A few are fitted side by side on however many processors, so that the answer does not depend on
-    them: those that come later are given up when they are unlikely to come near the best before."""
+    them. Those that come later are given up when they are unlikely to come near the best before."""
     trials: list[Trial] = []
     fits: dict[Trial, FlightFit] = {}
     intervals, give_up = dict(state.intervals), np.inf
@@ -192,7 +192,7 @@ def _left_behind(state: Naming) -> list[Candidate]:
 
 def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
     """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
-    screening finds them: a shift of the centre of gravity moves the accelerometers the other way."""
+    screening finds them. A shift of the centre of gravity moves the accelerometers the other way."""
     found, names = [], {c.name for c in candidates}
     for candidate in candidates:
         one = candidate.attached
@@ -206,7 +206,7 @@ def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]
 
 def without_superseded(rounds: Sequence[Round], best: Trial, evidence: Evidence) -> Evidence:
     """Evidence of the fit without those earlier causes that had `best` as a rival when they were named and gain nothing
-    beside it: what was missing then and is named by now may have decided for the wrong one."""
+    beside it. What was missing then and is named by now may have decided for the wrong one."""
     key = best.effect.key
     for earlier in (r for r in rounds if r.named):
         name = earlier.leader.candidate.name
@@ -250,7 +250,7 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
 
 def price(trial: Trial, state: Naming, required: float) -> float:
     """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
-    for another; but kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
+    for another. But kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
     that is no event gains while the event does not act counts as it does beside any other cause."""
     effect, by = trial.effect, state.criteria.naming
     prices = [required_gain(effect, state.criteria), 0.0 if trial.confirmed else required]
@@ -271,7 +271,7 @@ def price(trial: Trial, state: Naming, required: float) -> float:
 
 def _of_one_shape(round_: Round, other: Effect) -> bool:
     """Whether both act on the same surface: where one has its rough shape, in a play the place at which the surface
-    first rests, an event looks like the other; or another coefficient has the same term, or one that was tried in its
+    first rests, an event looks like the other. Or another coefficient has the same term, or one that was tried in its
     place: a hundredth of a lift is drag where the angle of attack is half a degree off."""
     one = round_.leader.effect
     terms = {trial.effect.regressor for trial in round_.trials if trial.effect.target == one.target}

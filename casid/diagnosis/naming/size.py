@@ -30,13 +30,13 @@ def is_artefact(one: Attached, share: float, criteria: SizeCriteria) -> bool:
 
 
 def meaningful_share(fitted: FlightFit, one: Attached) -> float:
-    """Size of an effect in units of the smallest that matters: of the effect's own `meaningful`, or for what adds to a
-    coefficient a share of that coefficient's variation, as far as derivatives cannot imitate it, a larger one when it
-    sets in in mid-record.
+    """Size of an effect in units of the smallest that matters. That is of the effect's own `meaningful`, or for what
+    adds to a coefficient a share of that coefficient's variation, as far as derivatives cannot imitate it. A larger one
+    when it sets in in mid-record.
 
     What stands between a record and a surface, or a channel and its reading, must besides make some
-    difference to a coefficient or a channel, or as much as the noise of that channel: a surface that hardly moves may
-    be slow without any consequence; and a surface that is late by less than half a sample may be in time, because how
+    difference to a coefficient or a channel, or as much as the noise of that channel. A surface that hardly moves may
+    be slow without any consequence. And a surface that is late by less than half a sample may be in time, because how
     it runs between samples is not known. What is expected matters at any size: left out, it looks like a fault."""
     effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
     if effect.amplitude is not None:

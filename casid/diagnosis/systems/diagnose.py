@@ -143,8 +143,8 @@ def _that_recurs(
     naming: SystemNaming, question: Question, held: Sequence[Record]
 ) -> tuple[SystemNaming, Flown, dict[str, float | None]]:
     """The naming without causes that help only where they were fitted, its best model on the held-out records, and what
-    each of its causes gains there: log likelihood per reading against the best without it, None for what is in some
-    records only, of which others say nothing."""
+    each of its causes gains there. The gain is log likelihood per reading against the best without it, None for what is
+    in some records only, of which others say nothing."""
     while True:
         extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, question), {}
         for one in naming.best.attached:

@@ -17,7 +17,7 @@ from casid.records.record import Record
 
 
 class Draft:
-    """A model under change. Expressions that are added are in the symbols of the model at its beginning; `current` is
+    """A model under change. Expressions that are added are in the symbols of the model at its beginning. `current` is
     the cause that changes it and `rest` the symbol of its channel of that name, `delayed` its readings that are late:
     before that, and by the series of `late`."""
 

@@ -1,6 +1,6 @@
 """Which causes: wholes are fitted, scored and compared by their evidence, until none that has one cause more is better.
 
-A linearisation about a model without the cause says which causes to try; what is compared are the wholes, each fitted
+A linearisation about a model without the cause says which causes to try. What is compared are the wholes, each fitted
 as an extended model and linearised about its own fit, by log p(y | whole) with all that may enter besides it.
 """
 

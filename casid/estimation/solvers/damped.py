@@ -1,7 +1,7 @@
 """Levenberg and Marquardt's damping, for starts from which undamped steps run off.
 
 The damping is relative to the largest curvature that each parameter has shown so far (More, Lecture Notes in
-Mathematics 630, 1978): a parameter that comes where it has no effect does not fly away from there. How it changes with
+Mathematics 630, 1978). A parameter that comes where it has no effect does not fly away from there. How it changes with
 the ratio of the gained to the promised descent is that of Nielsen (IMM-REP-1999-05).
 """
 

@@ -74,7 +74,7 @@ class BandedKKT:
         scale: np.ndarray,
         kernel: Kernel | None = None,
     ) -> Reduced:
-        """hessian (M, n+f, n+f), gradient (M, n+f), transition (M, n, n+f) [A, B]; defect (M-1, n) and the covariance
+        """hessian (M, n+f, n+f), gradient (M, n+f), transition (M, n, n+f) [A, B]. Defects (M-1, n) and the covariance
         (M-1, n, n) or None of the segments that have a successor; scale (n,) typical size of the states. By the
         kernel when one is given, else by LAPACK.
 

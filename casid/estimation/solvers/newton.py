@@ -2,7 +2,7 @@
 
 Gauss-Newton leaves out the curvature of the residuals, which counts where they are large: a model that cannot follow
 its data. Here all other unknowns, states and estimated noise among them, are at their optimum for the parameters, so
-that the cost and its exact gradient are functions of the parameters alone; the Hessian is that gradient's differences.
+that the cost and its exact gradient are functions of the parameters alone. The Hessian is that gradient's differences.
 """
 
 from __future__ import annotations

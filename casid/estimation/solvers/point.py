@@ -38,7 +38,7 @@ class NoiseState:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObjectiveValue:
     """cost at a point, weighed with `noise`: `rest` of priors and process noise, and what `squares` (channels,), the
-    sums of squared residuals (with a full covariance their moments, see full_noise), cost; constraint residuals:
+    sums of squared residuals (with a full covariance their moments, see full_noise), cost. Constraint residuals:
     defects (T, n), limits (rows,) beyond the linear limits, gap of collocation. `parameters` (records, model
     parameters) are what each record was simulated with."""
 
@@ -80,9 +80,9 @@ class SolverStep:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Linearised:
     """All that one linearisation at a point gives: blocks per segment, reduced systems per record, information matrix
-    and gradient in the parameters, the gradient (channels, parameters) of each channel's part of the cost, and the part
-    that the equations have in the information. `noise` is the value's, with the covariance that random defects have
-    here."""
+    and gradient in the parameters, the gradient (channels, parameters) of each channel's part of the cost.
+    `equation_hessian` is the part that the equations have in the information. `noise` is the value's, with the
+    covariance that random defects have here."""
 
     point: Point
     blocks: Blocks | None

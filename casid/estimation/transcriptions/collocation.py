@@ -3,7 +3,7 @@
 Sizes: K sample intervals, d collocation points in each, n states, f free parameters. The equations of an interval are
     sum_r C[r, i] X_r - dt f(X_i, u_i, p) = 0,  i = 1..d,  X_0 the node, X_d = X(end)  (Radau points)
 The linearised equations give dX as an affine function of node and parameter step, which turns the interval into a
-block (end, A, B) of the same shape as a shooting step's; the interior states move with every step (lifted Newton).
+block (end, A, B) of the same shape as a shooting step's. The interior states move with every step (lifted Newton).
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ from casid.estimation.transcriptions.layout import Layout
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples, end (K, n) state after the last
-    step, squares (K, o) sums of squared residuals where they were gathered on the way; `points`, `gap` are only those
+    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples. `end` (K, n) state after the last
+    step, squares (K, o) sums of squared residuals where they were gathered on the way. `points`, `gap` are only those
     of collocation: (K, d, n) interior states and what they leave unsatisfied."""
 
     states: np.ndarray

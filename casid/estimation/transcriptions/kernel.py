@@ -37,7 +37,7 @@ _SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Packed:
     """Data of a layout as the kernel reads them: (blocks, L, stride, lanes), and (blocks,) the samples of each block of
-    segments after which there is nothing but padding; seen (patterns, o) as in the layout."""
+    segments after which there is nothing but padding. `seen` (patterns, o) as in the layout."""
 
     data: np.ndarray
     live: np.ndarray

@@ -22,7 +22,7 @@ _ASYMMETRIC = ("beta", "p", "r", "delta_a", "delta_r")
 
 def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
     """Every polynomial and cross term of second and third order, every first-order term and Mach, on the six
-    coefficients, that the aircraft file does not have; but rates do not act across the plane of symmetry, such as yaw
+    coefficients, that the aircraft file does not have. But rates do not act across the plane of symmetry, such as yaw
     rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no aerodynamics. And what a
     slipstream does at the tail, which at a constant deflection looks like another thrust line."""
     terms = [*_VARIABLES, "mach"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -10,8 +11,7 @@ from casid.model import operators, station
 from casid.model.effect import Effect, Series, Values, cause
 from casid.signals import SURFACES
 
-_DEG = np.pi / 180.0
-_PLAY = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0]) * _DEG
+_PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
 
 
 def _surface_operator(
@@ -79,8 +79,8 @@ def input_delay(surface: str) -> Effect:
     sentence="The {label} cannot move faster than {size}.",
 )
 def rate_limit(surface: str) -> Effect:
-    sizes = np.array([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0]) * _DEG
-    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, 200.0 * _DEG)
+    sizes = np.radians([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0])
+    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, math.radians(200.0))
 
 
 @cause(
@@ -94,7 +94,7 @@ def dead_zone(surface: str) -> Effect:
     def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
         return operators.dead_zone(y, width, float(np.median(y)))
 
-    return _surface_operator("dead_zone", surface, _PLAY, operate, 0.1 * _DEG, 8.0 * _DEG)
+    return _surface_operator("dead_zone", surface, _PLAY, operate, math.radians(0.1), math.radians(8.0))
 
 
 @cause(
@@ -120,8 +120,8 @@ def backlash(surface: str) -> Effect:
         series=series,
         unsigned=("value",),
         folded=("rest",),
-        meaningful=0.1 * _DEG,
-        limit=8.0 * _DEG,
+        meaningful=math.radians(0.1),
+        limit=math.radians(8.0),
     )
 
 

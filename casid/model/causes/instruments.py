@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
@@ -46,22 +47,21 @@ _GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
 _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
 _LIGHT = 0.03  # damping ratio of a structure
-_DEG = np.pi / 180.0
 # what the better instruments of flight test keep to anyway; nor does what drowns in the noise of a reading
 _BIAS_MATTERS = {
     "m/s": 1.0,
-    "rad": 0.25 * _DEG,
-    "rad/s": 0.1 * _DEG,
+    "rad": math.radians(0.25),
+    "rad/s": math.radians(0.1),
     "m/s2": 0.05,
-    "rad/s2": 0.2 * _DEG,
+    "rad/s2": math.radians(0.2),
     "m": 5.0,
 }
 _BIAS_LIMIT = {
     "m/s": 15.0,
-    "rad": 10.0 * _DEG,
-    "rad/s": 3.0 * _DEG,
+    "rad": math.radians(10.0),
+    "rad/s": math.radians(3.0),
     "m/s2": 3.0,
-    "rad/s2": 10.0 * _DEG,
+    "rad/s2": math.radians(10.0),
     "m": 500.0,
 }
 

@@ -3,6 +3,7 @@ clocks of recorders."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import casadi as ca
@@ -15,7 +16,6 @@ from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath
 from casid.model.terms import parse_term
 
-_DEG = np.pi / 180.0
 _AXES = ("x", "y", "z")
 _TRIADS = (("p", "q", "r"), ("ax", "ay", "az"), ("pdot", "qdot", "rdot"))
 # static ports and upwash depend on the flow angles; each with the smallest slope that matters and the largest plausible
@@ -59,8 +59,8 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
         by_record=True,
         station="sensors",
         change=change,
-        meaningful=0.5 * _DEG,
-        limit=10.0 * _DEG,
+        meaningful=math.radians(0.5),
+        limit=math.radians(10.0),
     )
 
 
