@@ -26,6 +26,7 @@ from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.trials import required_gain
 from casid.diagnosis.numerics import ScoreNumerics
+from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 
@@ -104,7 +105,7 @@ class _Scale:
     def of_put_in(self, cause: Cause) -> float:
         """Of a cause that was in the model before others were named: moving air, or expected structure."""
         air, structure = self.criteria.turbulence.gain, self.criteria.structure.demanded
-        return self.against_nothing(cause.statistic, air if cause.kind == "turbulence" else structure)
+        return self.against_nothing(cause.statistic, air if cause.kind == turbulence_effect("").kind else structure)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
