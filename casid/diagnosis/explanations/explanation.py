@@ -12,7 +12,7 @@ in every record. Whoever asks hands over `WhitenedInnovations`: the columns of a
     b        small errors of structure: Gaussian, with the inverse covariance `small_information` at a scale of one. The
              terms of one owner share a scale, which is inferred
     h        an unknown time history at a port, by its values at nodes of time, straight lines between them. Its
-             prior is Gaussian with covariance v^2 exp(-|t|/tau), each record its own, v in units of what matters at that port
+             prior is Gaussian with covariance v^2 exp(-|t|/tau), by record, v in units of what matters there
     causes   whitened responses to the named causes that compete, each with a Gaussian amplitude. Of one name there is a
              column for every shape that it may have (onset, grid point of a non-linear size, set of records), and an
              explanation has one of them at most
