@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence
@@ -41,11 +40,6 @@ class Candidate:
     @property
     def name(self) -> str:
         return self.attached.name
-
-    @property
-    def p_value(self) -> float:
-        """Chance of such a statistic without the cause, all tries counted (Bonferroni), on white Gaussian noise."""
-        return float(min(1.0, self.tries * stats.chi2.sf(self.statistic, self.dof)))
 
 
 class Screen:

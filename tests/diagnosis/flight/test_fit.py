@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_flights import DEG, NOISE, SURFACE_NOISE, flights
+from diagnosis_flights import DEG, NOISE, SURFACE_NOISE, flights, rough_file
 
 from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Screen, rank
-from casid.diagnosis.flight.evaluation import Work, gauss_newton_step
+from casid.diagnosis.flight.evaluation import Work, evaluate, gauss_newton_step
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.held_noise import as_strong
@@ -25,6 +25,7 @@ from casid.model.causes import (
     backlash,
     configuration_change,
     dead_zone,
+    input_delay,
     rate_limit,
     sensor_delay,
     structural_mode,
@@ -184,3 +185,30 @@ def test_a_fit_in_a_file_is_its_values_and_its_motion(sigma: float) -> None:
         assert len(body) < 0.1 * fitted.columns.nbytes
     with pytest.raises(AttributeError, match="'colums'"):
         _ = found.colums  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_the_fit_of_a_delay_ends_at_a_maximum() -> None:
+    """Noise of the recorded surface is not in what the delay makes of it twice: from 0.03 s, which alone would not
+    do, the fit of the 0.113 s that were flown, no whole number of samples, converges."""
+    flown = Attached(effect=input_delay("delta_e"), values={"value": 0.113})
+    flight = prepare(do328(), flights([flown], seed=5, count=2, rate_hz=40.0))
+    base = fit(flight, [], flight.noise())
+    start = flown.with_values({"value": 0.03})
+    rough = fit(flight, [start], base.noise, base, iterations=1)
+    found = fit(flight, [start], base.noise, base, iterations=15, tolerance=0.3)
+    assert rough.deviance > found.deviance + 1000.0
+    assert found.converged
+    evidence = weigh(found)
+    assert abs(found["input_delay(delta_e)"] - 0.113) < 3.0 * deviation(evidence, "input_delay(delta_e)") < 0.01
+
+
+def test_no_cause_gains_by_making_a_control_stronger() -> None:
+    """An aileron of twice the power: its noise is held to what it did to the motion in the fit before."""
+    flight = prepare(rough_file(), flights(seed=3, count=2))
+    base = fit(flight, [], flight.noise())
+    work, strong = Work(flight, [], base.noise, "all"), base.values.copy()
+    work.reference = base.reference
+    strong[[slot.name in ("Cl_delta_a", "Cn_delta_a") for slot in base.slots]] *= 2.0
+    now = evaluate(work, (), strong, base.motion)
+    assert now.acting.inputs["d_delta_a"] == pytest.approx(0.5 * base.acting.inputs["d_delta_a"], rel=0.01)
+    assert now.acting.inputs["d_delta_e"] == pytest.approx(base.acting.inputs["d_delta_e"], rel=0.01)

@@ -22,7 +22,7 @@ from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
 from casid.diagnosis.naming import naming
 from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, small_first
 from casid.diagnosis.naming.naming import Naming
-from casid.diagnosis.naming.round import Round
+from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.trials import try_cause
 from casid.model.causes import (
     actuator_lag,
@@ -185,3 +185,29 @@ def test_what_looks_alike_at_one_place_is_minor_once() -> None:
     state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)], criteria=Criteria())
     found = [trial.candidate.name for trial in minor_trials(state, ())]  # pyright: ignore
     assert found == ["input_delay(delta_e)", "sensor_bias(q)"]
+
+
+@pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (60.0, False)])
+def test_terms_that_look_alike_are_one_set(behind: float, alike: bool) -> None:
+    """Fingerprints at an angle x, gains of 700 and 6700 besides when the coefficient is no more nonlinear than beside
+    them: the difference of their gains scatters by 2 sqrt(7400) sin x, 25 for a sine of 0.146; two of that are 50."""
+
+    def trial(term: str, total: float, fingerprint: list[float]) -> Trial:
+        one = Attached(effect=aero_term("Cm", term), values={"value": 1.0})
+        return trial_of(one, total - 6700.0, spared=6700.0, fingerprint=fingerprint)
+
+    best = trial("beta*p*delta_e", 7400.0, [1.0, 0.0])
+    other = trial("beta*p", 7400.0 - behind, [np.sqrt(1.0 - 0.146**2), 0.146])
+    assert (equivalents_of(best, [best, other], Criteria()) == (other,)) == alike
+
+
+@pytest.mark.parametrize(("behind", "alike"), [(40.0, True), (50.0, False)])
+def test_terms_are_compared_by_all_that_they_explain(behind: float, alike: bool) -> None:
+    """Small terms would explain most of the 9000 as well; 45 of them, half a percent, tell no terms apart."""
+
+    def trial(term: str, gain: float, exact: float) -> Trial:
+        one = Attached(effect=aero_term("CY", term), values={"value": 1.0})
+        return trial_of(one, gain, spared=6700.0, fingerprint=[1.0, 0.0], exact=exact)
+
+    best, other = trial("delta_a", 320.0, 9000.0), trial("delta_e^2*delta_a", 170.0, 9000.0 - behind)
+    assert (equivalents_of(best, [best, other], Criteria()) == (other,)) == alike

@@ -1,0 +1,119 @@
+"""When a cause explains what was missing. Truth: the rules, on shares written here."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_flights import trial_of
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming import explaining
+from casid.diagnosis.naming.explaining import doubt
+from casid.model.causes import (
+    aero_term,
+    effectiveness_change,
+    unsteady_aero,
+)
+from casid.model.station import Station
+from problems.do328 import do328
+
+
+@pytest.fixture
+def as_much_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a structure taken as exact a cause leaves half of what is missing where it enters."""
+    monkeypatch.setattr(explaining, "_left_exactly", lambda evidence, stations: [1e5 for _ in stations])
+
+
+@pytest.mark.parametrize(
+    ("effect", "gain", "left", "explains"),
+    [
+        (aero_term("Cn", "alpha*beta"), 9e4, 0.05, True),
+        (aero_term("Cn", "alpha*beta"), 9e4, 0.12, False),
+        (aero_term("Cn", "alpha*beta"), 2e5, 0.12, True),
+        (aero_term("Cn", "alpha*beta"), 2e5, 0.24, False),
+        (unsteady_aero("Cn"), 9e4, 0.12, True),
+        (unsteady_aero("Cn"), 9e4, 0.4, False),
+    ],
+)
+def test_a_term_must_leave_less_than_other_causes(
+    effect, gain: float, left: float, explains: bool, as_much_exactly: None
+) -> None:
+    """A rotor outside the catalogue was imitated by a term that left 12 % of it at the coefficient where it entered;
+    a term that gains twice what an input of any shape does may leave twice that."""
+    trial = trial_of(Attached(effect=effect, values={"value": -189.0}), gain)
+    before = [SimpleNamespace(station="dCn", gain=1e5), SimpleNamespace(station="reading_r", gain=0.0)]
+    after = [SimpleNamespace(station="dCn", gain=left * 1e5), SimpleNamespace(station="reading_r", gain=0.0)]
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
+    assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
+
+
+@pytest.mark.parametrize(("gain", "explains"), [(4000.0, False), (40000.0, True)])
+def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(
+    gain: float, explains: bool, as_much_exactly: None
+) -> None:
+    """A hum of the rolling moment was called a change of the aileron, which left the moment that was missing."""
+    one = Attached(effect=effectiveness_change("delta_a"), values={"value": 0.7}, onsets={"m1": 7.2})
+    trial = trial_of(one, gain)
+    missing = [SimpleNamespace(station="dCl", gain=18210.0), SimpleNamespace(station="reading_p", gain=0.0)]
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
+    assert (doubt(missing, missing, trial, evidence) == "") == explains  # pyright: ignore
+
+
+@pytest.mark.parametrize(("exactly", "explains"), [(598.0, True), (0.15 * 841357.0, False)])
+def test_a_term_that_explains_nearly_all_is_believed_though_small_terms_would_do_most_of_it(
+    monkeypatch: pytest.MonkeyPatch, exactly: float, explains: bool
+) -> None:
+    """A dihedral effect that grows with incidence, of 12 % of the rolling moment: small terms, as large as they must
+    be for it, left 499 to be missing, and 481 beside it. By the structure as it is 841357 had become 598; imitations
+    of stalls and rotors left 15 % and more."""
+    monkeypatch.setattr(explaining, "_left_exactly", lambda evidence, stations: [exactly for _ in stations])
+    one = Attached(effect=aero_term("Cl", "alpha*beta"), values={"value": -0.4})
+    trial = trial_of(one, 260.0, spared=2500.0, exact=841357.0)
+    before, after = (
+        [SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": Cl, "reading_p": 0.0}.items()]
+        for Cl in (499.0, 481.0)
+    )
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
+    assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
+
+
+@pytest.mark.parametrize(("was", "left", "explains"), [(280.0, 230.0, True), (2800.0, 2300.0, False)])
+def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(
+    was: float, left: float, explains: bool, as_much_exactly: None
+) -> None:
+    """Unsteady roll that small terms imitate gains by what it straightens; elsewhere 280 had become 230 by chance."""
+    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 100.0, spared=3800.0)
+
+    def missing(Cl: float, Cn: float) -> list[SimpleNamespace]:
+        gains = {"dCl": Cl, "dCn": Cn, "reading_r": 0.0}
+        return [SimpleNamespace(station=station, gain=gain) for station, gain in gains.items()]
+
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
+    assert (doubt(missing(140.0, was), missing(1.0, left), trial, evidence) == "") == explains  # pyright: ignore
+
+
+@pytest.mark.parametrize(("largest", "believed"), [(0.8, True), (1.3, False)])
+def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float, believed: bool) -> None:
+    """A speed that hardly varies, by 0.5 m/s, and drifts besides a cause; a bias of it matters from 1 m/s on."""
+    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 4000.0)
+    before = [
+        SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": 3000.0, "reading_V": 0.0}.items()
+    ]
+    drifting = SimpleNamespace(
+        station="reading_V", place=Station.at("reading_V"), gain=500.0, rms=0.5 * largest, largest=largest
+    )
+    read, live = np.linspace(-0.9, 0.9, 200)[:, None, None], np.ones((200, 1), dtype=bool)
+    model, batch, flight = (
+        SimpleNamespace(outputs=("V",)),
+        SimpleNamespace(live=live),
+        SimpleNamespace(aircraft=do328()),
+    )
+    fitted = SimpleNamespace(
+        slots=(), attached=(), read=read, model=model, batch=batch, flight=flight, criteria=Criteria()
+    )
+    after = [SimpleNamespace(station="dCl", gain=1.0), drifting]
+    why = doubt(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
+    assert why == ("" if believed else "makes more missing elsewhere")
