@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import VerdictCriteria
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
-from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure
+from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, jackknife
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -138,7 +138,9 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
     candidate = replace(trial.candidate, attached=one)
     share = meaningful_share(evidence.fit, one)
-    return replace(trial, candidate=candidate, std=deviation(evidence, one.name), share=share)
+    there = [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
+    std = max(deviation(evidence, one.name), jackknife(evidence, one.name, there))
+    return replace(trial, candidate=candidate, std=std, share=share)
 
 
 def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
