@@ -165,13 +165,14 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
 
 
 def _not_named(naming: Naming, seen: Collection[tuple[str, str, str | None]], scale: _Scale) -> dict[str, float]:
-    """Name -> probability of the clearest cause that was not clear enough for a name, where one was tried."""
-    trials = [t for round_ in naming.rounds if not round_.named for t in round_.trials]
+    """Name -> probability of the clearest cause that was not clear enough for a name, where one was tried: no surer
+    than a name must be. What was refused for what it left missing was clear enough, and is not there."""
+    trials = [t for round_ in naming.rounds if not (round_.named or round_.doubt) for t in round_.trials]
     possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in seen]
     if not possible:
         return {}
     best = max(possible, key=scale.of_trial)
-    return {best.effect.name: float(expit(scale.of_trial(best)))}
+    return {best.effect.name: min(float(expit(scale.of_trial(best))), scale.criteria.priors.named)}
 
 
 def _explanations(

@@ -115,7 +115,17 @@ def test_explanations_are_wholes_and_their_probabilities_multiply() -> None:
     assert found.explanations[0] == ((LAG.name, second[0].name), pytest.approx(lag * air / (1.0 - DOUBT)))
 
 
-def test_what_was_refuted_or_is_too_small_is_no_rival() -> None:
+def test_what_was_refused_is_not_there() -> None:
+    """A round whose leader gained much and was doubted for what it left missing; and one whose leader gained as much and
+    was not named for another reason: that is no surer than a name must be."""
+    gained = trial_of(LAG, 400.0)
+    refused = replace(round_of(gained, named=False), doubt="it leaves half of what was missing")
+    assert believed([], [], naming_of(refused), []).there == {}
+    there = believed([], [], naming_of(round_of(gained, named=False)), []).there
+    assert there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
+
+
+def test_what_was_refuted_is_no_rival() -> None:
     first = trial_of(LAG, 300.0, fingerprint=ALONG)
     refuted = replace(trial_of(DELAY, 300.0, fingerprint=ALONG), given_up=True)
     found = believed([cause_of(LAG)], [], naming_of(round_of(first, refuted)), [])
