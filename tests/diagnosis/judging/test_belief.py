@@ -116,7 +116,7 @@ def test_explanations_are_wholes_and_their_probabilities_multiply() -> None:
 
 
 def test_what_was_refused_is_not_there() -> None:
-    """A round whose leader gained much and was doubted for what it left missing; and one whose leader gained as much and
+    """A round whose leader gained much and was doubted for what it left missing; one whose leader gained as much and
     was not named for another reason: that is no surer than a name must be."""
     gained = trial_of(LAG, 400.0)
     refused = replace(round_of(gained, named=False), doubt="it leaves half of what was missing")
