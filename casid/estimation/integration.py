@@ -153,7 +153,7 @@ def _stable_steps(objective: Objective) -> int:
 
 
 def _integration_error(objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription) -> float:
-    """How many times too large |e| is, or what it makes of the cost, if that is worse: by the motion with twice as many
+    """How many times too large |e| is, or what it makes of the cost, if that is worse. By the motion with twice as many
     steps from the same nodes; `method` is the transcription with these."""
     value, nodes = outcome.value, outcome.point.nodes
     trajectory, finer = value.trajectory, method.dynamics(objective.problem)
