@@ -60,6 +60,8 @@ _ATTEMPTS = 20
 _MOST = {"alpha": 0.21, "beta": 0.26, "phi": 1.2, "theta": 0.6}  # rad from the start: beyond, no one would fly on
 _DEG = np.pi / 180.0
 
+Structure = Mapping[str, Sequence[str]]
+
 
 def set_name(of: str, case: str, seed: int, size: float = 1.0) -> str:
     """Name of a set's folder and answer; it does not tell what is inside."""
@@ -98,8 +100,12 @@ class Set:
     answer: Answer
 
 
-def fly_set(of: str, case: str, seed: int, size: float = 1.0) -> Set:
-    """The set of a case and a seed: the same ones give the same numbers, but for the size of what is hidden."""
+def fly_set(of: str, case: str, seed: int, size: float = 1.0, structure: Structure | None = None) -> Set:
+    """The set of a case and a seed: the same ones give the same numbers, but for the size of what is hidden.
+
+    structure   coefficient -> terms by which the model can imitate what is hidden in its aerodynamics; without it,
+                those that the aircraft file of the set has
+    """
     if of not in SETS:
         raise unknown("set", of, SETS)
     if case not in CASES:
@@ -109,7 +115,7 @@ def fly_set(of: str, case: str, seed: int, size: float = 1.0) -> Set:
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([zlib.crc32(f"{of} {case}".encode()), seed, attempt])
         try:
-            return _attempt(of, case, seed, size, rng)
+            return _attempt(of, case, seed, size, structure, rng)
         except InputError:  # it diverges, or leaves the range of a manoeuvre: draw another
             continue
     raise InputError(f"{of}, {case}, seed {seed}: no flyable set in {_ATTEMPTS} attempts; choose another seed")
@@ -172,11 +178,11 @@ def _of_the_fleet(case: str, seed: int, rng: np.random.Generator) -> Airframe:
     return able[rng.integers(len(able))]
 
 
-def _attempt(of: str, case: str, seed: int, size: float, rng: np.random.Generator) -> Set:
+def _attempt(of: str, case: str, seed: int, size: float, structure: Structure | None, rng: np.random.Generator) -> Set:
     plan = _plan(of, case, seed, rng)
     healthy = plan.fly((), ())
     scene, bare, found = _scene(plan, healthy)
-    hidden, outside = _hidden(case, scene, rng)
+    hidden, outside = _hidden(case, scene if structure is None else replace(scene, structure=structure), rng)
     hidden = tuple(one.scaled(size) for one in hidden)
     outside = replace(outside, size=size * outside.size) if outside else None
     flown = healthy

@@ -1,6 +1,7 @@
 """Blind sets with the aircraft's own file as the model, so that nothing of its structure is missing.
 
-Flights, hidden effects and answers are those of `problems.blind.sets`. For "jsbsim" the model is the XML that JSBSim
+Flights, kinds of effects and answers are those of `problems.blind.sets`; what is hidden in the aerodynamics is drawn
+so that it matters beside the derivatives that are free on top of such a file. For "jsbsim" the model is the XML that JSBSim
 flew, healthy, as `Aircraft.from_jsbsim` reads it; needs the optional package jsbsim. For "f16" it is NASA's DAVE-ML.
 """
 
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from casid.model.aircraft import Aircraft
+from casid.model.jsbsim.aircraft import INCREMENTS
 from casid.records.readers import write_record
 from problems.blind import f16
 from problems.blind.sets import Set, fly_set
@@ -51,7 +53,7 @@ def own_aircraft(model: str, folder: Path, like: Aircraft) -> Aircraft:
 
 def hide_in_own(of: str, case: str, seed: int, folder: Path) -> Set:
     """Fly a set of "jsbsim" or "f16", and write its records and aircraft.toml into `folder`, with an XML beside it."""
-    flown = fly_set(of, case, seed)
+    flown = fly_set(of, case, seed, structure=INCREMENTS)
     folder.mkdir(parents=True, exist_ok=True)
     for record in flown.records:
         write_record(rounded(record), folder / f"{record.name}.csv")
