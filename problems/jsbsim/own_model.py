@@ -1,8 +1,9 @@
 """Blind sets with the aircraft's own file as the model, so that nothing of its structure is missing.
 
 Flights, kinds of effects and answers are those of `problems.blind.sets`; what is hidden in the aerodynamics is drawn
-so that it matters beside the derivatives that are free on top of such a file. For "jsbsim" the model is the XML that JSBSim
-flew, healthy, as `Aircraft.from_jsbsim` reads it; needs the optional package jsbsim. For "f16" it is NASA's DAVE-ML.
+so that it matters beside the derivatives that are free on top of such a file. For "jsbsim" the model is the XML that
+JSBSim flew, healthy, as `Aircraft.from_jsbsim` reads it; needs the optional package jsbsim. For "f16" it is NASA's
+DAVE-ML.
 """
 
 from __future__ import annotations
