@@ -8,16 +8,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 
 from casid.errors import InputError, unknown
+from casid.model.tables import Table
 
 Aerodynamics = Callable[[Any], Mapping[str, Any]]
 RATES = ("alphadot", "betadot")
 # what a function of the aerodynamics may look at beside the regressors of `terms.VARIABLES`
 FURTHER = ("airspeed", "qbar", "rho", "thrust")
+
+
+@runtime_checkable
+class Tabulated(Protocol):
+    """Aerodynamics inside of which there are tables."""
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """Those that are a part of a coefficient, over regressors."""
+        ...
+
+    def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
+        """Coefficient -> by how much it grows with the values of one of `tables`, expressions in the quantities `s`."""
+        ...
 
 
 def own_coefficients(

@@ -280,7 +280,8 @@ class Aircraft:
         """Write a TOML file from which `read` makes an equal Aircraft.
 
         Under a name that ends in .xml an aircraft of a JSBSim file is written as that file, with its derivatives and
-        terms as further functions and its effects as parts. What such a file cannot say stands in a comment of it.
+        terms as further functions, its effects as parts, and wrong stretches of its tables mended where they stand.
+        What such a file cannot say stands in a comment of it.
 
         Parameters
         ----------
@@ -315,7 +316,7 @@ class Aircraft:
             terms.setdefault(coefficient, {})[term.name] = value
         try:
             text = Path(own.path).read_text(encoding="utf-8")
-            return extended_text(text, terms, self.effects, self.force_axes)
+            return extended_text(text, terms, self.effects, self.force_axes, own.file_tables)
         except OSError as error:
             raise InputError(f"{own.path}: cannot be read again: {error.strerror}") from None
         except InputError as error:

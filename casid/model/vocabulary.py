@@ -12,7 +12,7 @@ import re
 from casid.errors import InputError, unknown
 from casid.model.causes import KINDS
 from casid.model.effect import Kind
-from casid.model.terms import in_words, parse_term
+from casid.model.terms import Term, derivative_name, in_words, parse_term
 from casid.signals import label_of
 
 __all__ = ["KINDS", "LABELS", "Kind", "check_effect", "effect_sentence", "effect_title", "effect_unit"]
@@ -81,8 +81,7 @@ def effect_sentence(kind: str, target: str | None, term: str | None, value: floa
     sentence = _EITHER.sub(lambda words: words[1 if value >= 0.0 else 2], entry.sentence)
     value = value if sentence == entry.sentence else abs(value)
     percent = f"{_digits(100.0 * value)} %"
-    first = (target or "").split("+")[0]
-    told = term and in_words(term)
+    first, told = _of_a_table((target or "").split("+")[0], term)
     return sentence.format(label=label, term=told, size=_size(value, unit), percent=percent, target=first)
 
 
@@ -93,7 +92,19 @@ def effect_title(kind: str, target: str | None, term: str | None) -> str:
         return words
     parts = KINDS[kind].parts(target)
     label = " and ".join(_label(part) for part in parts)
-    return KINDS[kind].title.format(words=words, label=label, target=", ".join(parts), term=term and in_words(term))
+    said, told = _of_a_table(", ".join(parts), term)
+    return KINDS[kind].title.format(words=words, label=label, target=said, term=told)
+
+
+def _of_a_table(target: str, term: str | None) -> tuple[str, str | None]:
+    """Target and term for a person; a stretch of a table of a derivative is said of the derivative: Cl_p at alpha 8 to
+    14 deg."""
+    if not term or "[" not in term:
+        return target, term
+    parsed = parse_term(term)
+    stretches = Term(factors=(), stretches=parsed.stretches)
+    first = derivative_name(target, Term(factors=parsed.factors)) if parsed.factors else target
+    return first, in_words(stretches.name)
 
 
 def _label(part: str) -> str:

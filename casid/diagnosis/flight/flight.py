@@ -115,11 +115,13 @@ class Flight:
         """Names of the stretches of tables into which these records come; of those that say the same of them, the
         first: a breakpoint that no sample is near makes no difference."""
         found: dict[tuple[str, bytes], str] = {}
+        moves = self.regressors(self.model())
         for effect in catalogue(self.aircraft, self.outputs):
             if effect.regressor is None or "[" not in effect.regressor:
                 continue
-            series = self.regressors(self.model()).measured(parse_term(effect.regressor))
-            if np.ptp(series) > 0.0:
+            term = parse_term(effect.regressor)
+            share, series = (moves.measured(part) for part in (Term(factors=(), stretches=term.stretches), term))
+            if np.ptp(share) > 0.0:
                 # in single precision of 1 what differs by rounding is the same
                 found.setdefault((effect.target, np.float32(1.0 + series).tobytes()), effect.name)
         return frozenset(found.values())

@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from casid.model import station
+from casid.model.aerodynamics import Tabulated
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Symbols, cause
-from casid.model.path import SignalPath, evaluate
+from casid.model.path import SignalPath, evaluate, quantities
 from casid.model.tables import Table, table
 from casid.model.terms import COEFFICIENTS, Stretch, Term, parse_term
 
@@ -22,8 +23,15 @@ _LATERAL = ("CY", "Cl", "Cn")
 def _stretches(aircraft: Airframe) -> Iterable[Effect]:
     """Of every table some neighbouring breakpoints of one axis, up to half of them, at all breakpoints of the other
     axes or at one of one of these."""
-    wanted = {(one.coefficient, term.name): term for one in aircraft.tables for term in _terms_of(one)}
+    every = (*aircraft.tables, *_own_tables(aircraft))
+    wanted = {(one.coefficient, term.name): term for one in every for term in _terms_of(one)}
     return (table_increment(*key) for key in sorted(wanted, key=lambda key: (key[0], *_extent(wanted[key]), key[1])))
+
+
+def _own_tables(aircraft: Airframe) -> tuple[Table, ...]:
+    """Those inside the user's own aerodynamics."""
+    own = aircraft.aerodynamics
+    return own.tables if isinstance(own, Tabulated) else ()
 
 
 def _extent(term: Term) -> tuple[int, float]:
@@ -35,25 +43,29 @@ def _terms_of(one: Table) -> Iterator[Term]:
     if not _can_hold(one):
         return
     axes = list(zip(one.axes, one.grid.breakpoints, strict=True))
+    factors = parse_term(one.times).factors
+    lateral = sum(power for variable, power in factors if variable in _ODD) % 2 == 1
     for i, (axis, points) in enumerate(axes):
-        if one.coefficient in _LATERAL and axis not in _ODD:
+        if one.coefficient in _LATERAL and not lateral and axis not in _ODD:
             continue  # odd: an error is of a stretch of the sideslip, or of what rolls and yaws
         for run in _runs(points, one.grid.outside):
             main = Stretch(variable=axis, corners=run)
-            yield _term(main)
+            yield _term(one.times, main)
             for other, beside in [pair for j, pair in enumerate(axes) if j != i]:
                 for single in _runs(beside, one.grid.outside, longest=1):
-                    yield _term(main, Stretch(variable=other, corners=single))
+                    yield _term(one.times, main, Stretch(variable=other, corners=single))
 
 
-def _term(*stretches: Stretch) -> Term:
-    return parse_term("*".join(one.name for one in stretches))
+def _term(times: str, *stretches: Stretch) -> Term:
+    factors = [times] if times != "0" else []
+    return parse_term("*".join((*factors, *(one.name for one in stretches))))
 
 
 def _can_hold(one: Table) -> bool:
-    """A change at breakpoints is a stretch: not of a spline, nor of a step between equal breakpoints."""
+    """A change at breakpoints is a stretch: not of a spline, nor of a step between equal breakpoints, nor of what looks
+    at rates of the flow angles."""
     steps = any(low == high for axis in one.grid.breakpoints for low, high in pairwise(axis))
-    return one.grid.method == "linear" and one.times == "0" and not one.free and not steps
+    return one.grid.method == "linear" and not one.dynamic and not one.free and not steps
 
 
 def _runs(points: tuple[float, ...], outside: str, longest: int | None = None) -> Iterator[tuple[float, ...]]:
@@ -82,17 +94,25 @@ def _runs(points: tuple[float, ...], outside: str, longest: int | None = None) -
     sentence="The table of the {label} is wrong in a stretch: {target} at {term} needs {size} more.",
 )
 def table_increment(coefficient: str, term: str) -> Effect:
-    """A stretch of a table of the aircraft file: all its values there are off by as much, beyond its ends none is."""
+    """A stretch of a table of the aircraft file: all its values there are off by as much, beyond its ends none is.
+    A table inside the user's own aerodynamics has the consequences there that its values have: a lift its moment."""
+    asked = parse_term(term)
 
     def change(path: SignalPath, values: Symbols) -> None:
-        path.coefficient[coefficient] += values["value"] * evaluate(term, path)
+        own = path.aircraft.aerodynamics
+        inside = _holding(_own_tables(path.aircraft), coefficient, asked)
+        if inside is None or not isinstance(own, Tabulated) or _holding(path.aircraft.tables, coefficient, asked):
+            path.coefficient[coefficient] += values["value"] * evaluate(term, path)
+            return
+        share = values["value"] * Term(factors=(), stretches=asked.stretches).evaluate(path.regressor)
+        for name, slope in own.of_table(inside, quantities(path) | path.regressor).items():
+            path.coefficient[name] += share * slope
 
     def into_tables(tables: tuple[Table, ...], value: float) -> tuple[Table, ...] | None:
-        asked = parse_term(term)
-        for i, one in enumerate(tables):
-            if one.coefficient == coefficient and any(asked == own for own in _terms_of(one)):
-                return (*tables[:i], _with_change(one, asked, value), *tables[i + 1 :])
-        return None
+        held = _holding(tables, coefficient, asked)
+        if held is None:
+            return None
+        return tuple(_with_change(one, asked, value) if one is held else one for one in tables)
 
     return Effect(
         kind="table_increment",
@@ -106,9 +126,33 @@ def table_increment(coefficient: str, term: str) -> Effect:
     )
 
 
+def _holding(tables: Iterable[Table], coefficient: str, asked: Term) -> Table | None:
+    """The table of which a term is a stretch."""
+    return next((one for one in tables if one.coefficient == coefficient and _is_of(one, asked)), None)
+
+
+def _is_of(one: Table, asked: Term) -> bool:
+    if not _can_hold(one) or not asked.stretches or asked.factors != parse_term(one.times).factors:
+        return False
+    points = dict(zip(one.axes, one.grid.breakpoints, strict=True))
+    return all(
+        stretch.variable in points
+        and any(
+            stretch.name == Stretch(variable=stretch.variable, corners=run).name
+            for run in _runs(points[stretch.variable], one.grid.outside)
+        )
+        for stretch in asked.stretches
+    )
+
+
+def holds(one: Table, coefficient: str, term: str) -> bool:
+    """Whether a term of a coefficient is a stretch of a table."""
+    return _holding((one,), coefficient, parse_term(term)) is not None
+
+
 def _with_change(one: Table, term: Term, value: float) -> Table:
     mesh = np.meshgrid(*one.grid.breakpoints, indexing="ij")
-    share = term.evaluate(dict(zip(one.axes, mesh, strict=True)))
+    share = Term(factors=(), stretches=term.stretches).evaluate(dict(zip(one.axes, mesh, strict=True)))
     # corners are known to six digits: at a breakpoint the stretch is whole or absent
     changed = np.reshape(one.grid.values, one.grid.shape) + value * np.round(share, 3)
     return table(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import lru_cache
-from types import SimpleNamespace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, lru_cache
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -16,11 +16,13 @@ from casid.errors import InputError
 from casid.model.jsbsim.functions import value_of
 from casid.model.jsbsim.properties import Metrics, Properties
 from casid.model.jsbsim.source import amount, body_arm, part, place
-from casid.model.terms import VARIABLES
+from casid.model.jsbsim.tables import QUANTITIES, FileTable, Tried, file_tables
+from casid.model.tables import Table
 
 _FORCES = (("DRAG", "SIDE", "LIFT"), ("AXIAL", "SIDE", "NORMAL"), ("X", "Y", "Z"))
 _MOMENTS = ("ROLL", "PITCH", "YAW")
 _LIFT_SQUARED = "aero/cl-squared"
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +48,7 @@ class JsbsimAerodynamics:
     @property
     def taken_as_held(self) -> dict[str, float]:
         """Properties of the control system, engines and systems that are held, with their values."""
-        names = (*VARIABLES, "airspeed", "qbar", "rho", "thrust")
-        return self.coefficients(SimpleNamespace(**{name: ca.SX.sym(name) for name in names}))[1].held
+        return self.coefficients(SimpleNamespace(**{name: ca.SX.sym(name) for name in QUANTITIES}))[1].held
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -57,13 +58,42 @@ class JsbsimAerodynamics:
         left_out = "recorded surfaces and thrust stand for its control system and engines, which are left out"
         return (f"JSBSim file: {left_out}; held are {shown}",)
 
-    def coefficients(self, s: Any) -> tuple[dict[str, Any], Properties]:
-        """The coefficients, and the properties that were looked up for them."""
+    @cached_property
+    def _tried(self) -> Tried:
+        def look_up(text: str, s: Any, further: Mapping[str, Any]) -> tuple[dict[str, Any], Properties]:
+            return replace(self, text=text).coefficients(s, further)
+
+        return Tried(_root(self.text), look_up)
+
+    @cached_property
+    def file_tables(self) -> tuple[FileTable, ...]:
+        """The tables of the file that are over regressors, and enter a coefficient as they are or times a term."""
+        return tuple(file_tables(self._tried))
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """`file_tables` as tables of casid."""
+        return tuple(one.table for one in self.file_tables)
+
+    def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
+        """Coefficient -> by how much it grows with the values of one of `tables`, as a part of its own coefficient:
+        forces have moments about the c.g. Expressions in the quantities of `Aircraft.aerodynamics`."""
+        own = next(each for each in self.file_tables if each.table == one)
+        tried = self._tried
+        slopes = tried.slopes(ca.vertcat(*(s.get(name, 0.0) for name in QUANTITIES)))[:, own.index] / own.gain
+        return dict(zip(tried.names, ca.vertsplit(slopes), strict=True))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again
+
+    def coefficients(self, s: Any, further: Mapping[str, Any] = _NOTHING) -> tuple[dict[str, Any], Properties]:
+        """The coefficients, and the properties that were looked up for them; `further` are properties of ours."""
         root = _root(self.text)
         aerodynamics = part(root, "aerodynamics")
         functions = {node.get("name", "").strip(): node for node in aerodynamics.iter("function") if node.get("name")}
         look = Properties(s, metrics_of(root), functions, root)
         look.given |= dict(self.held)
+        look.values |= further
         try:
             total = _forces_and_moments(aerodynamics, look, metrics_of(root))
         except InputError as error:

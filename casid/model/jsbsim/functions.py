@@ -86,8 +86,15 @@ def value_of(node: ET.Element, look: Look) -> Any:
 
 
 def _look_up(node: ET.Element, look: Look) -> Any:
+    names, grid = table_grid(node)
+    return grid.at(*(look(name) for name in names))
+
+
+def table_grid(node: ET.Element) -> tuple[list[str], Grid]:
+    """The properties that a table is over, in the order of the axes of its grid: rows and columns, before these what
+    chooses the page. Raises InputError."""
     variables = node.findall("independentVar")
-    rows = {child.get("lookup", "row"): look((child.text or "").strip()) for child in variables}
+    rows = {child.get("lookup", "row"): (child.text or "").strip() for child in variables}
     data = node.findall("tableData")
     if not variables or not data:
         raise InputError(f"<table> '{node.get('name', '')}' has no independentVar or no tableData")
@@ -95,15 +102,15 @@ def _look_up(node: ET.Element, look: Look) -> Any:
         raise InputError("<table> of four dimensions is not read")
     if len(variables) == 1:
         numbers = _numbers(data[0])
-        return _grid([numbers[::2]], numbers[1::2]).at(rows["row"])
+        return [rows["row"]], _grid([numbers[::2]], numbers[1::2])
     pages = [_page(one) for one in data]
     if len(variables) == 2:
-        return pages[0].at(rows["row"], rows["column"])
+        return [rows["row"], rows["column"]], pages[0]
     stations = [number_of(one.get("breakPoint"), "tableData breakPoint") for one in data]
     axes = [sorted({x for page in pages for x in page.breakpoints[i]}) for i in (0, 1)]
     # a page is bilinear between the breakpoints of all pages, too
     values = np.concatenate([_resampled(page, *axes) for page in pages])
-    return _grid([stations, *axes], values.tolist()).at(rows["table"], rows["row"], rows["column"])
+    return [rows["table"], rows["row"], rows["column"]], _grid([stations, *axes], values.tolist())
 
 
 def _page(node: ET.Element) -> Grid:

@@ -12,10 +12,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
 from casid.errors import InputError
+from casid.model.causes.tables import holds
 from casid.model.effect_value import EffectValue
 from casid.model.jsbsim.aerodynamics import reference_point
 from casid.model.jsbsim.mass import mass_properties
 from casid.model.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part
+from casid.model.jsbsim.tables import FileTable, with_changed_table
 from casid.model.terms import Stretch, parse_term
 from casid.signals import FOOT, SLUG
 
@@ -43,12 +45,17 @@ _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def extended_text(
-    text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue], axes: str
+    text: str,
+    terms: Mapping[str, Mapping[str, float]],
+    effects: Sequence[EffectValue],
+    axes: str,
+    tables: Sequence[FileTable] = (),
 ) -> str:
     """The text of a file with further parts.
 
     terms    coefficient -> monomial -> value, of coefficients of the force `axes` about the centre of gravity
     effects  as an aircraft file has them
+    tables   of the file: a wrong stretch of one of them is mended where it stands
     Raises InputError when the file keeps its aerodynamics or mass balance in another one.
     """
     root = ET.fromstring(text)
@@ -60,6 +67,8 @@ def extended_text(
     for effect in effects:
         if effect.records or effect.onset_s:
             left.append(_said(effect, "is not in all records, or not always"))
+        elif held := _holding(tables, effect):
+            text = with_changed_table(text, _blanked(text), held, effect.term or "", effect.value)
         elif effect.kind in ("aero_term", "table_increment") and effect.term:
             _add(total, effect.target, effect.term, effect.value)
         elif effect.kind == "unsteady_aero" and not effect.parameters:
@@ -85,6 +94,13 @@ def extended_text(
         )
     ET.fromstring(text)
     return text
+
+
+def _holding(tables: Sequence[FileTable], effect: EffectValue) -> FileTable | None:
+    """The table of the file of which an effect is a wrong stretch."""
+    if effect.kind != "table_increment":
+        return None
+    return next((one for one in tables if holds(one.table, effect.target, effect.term or "0")), None)
 
 
 def _said(effect: EffectValue, why: str) -> str:
