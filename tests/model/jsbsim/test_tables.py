@@ -132,7 +132,8 @@ def test_a_wrong_stretch_is_named_with_its_range_and_mended_where_it_stands(tmp_
     assert cause.std < 0.05 * abs(HIDDEN)
 
     found.extended_aircraft.write(tmp_path / "extended.xml")
-    assert changed_lines(own, tmp_path / "extended.xml") == ["0.1000 0.8300", "0.1200 0.9200"]
+    numbers = [line for line in changed_lines(own, tmp_path / "extended.xml") if "<" not in line]
+    assert numbers == ["0.1000 0.8300", "0.1200 0.9200"]
     before, after = flown(own, tmp_path / "b", 2), flown(tmp_path / "extended.xml", tmp_path / "c", 2)
     for channel in ("q", "alpha", "V", "theta"):
         wrong, left = (np.std(record[channel] - clean[2][channel]) for record in (before, after))
