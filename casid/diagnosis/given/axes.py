@@ -42,22 +42,28 @@ def axes_that_tell(records: Sequence[Record], wanted: str | None = None, criteri
     if wanted is not None and wanted not in MOVING:
         raise unknown("axes", wanted, MOVING)
     fed = axes_of(records)
+    still = (criteria or GivenCriteria()).still
     if wanted is not None:
-        left_out = _OTHER.get(wanted)
-        because = f"{wanted} axes were asked for"
-        return Axes(name=wanted, not_judged=_motions(left_out, because))
+        left_out = _motions(_OTHER.get(wanted), f"{wanted} axes were asked for")
+        if wanted in _OTHER and fed == "full" and (share := _share(records, wanted, _OTHER[wanted])) < still:
+            what, because = f"what moves the {wanted} motion", _rests(records, wanted, share)
+            left_out = (*left_out, NotJudged(what=what, because=f"{because}: small couplings make as much of it"))
+        return Axes(name=wanted, not_judged=left_out)
     if fed != "full":
         missing = [s for s in _SURFACES[_OTHER[fed]] if not all(s in record for record in records)]
         return Axes(name=fed, not_judged=_motions(_OTHER[fed], f"no channel {' and '.join(missing)}"))
     for resting, moving in _OTHER.items():
         share = _share(records, resting, moving)
-        if share < (criteria or GivenCriteria()).still:
-            who = " and ".join(_SURFACES[resting])
-            angles = all(any(name in record for record in records) for name in _FLOW_ANGLE.values())
-            beside = _FLOW_ANGLE[resting] if angles else " and ".join(_RATES[resting])
-            because = f"{who} and {beside} move {100.0 * share:.0f} % of what the {moving} ones do"
-            return Axes(name=moving, not_judged=_motions(resting, because))
+        if share < still:
+            return Axes(name=moving, not_judged=_motions(resting, _rests(records, resting, share)))
     return Axes(name="full")
+
+
+def _rests(records: Sequence[Record], resting: str, share: float) -> str:
+    """That an axis moves only a share of what the other does, in words."""
+    angles = all(any(name in record for record in records) for name in _FLOW_ANGLE.values())
+    who = [*_SURFACES[resting], *((_FLOW_ANGLE[resting],) if angles else _RATES[resting])]
+    return f"{' and '.join(who)} move {100.0 * share:.0f} % of what the {_OTHER[resting]} ones do"
 
 
 def _motions(axis: str | None, because: str) -> tuple[NotJudged, ...]:

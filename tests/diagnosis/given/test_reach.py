@@ -74,6 +74,15 @@ def test_axes_whose_surfaces_and_flow_angle_hardly_move_are_left_out(names, axes
     assert axes_that_tell(quiet, "full").not_judged == ()
 
 
+def test_axes_that_were_asked_for_and_rest_are_said_to() -> None:
+    """They are judged, for that was asked; that couplings with the other axes make as much of their motion is said."""
+    quiet = [small(record, ("delta_e", "alpha"), 0.1) for record in records()]
+    found = axes_that_tell(quiet, "longitudinal")
+    assert [one.what for one in found.not_judged] == ["lateral motion", "what moves the longitudinal motion"]
+    assert found.not_judged[1].because.endswith("of what the lateral ones do: small couplings make as much of it")
+    assert [one.what for one in axes_that_tell(records(), "longitudinal").not_judged] == ["lateral motion"]
+
+
 @pytest.mark.parametrize(
     ("names", "lacks", "axes"),
     [(("delta_e", "alpha", "q"), "alpha", "lateral"), (("delta_a", "delta_r", "p", "r"), "beta", "longitudinal")],
