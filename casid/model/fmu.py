@@ -10,8 +10,8 @@ from __future__ import annotations
 import atexit
 import re
 import shutil
-from collections.abc import Mapping, Sequence
-from ctypes import POINTER, c_double
+from collections.abc import Callable, Mapping, Sequence
+from ctypes import c_double, c_uint
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -173,20 +173,27 @@ def _variable(variable: Any, where: str) -> _Variable:
 
 
 class _Running:
-    """An instance that gives rates and outputs at points; its parameters are set anew when a point has others."""
+    """An instance that gives rates and outputs at points; its parameters are set anew when a point has others. Through
+    arrays that stay where they are: millions of calls go through them."""
 
     def __init__(self, unit: Any, own: _Described, where: str) -> None:
         self.unit, self.own, self.where = unit, own, where
         self.at: tuple[float, ...] | None = None
-        n = len(own.states)
-        self.x, self.xdot = np.zeros(n), np.zeros(n)
+        self.x, self.xdot = _Numbers(len(own.states)), _Numbers(len(own.states))
+        self.u, self.y = _Numbers(len(own.inputs)), _Numbers(len(own.outputs))
+        self.of_u, self.of_y = _references(own.inputs), _references(own.outputs)
 
     def rates(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return self._by_point(v, self.own.states, self._rates)
+        unit, n = self.unit, len(self.own.states)
+        return self._by_point(
+            v, self.own.states, self.xdot, lambda: unit.fmi2GetDerivatives(unit.component, self.xdot.pointer, n)
+        )
 
     def outputs(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        references = [one.reference for one in self.own.outputs]
-        return self._by_point(v, self.own.outputs, lambda: self.unit.getReal(references))
+        unit, n = self.unit, len(self.own.outputs)
+        return self._by_point(
+            v, self.own.outputs, self.y, lambda: unit.fmi2GetReal(unit.component, self.of_y, n, self.y.pointer)
+        )
 
     def depends_on_time(self) -> bool:
         """Whether rates or outputs at the start differ between two later times."""
@@ -194,37 +201,36 @@ class _Running:
         later = start | {"t": np.array(_LATER)}
         return any(np.ptp(x) > 0.0 for found in (self.rates(later), self.outputs(later)) for x in found.values())
 
-    def _by_point(self, v: Mapping[str, np.ndarray], gives: Sequence[_Variable], call: Any) -> dict[str, np.ndarray]:
-        own = self.own
+    def _by_point(
+        self, v: Mapping[str, np.ndarray], gives: Sequence[_Variable], into: _Numbers, call: Callable[[], Any]
+    ) -> dict[str, np.ndarray]:
+        own, unit, m = self.own, self.unit, len(self.own.inputs)
+        count = len(v[own.states[0].name])
         states, inputs, parameters = (
-            np.stack([v[one.name] for one in group], axis=1) if group else np.zeros((len(v[own.states[0].name]), 0))
+            np.stack([v[one.name] for one in group], axis=1) if group else np.zeros((count, 0))
             for group in (own.states, own.inputs, own.parameters)
         )
-        times = v.get("t", np.zeros(len(states)))
-        found = np.zeros((len(states), len(gives)))
-        references = [one.reference for one in own.inputs]
+        times, found = v.get("t", np.zeros(count)).tolist(), np.zeros((count, len(gives)))
+        component, x, u = unit.component, self.x, self.u
         try:
-            for k in range(len(states)):
-                self._with_parameters(tuple(parameters[k].tolist()))
-                self.unit.setTime(float(times[k]))
-                self.x[:] = states[k]
-                self.unit.setContinuousStates(_pointer(self.x), len(self.x))
-                if references:
-                    self.unit.setReal(references, inputs[k].tolist())
-                found[k] = call()
+            for k, wanted in enumerate(map(tuple, parameters.tolist())):
+                if wanted != self.at:
+                    self._with_parameters(wanted)
+                unit.fmi2SetTime(component, times[k])
+                x.values[:] = states[k]
+                unit.fmi2SetContinuousStates(component, x.pointer, len(x.values))
+                if m:
+                    u.values[:] = inputs[k]
+                    unit.fmi2SetReal(component, self.of_u, m, u.pointer)
+                call()
+                found[k] = into.values
         except Exception as error:  # of fmpy: the unit refused a call
             self.at = None
             raise InputError(f"{self.where}: {_first_line(error)}") from None
         return dict(zip((one.name for one in gives), found.T, strict=True))
 
-    def _rates(self) -> np.ndarray:
-        self.unit.getDerivatives(_pointer(self.xdot), len(self.xdot))
-        return self.xdot
-
     def _with_parameters(self, values: tuple[float, ...]) -> None:
         """Initialise with these, where every unit takes them."""
-        if values == self.at:
-            return
         unit = self.unit
         if self.at is not None:
             unit.reset()
@@ -243,5 +249,13 @@ class _Running:
         unit.enterContinuousTimeMode()
 
 
-def _pointer(values: np.ndarray) -> Any:
-    return values.ctypes.data_as(POINTER(c_double))
+class _Numbers:
+    """`values` (n,) of which the unit has the address."""
+
+    def __init__(self, count: int) -> None:
+        self.pointer = (c_double * count)()
+        self.values = np.frombuffer(self.pointer, dtype=float, count=count)
+
+
+def _references(variables: Sequence[_Variable]) -> Any:
+    return (c_uint * len(variables))(*(one.reference for one in variables))

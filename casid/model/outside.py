@@ -19,6 +19,7 @@ from casid.errors import InputError, unknown
 Function = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
 _FIRST, _SECOND = np.finfo(float).eps ** (1 / 3), np.finfo(float).eps ** (1 / 4)  # steps of least error
 _NUMBERS = count()
+_POINTS = 8  # more than a step of the motion looks at
 
 
 def outside(
@@ -136,6 +137,7 @@ class _Values(ca.Callback):
         self.batch, self.order = batch, order
         self.n, self.m = len(batch.takes), len(batch.gives)
         self.next: _Values | None = None  # CasADi does not keep what Python lets go
+        self.kept: dict[bytes, list[Any]] = {}  # CasADi asks for a Jacobian once for each of its columns
         # CasADi takes two calls of equal arguments to functions of one name for one expression
         self.construct(f"outside_{batch.number}_{order}", {})
 
@@ -157,7 +159,15 @@ class _Values(ca.Callback):
         return ca.Sparsity.dense(self.m * self.n, self.n) if i == 0 else ca.Sparsity(self.m * self.n, self.m)
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[Any]:
-        x = np.array(arguments[0], dtype=float).ravel()
+        x = arguments[0].full().ravel()
+        key = x.tobytes()
+        found = self.kept.get(key)
+        if found is None:
+            found = self._found(x)
+            self.kept = dict([*self.kept.items(), (key, found)][-_POINTS:])
+        return found
+
+    def _found(self, x: np.ndarray) -> list[Any]:
         if self.order == 0:
             return [self.batch.at(x[None])[0]]
         if self.order == 1:

@@ -54,6 +54,26 @@ def records() -> list[Record]:
     return found
 
 
+def test_all_columns_of_a_jacobian_cost_one_batch() -> None:
+    """Of three arguments six points, central differences, however many outputs and columns are asked for."""
+    counted = []
+
+    def product(v: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        counted.append(len(v["a"]))
+        return {"f": v["a"] * v["b"] * v["c"], "g": v["a"] - v["c"]}
+
+    x = ca.SX.sym("x", 3)
+    space = type("S", (), {name: x[i] for i, name in enumerate("abc")})
+    found = cs.outside(product, ("a", "b", "c"), ("f", "g"))(space)
+    both = ca.vertcat(found["f"], found["g"])
+    slope = ca.Function("slope", [x], [ca.jacobian(both, x)])
+    for at in ([1.0, 2.0, 3.0], [2.0, 2.0, 5.0]):
+        a, b, c = at
+        counted.clear()
+        np.testing.assert_allclose(slope(at).full(), [[b * c, a * c, a * b], [1.0, 0.0, -1.0]], rtol=1e-8, atol=1e-9)
+        assert counted == [6]
+
+
 def test_derivatives_of_first_and_second_order() -> None:
     """Of f = sin(a) b^2 exp(c) and g = a b + c^3 at arguments of sizes 1, 1000 and 0.01."""
     f = cs.outside(
