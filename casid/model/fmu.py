@@ -254,7 +254,7 @@ class _Numbers:
 
     def __init__(self, count: int) -> None:
         self.pointer = (c_double * count)()
-        self.values = np.frombuffer(self.pointer, dtype=float, count=count)
+        self.values = np.ctypeslib.as_array(self.pointer)
 
 
 def _references(variables: Sequence[_Variable]) -> Any:
