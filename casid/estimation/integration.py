@@ -28,7 +28,7 @@ _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
 _EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
 _ORDER = 4  # of Runge and Kutta's method
-_NODES = 4  # at which the motion's rates are looked at
+_SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
@@ -120,23 +120,29 @@ def _is_plain(objective: Objective, outcome: Outcome) -> bool:
     A step h of the method errs by (rate h)^4/120 of what moves in the signal over the time 1/rate.
     """
     layout, value = objective.layout, outcome.value
-    worst = (_fastest(objective, outcome.point.nodes, value.parameters) * float(layout.dt.max())) ** _ORDER / 120.0
+    assert value.trajectory is not None
+    worst = (_fastest(objective, value.trajectory.states, value.parameters) * float(layout.dt.max())) ** _ORDER / 120.0
     mean = (layout.z * layout.present).sum(axis=(0, 1)) / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
     moves = (layout.z - mean) * layout.present / value.noise.levels.sigma[: len(mean)]
     off = worst * float(np.linalg.norm(moves))
     return bool(off < _TOLERANCE and off * np.sqrt(2.0 * value.cost) < _COST)
 
 
-def _fastest(objective: Objective, nodes: np.ndarray, parameters: np.ndarray, decaying: bool = False) -> float:
-    """Largest magnitude of an eigenvalue of df/dx [1/s] at some of the nodes, or of the decaying ones alone."""
+def _fastest(objective: Objective, states: np.ndarray, parameters: np.ndarray, decaying: bool = False) -> float:
+    """Largest magnitude of an eigenvalue of df/dx [1/s] at some samples of states (K, L, n), or of the decaying ones
+    alone."""
     model, layout = objective.problem.model, objective.layout
-    rates = compiled(model, rates_function)
-    which = np.linspace(0, layout.segments - 1, _NODES).astype(int)
-    found = rates.mapped(_NODES)(nodes[which], layout.u0[which, 0], parameters[layout.record[which]])[0]
-    found = found.reshape(_NODES, len(model.states), -1)
+    count, length, n = states.shape
+    which, scale = np.linspace(0, count * length - 1, _SAMPLES).astype(int), objective.scale
+    flat, inputs = states.reshape(-1, n), layout.u0[:, :length].reshape(count * length, -1)
+    found = compiled(model, rates_function).mapped(_SAMPLES)(
+        flat[which], inputs[which], parameters[layout.record[which // length]]
+    )[0]
+    found = found.reshape(_SAMPLES, n, n)
     if not np.isfinite(found).all():
         return 0.0 if decaying else math.inf
-    eigenvalues = np.linalg.eigvals(found)
+    largest = np.argsort(np.square(found * scale[:, None] / scale).sum(axis=(1, 2)))[-_CHECKED:]
+    eigenvalues = np.linalg.eigvals(found[largest])
     return float(np.abs(eigenvalues[eigenvalues.real < 0.0] if decaying else eigenvalues).max(initial=0.0))
 
 
@@ -149,7 +155,8 @@ def _stable_steps(objective: Objective) -> int:
     """Steps per sample interval with which a decaying motion at the start does not grow by the method alone."""
     interval, start = float(objective.layout.dt.max()) * objective.layout.substeps, objective.start()
     parameters = objective.problem.model_parameters(start.theta)
-    return math.ceil(min(_fastest(objective, start.nodes, parameters, decaying=True) * interval / _STABLE, 1e6))
+    rate = _fastest(objective, start.nodes[:, None], parameters, decaying=True)
+    return math.ceil(min(rate * interval / _STABLE, 1e6))
 
 
 def _integration_error(objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription) -> float:
