@@ -15,6 +15,7 @@ from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.integration import Stepping, integrated
 from casid.estimation.many_starts import best_of
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic, to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
@@ -26,6 +27,7 @@ from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()
+_QUICK = 40  # steps of Gauss-Newton, with which one of many starts is lost or won
 
 
 @single_threaded()
@@ -58,7 +60,8 @@ def solve(
     starts
         How many starts are tried: the problem's own, and others drawn between the limits of each parameter, else as its
         prior is distributed, else within a decade either way. "converged" means a minimum, not the lowest one: several
-        starts show whether there are others.
+        starts show whether there are others. With Automatic() those that Gauss-Newton loses give way to further ones,
+        up to five times as many, before more is tried from them.
     seed
         Of these draws.
 
@@ -81,7 +84,11 @@ def solve(
     _check(solver, "minimise", "solver", "cs.GaussNewton()")
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
-    return best_of(problem, starts, seed, lambda one: _solved(one, method, solver))
+    quick = None
+    if isinstance(solver, Automatic) and not problem.path_constraints:
+        quick = GaussNewton(tolerance=solver.tolerance, iterations=_QUICK, seconds=solver.seconds)
+    tried = None if quick is None else lambda one: _solved(one, method, quick)
+    return best_of(problem, starts, seed, lambda one: _solved(one, method, solver), tried)
 
 
 def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:

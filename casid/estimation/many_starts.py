@@ -15,17 +15,36 @@ from casid.estimation.starts import Minimum, Starts, drawn
 
 _SAME, _LIKELY = 0.5, 0.1  # standard deviations and ln(likelihood) between two ends that are one
 _ROUNDED = 1e-6  # of an estimate, likewise
+_DRAWS = 5  # times as many starts, where some are lost
 
 
-def best_of(problem: Problem, starts: int, seed: int, solved: Callable[[Problem], Fit]) -> Fit:
-    """The best of the fits that `solved` gives from the problem's own start and from others drawn over its ranges, with
-    an account of all. Raises InputError for a parameter without a range."""
-    fits = [solved(problem)]
-    fits += [solved(replace(problem, start=start)) for start in drawn(problem, starts - 1, seed)]
+def best_of(
+    problem: Problem, starts: int, seed: int, solved: Callable[[Problem], Fit], tried: Callable[[Problem], Fit] | None
+) -> Fit:
+    """The best of the fits from the problem's own start and from others drawn over its ranges, with an account of all.
+
+    `solved` does what it can from a start; `tried`, if there is one, only what is quick. Then starts that it loses give
+    way to further ones, and are solved only where all that are drawn leave too few.
+    Raises InputError for a parameter without a range.
+    """
+    fits, lost = [solved(problem)], list[tuple[Problem, Fit]]()
+    for start in drawn(problem, (starts - 1) * (_DRAWS if tried else 1), seed):
+        if len(fits) == starts:
+            break
+        one = replace(problem, start=start)
+        fit = (tried or solved)(one)
+        if fit.converged or tried is None:
+            fits.append(fit)
+        else:
+            lost.append((one, fit))
+    lost.sort(key=lambda pair: _badness(pair[1]))
+    again = starts - len(fits)
+    fits += [solved(one) for one, _ in lost[:again]]
     good = [fit for fit in fits if fit.converged]
     best = min(good or fits[:1], key=_badness)
-    seconds = sum(fit.seconds for fit in fits)
-    account = Starts(minima=_minima(good), lost=Counter(fit.status for fit in fits if not fit.converged))
+    every = fits + [fit for _, fit in lost[again:]]
+    seconds = sum(fit.seconds for fit in every)
+    account = Starts(minima=_minima(good), lost=Counter(fit.status for fit in every if not fit.converged))
     return replace(best, problem=problem, seconds=seconds, starts=account)
 
 

@@ -15,6 +15,7 @@ from casid.estimation.problem import Problem
 _DECADES = 1.0  # either way of a start of which nothing else is known
 _TAIL = 0.0014  # of a normal distribution beyond three deviations, which is not drawn
 _SHOWN = 4  # minima in a line
+_EQUAL = 0.01  # of ln(likelihood), as good as the integration is: mirror images of one another, as a rule
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,16 +61,19 @@ class Starts:
         return sum(m.count for m in self.minima) + sum(self.lost.values())
 
     def __repr__(self) -> str:
-        ends = [
-            f"{m.count} at {'the best minimum' if i == 0 else f'one {m.behind:.3g} behind'} (cost {m.cost:.6g})"
-            for i, m in enumerate(self.minima[:_SHOWN])
-        ]
+        ends = [f"{m.count} at {_place(i, m)} (cost {m.cost:.6g})" for i, m in enumerate(self.minima[:_SHOWN])]
         if len(self.minima) > _SHOWN:
             rest = self.minima[_SHOWN:]
             ends.append(f"{sum(m.count for m in rest)} at {len(rest)} others further behind")
         if self.lost:
             ends.append(f"{sum(self.lost.values())} not converged")
         return f"<Starts: of {self.count} ended {', '.join(ends)}>"
+
+
+def _place(i: int, minimum: Minimum) -> str:
+    if i == 0:
+        return "the best minimum"
+    return "another as good" if minimum.behind < _EQUAL else f"one {minimum.behind:.3g} behind"
 
 
 def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:

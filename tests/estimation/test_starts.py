@@ -33,12 +33,14 @@ def test_the_best_of_many_minima_is_returned_and_all_are_counted():
     assert alone.converged and alone.starts is None and abs(alone["w"].value - 3.3) > 1.0
     assert "another minimum is lower" in alone.remarks[0] and not fit.remarks
     assert fit.converged and fit["w"].value == pytest.approx(3.3, abs=0.01) and fit.starts is not None
-    assert fit.starts.count == 12 and len(fit.starts.minima) > 1
+    # starts that are lost give way to others, five times as many at most
+    assert 12 < fit.starts.count <= 1 + 5 * 11 and sum(m.count for m in fit.starts.minima) == 12
+    assert len(fit.starts.minima) > 1
     behind = [minimum.behind for minimum in fit.starts.minima]
     assert behind[0] == 0.0 and behind == sorted(behind)
     # with a given noise a minimum lies behind by its cost
     assert behind[1] == pytest.approx(fit.starts.minima[1].cost - fit.cost, rel=1e-9)
-    assert "the best minimum" in str(fit) and "of 12 ended" in repr(fit.starts)
+    assert "the best minimum" in str(fit) and f"of {fit.starts.count} ended" in repr(fit.starts)
     assert fit.problem is problem
 
 
