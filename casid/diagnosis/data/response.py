@@ -31,6 +31,7 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
     "CL": ("az", "ax", "alpha"),
     "CZ": ("az",),
 }
+_MOTION = ("alpha", "beta", "p", "q", "r")
 _UNSTEADY = ("alphadot", "betadot")
 
 
@@ -74,7 +75,7 @@ class Response:
         Records share the derivatives, so an alternative is judged in the set of records that gains most by it. An
         error of sign in the file is an alternative that no reading makes.
         """
-        there = {n for c in records for n in ("alpha", "beta", "p", "q", "r", *SURFACES) if c.has(n)}
+        there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
         plain = [self._parts(record, Reading(), there) for record in records]
         noise = self._noise(plain)
         if not noise:
@@ -91,7 +92,7 @@ class Response:
 
     def likelihood(self, records: Sequence[Read]) -> float:
         """Log marginal likelihood of the file, as far as the records tell of it, with the noise that is left."""
-        there = {n for c in records for n in ("alpha", "beta", "p", "q", "r", *SURFACES) if c.has(n)}
+        there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
         plain = [self._parts(record, Reading(), there) for record in records]
         return self._evidence(plain, self._noise(plain), self._criteria.minor)
 
@@ -132,7 +133,8 @@ class Response:
 
     def _parts(self, record: Read, reading: Reading, there: Collection[str]) -> dict[str, _Squares]:
         """Coefficient -> sums over a record, of the coefficients that it can tell of. What other records have and it
-        has not must not enter there."""
+        has not must not enter there, nor any motion that is not measured: a rudder makes sideslip, and what that does
+        would be taken for the rudder's."""
         if not record.has("V", "rho"):
             return {}
         regressors = _regressors(record, self._aircraft, reading)
@@ -141,7 +143,7 @@ class Response:
         found = {}
         for coefficient, (_, terms, _) in self._rows.items():
             entering = {n for term in terms for n, _ in parse_term(term).factors}
-            if not record.has(*_NEEDED[coefficient], *(entering & set(there))):
+            if not record.has(*_NEEDED[coefficient], *(entering & {*there, *_MOTION})):
                 continue
             columns = [parse_term(t).evaluate(regressors) * np.ones(len(measured[coefficient])) for t in terms]
             at = np.flatnonzero(record.known("V", *_NEEDED[coefficient], *entering))[::every]

@@ -14,9 +14,11 @@ from casid.diagnosis.data.finding import Finding
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
+from casid.records.readers import read_records
 from casid.records.record import Record
 from casid.signals import SURFACES
 from problems.blind.sets import fly_set
+from problems.every_problem import DEMO
 from problems.faults.fault import DataFault, with_fault
 from problems.faults.flights import REAL, real_flight
 from problems.faults.score import score
@@ -102,6 +104,21 @@ def test_clean_flights_keep_quiet(flown: tuple[Aircraft, tuple[Record, ...]]) ->
     checked = cs.check(records, aircraft)
     assert checked.clean and "Nothing is wrong" in str(checked)
     assert set(checked.to_dict()["channels"]) >= {"V", "alpha", "delta_e"}
+
+
+@pytest.mark.parametrize("lacks", ["beta", "alpha"])
+def test_motion_that_is_not_measured_is_no_surface_reversed(lacks: str) -> None:
+    """The demonstration, whose rudder makes sideslip and whose elevator incidence: without that channel what it does
+    would be taken for the surface's, and the rudder of m1 for reversed. A surface of the other axis is found all the
+    same."""
+    aircraft = Aircraft.read(DEMO / "aircraft.toml")
+    records = [one.without(lacks) for one in read_records([DEMO / "m*.csv"])]
+    assert not cs.check(records, aircraft).findings
+    other = "delta_e" if lacks == "beta" else "delta_a"
+    reversed_ = [records[0].with_channels(**{other: -records[0][other]}), *records[1:]]
+    assert [(f.kind, f.target, f.records) for f in cs.check(reversed_, aircraft).findings] == [
+        ("data_sign", other, ("m1",))
+    ]
 
 
 @pytest.mark.parametrize("name", REAL)
