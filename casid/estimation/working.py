@@ -126,13 +126,13 @@ def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:
         noise = {renamed.get(name, name): 1.0 if isinstance(s, str) else s for name, s in noise.items()}
     return replace(
         problem,
-        model=share_cache(replace(base, guess=partial(looked_up, table)), base),
         records=[_scaled(problem, record) for record in problem.records],
         start=start,
         log=(),
         noise=noise,
         constraints=[_constraint(c, problem) for c in problem.constraints],
         initial_state=_initial_state(problem) if with_initial else problem.initial_state,
+        model=share_cache(replace(base, guess=partial(looked_up, table)), base),
     )
 
 
