@@ -279,8 +279,8 @@ class Aircraft:
     def write(self, path: str | Path, *, like: str | Path | None = None) -> None:
         """Write a TOML file from which `read` makes an equal Aircraft.
 
-        Under a name that ends in .xml an aircraft of a JSBSim file is written as that file, with its derivatives and
-        terms as further functions, its effects as parts, and wrong stretches of its tables mended where they stand.
+        Under a name that ends in .xml an aircraft of a JSBSim file is written as that file again: derivatives and
+        terms as further functions, effects as parts. Wrong stretches of its tables are mended where they stand.
         What such a file cannot say stands in a comment of it.
 
         Parameters
