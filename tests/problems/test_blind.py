@@ -6,6 +6,7 @@ Truths: the definition of each effect in the vocabulary, and the sealed answer o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,22 @@ def test_two_effects_are_of_different_families() -> None:
         first, second = draw_two(np.random.default_rng(seed), scene())
         kinds = {next(f for f, members in FAMILIES.items() if one.kind in members) for one in (first, second)}
         assert len(kinds) == 2 or "thrust" in (first.target, second.target)
+
+
+def test_a_term_is_drawn_beside_what_the_model_has() -> None:
+    """Of a model whose only free coefficient is Cn, with a derivative in p: p times the elevator counts without its part
+    at trim, which that derivative takes up."""
+    structure = {"Cn": ("0", "beta", "p", "r", "delta_a", "delta_r")}
+    hidden = draw_effect(np.random.default_rng(4), "aero_term", replace(scene(), structure=structure))
+    assert hidden.target == "Cn"
+    with_p, without = (replace(scene(), structure={"Cn": terms}) for terms in (structure["Cn"], ("0", "beta", "r")))
+    held = with_p.column("p*delta_e") - with_p.column("p") * np.mean(with_p.column("delta_e"))
+    for one, series in ((with_p, held), (without, with_p.column("p*delta_e"))):
+        assert one.size_of_share("Cn", with_p.column("p*delta_e"), 0.01) == pytest.approx(
+            one.size_of_share("Cn", series, 0.01), rel=1e-9
+        )
+    needed = [one.size_of_share("Cn", with_p.column("p*delta_e"), 0.01)[0] for one in (with_p, without)]
+    assert needed[0] > needed[1]
 
 
 def test_families_are_the_vocabulary() -> None:
