@@ -87,8 +87,10 @@ def main() -> None:
         print(json.dumps(rows[-1]), flush=True)
         (given.out / _ROWS).write_text(json.dumps(rows, indent=1), encoding="utf-8")
     hidden = [row for row in rows if not row["case"].startswith("clean")]
+    visible = [row for row in hidden if not row["imitated"]]
     clean = [row for row in rows if row["case"].startswith("clean")]
     print(f"first or in its set: {sum(row['first'] for row in hidden)} of {len(hidden)}")
+    print(f"of these, without what free derivatives imitate: {sum(row['first'] for row in visible)} of {len(visible)}")
     print(f"clean flights in which something is named: {sum(row['named'] != NOTHING for row in clean)} of {len(clean)}")
 
 
@@ -119,6 +121,7 @@ def _row(of: str, case: str, seed: int, folder: Path) -> dict[str, Any]:
         "aircraft": flown.answer.aircraft,
         "truth": truth,
         "causes": named,
+        "imitated": any(h.imitated for h in flown.answer.hidden),
         "first": result.first,
         "named": result.named,
         "verdict": result.verdict,

@@ -20,7 +20,7 @@ def test_a_run_goes_on_where_an_earlier_one_ended(tmp_path: Path, monkeypatch: p
             flown.append(("killed", 0))
             raise KeyboardInterrupt
         flown.append((case, seed))
-        return {"of": of, "case": case, "seed": seed, "first": True, "named": "adequate"}
+        return {"of": of, "case": case, "seed": seed, "first": True, "imitated": False, "named": "adequate"}
 
     monkeypatch.setattr(own_models, "_row", row)
     words = ["own_models.py", "--cases", "clean-1", "mass", "--seed", "5", "--out", str(tmp_path)]
