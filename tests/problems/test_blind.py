@@ -136,8 +136,8 @@ def test_two_effects_are_of_different_families() -> None:
 
 
 def test_a_term_is_drawn_beside_what_the_model_has() -> None:
-    """Of a model whose only free coefficient is Cn, with a derivative in p: p times the elevator counts without its part
-    at trim, which that derivative takes up."""
+    """Of a model whose only free coefficient is Cn, with a derivative in p: p times the elevator counts without its
+    part at trim, which that derivative takes up."""
     structure = {"Cn": ("0", "beta", "p", "r", "delta_a", "delta_r")}
     hidden = draw_effect(np.random.default_rng(4), "aero_term", replace(scene(), structure=structure))
     assert hidden.target == "Cn"
