@@ -179,7 +179,9 @@ def _integration_error(objective: Objective, outcome: Outcome, linear: Linearise
     by_node = np.einsum("kn,knm,km->k", shift, linear.blocks.hessian[:, :n, :n], shift)
     # of both first orders the residuals' part: at the optimum the parameters' own moves change nothing
     off, cost = np.sqrt(direct + by_node.sum()), along + (linear.blocks.gradient[:, :n] * shift).sum()
-    return float(np.maximum(off / _TOLERANCE, np.abs(cost) / _COST))
+    # where the model misses its data the likelihood is worth less, by how much larger than noise the residuals are
+    worth = max(2.0 * value.cost / value.noise.levels.count, 1.0)
+    return float(np.maximum(off / _TOLERANCE, np.abs(cost) / (worth * _COST)))
 
 
 def _end_of_halves(objective: Objective, outcome: Outcome, coarse: Trajectory, finer: LiftedCollocation) -> np.ndarray:
