@@ -7,6 +7,7 @@ taken for its noise, level and correlation time by maximum likelihood, and once 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
         if all(abs(np.log(level[o] / before[o])) < numerics.noise_stays for o in level):
             break
     for _ in range(numerics.colour_fits):
-        before, colour = fitted.noise.colour, colour_of(fitted)
+        before, colour = fitted.noise.colour, colour_of(fitted, fitted.flight.doubted)
         fitted = _under(fitted, fitted.flight.sigma, colour, free)
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < numerics.noise_stays for o in colour):
             break
@@ -69,14 +70,26 @@ def level_of(fitted: FlightFit) -> dict[str, float]:
     return found
 
 
-def colour_of(fitted: FlightFit) -> dict[str, tuple[float, float]]:
-    """Output -> (1-sigma, correlation time [s]) of the innovations of every doubted one that is measured."""
+def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
+    """The fit with all noise as slow as it leaves it, of outputs of which it leaves no more than instruments may: noise
+    of which half is slow. More is not the instrument's, and stays what it was."""
+    if fitted.noise.colour:
+        return fitted
+    most = fitted.criteria.noise.slow
+    left = colour_of(fitted, fitted.model.outputs)
+    colour = {name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= most}
+    return _under(fitted, fitted.flight.sigma, colour, fitted.free)
+
+
+def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Output -> (1-sigma, correlation time [s]) of the innovations of each of these that is measured, in units of its
+    noise."""
     plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
     through = fitted.filter.through
     column = residual_about(fitted.linear, fitted.acting, fitted.motion.coloured, fitted.errors, through)
     white, seen, t = plain.whiten(*column)[..., 0], fitted.linear.seen, fitted.batch.t
     found = {}
-    for name in fitted.flight.doubted:
+    for name in outputs:
         i = fitted.model.outputs.index(name)
         series = [(t[at, r], white[at, r, i]) for r, at in enumerate(seen[..., i].T)]
         if sum(len(values) for _, values in series) > len(fitted.slots):

@@ -28,6 +28,11 @@ class NoiseCriteria:
     far_from_causes: float = number(
         9.0, "the same of what named causes leave", "derived: 3 sigmas on average, which no noise leaves"
     )
+    slow: float = number(
+        2.0,
+        "squares left per reading up to which what moves slowly is the instrument's noise",
+        "derived: as much again as the noise that was read, which is its quick part",
+    )
     first: float = number(0.02, "noise of a channel in the first fit, of its variation, when it hides its noise")
     largest_input: float = number(
         3.0, "1-sigmas of an input's noise; what would need more is a fault that the model does not have yet"

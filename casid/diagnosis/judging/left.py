@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.flight.colour import as_coloured_as_left
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -30,7 +31,7 @@ def what_is_left(
     required  gain that a missing input must exceed where the air is turbulent
     """
     causes, minor = judged
-    unexplained = still_missing(kept.evidence, left, causes, required)
+    unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, required)
     seen = (*causes, *minor)
     small = too_small(naming, seen, unexplained)
     nuisance = [trial.candidate.attached for trial in minor_trials(naming, seen)][:1]
@@ -41,6 +42,21 @@ def what_is_left(
     return minor, unexplained
 
 
+def _not_by_noise(
+    fitted: FlightFit,
+    unexplained: list[MissingInput],
+    causes: Sequence[Cause],
+    required: float,
+    share: float | None = None,
+) -> list[MissingInput]:
+    """What of the unexplained is missing still where noise is as slow as the fit leaves it: read as white, slow noise
+    of any instrument counts each of its readings as news, and an unknown input gains by it."""
+    if not unexplained or fitted.noise.colour:
+        return unexplained
+    coloured = weigh(as_coloured_as_left(fitted))
+    return still_missing(coloured, missing_inputs(coloured), causes, required, share)
+
+
 def _missing_on_held(
     kept: Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], required: float
 ) -> list[MissingInput]:
@@ -49,10 +65,10 @@ def _missing_on_held(
 
     def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
         held = with_events(held, model)
+        share = kept.evidence.criteria.held_out.missing_share
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
-        return still_missing(
-            evidence, missing_inputs(evidence), causes, required, kept.evidence.criteria.held_out.missing_share
-        )
+        found = still_missing(evidence, missing_inputs(evidence), causes, required, share)
+        return _not_by_noise(evidence.fit, found, causes, required, share)
 
     found = missing(kept.fit, kept.held_fit)
     if found and nuisance:

@@ -1,0 +1,44 @@
+"""What stays unexplained beside noise that moves slowly. Truth: nothing is missing, or something is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_flights import NOISE, flights, rough_file
+from scipy.signal import lfilter
+
+from casid.diagnosis.diagnose import diagnose
+from casid.records.record import Record
+
+_MEMORY_S = 0.15
+
+
+def with_slow_noise(record: Record, rng: np.random.Generator, but: tuple[str, ...] = ()) -> Record:
+    """As much again as the white noise of every channel, with a memory: what drifts and filters of instruments make."""
+    told = np.exp(-record.dt / _MEMORY_S)
+
+    def slow(sigma: float) -> np.ndarray:
+        news = rng.normal(0.0, sigma * np.sqrt(1.0 - told**2), len(record))
+        return np.asarray(lfilter([1.0], [1.0, -told], news))
+
+    return record.with_channels(
+        **{name: record[name] + slow(sigma) for name, sigma in NOISE.items() if name not in but}
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_slow_noise_is_nothing_that_the_simulation_misses(seed: int) -> None:
+    """Taken as white, each of its readings counts as news: an unknown history of the air gains hundreds."""
+    rng = np.random.default_rng(seed)
+    found = diagnose(rough_file(), [with_slow_noise(one, rng) for one in flights(seed=seed, count=3)])
+    assert (found.verdict, found.causes, found.unexplained) == ("values wrong", (), ()), str(found)
+
+
+def test_what_is_missing_beside_slow_noise_is_still_missing() -> None:
+    """An oscillating rolling moment that no cause of the catalogue has; the air data are white."""
+    rng, t = np.random.default_rng(3), np.arange(0.0, 20.0, 0.04)
+    moment = 0.002 * np.sin(2.0 * np.pi * 0.35 * t) * np.sin(0.4 * t) ** 2
+    records = flights(seed=3, count=3, disturbance={"dCl": moment})
+    found = diagnose(rough_file(), [with_slow_noise(one, rng, ("V", "alpha", "beta")) for one in records])
+    assert found.verdict in ("unexplained", "partly explained"), str(found)
+    assert found.unexplained[0].place.name == "Cl"
