@@ -49,8 +49,8 @@ def _not_by_noise(
     required: float,
     share: float | None = None,
 ) -> list[MissingInput]:
-    """What of the unexplained is missing still where noise is as slow as the fit leaves it: read as white, slow noise
-    of any instrument counts each of its readings as news, and an unknown input gains by it."""
+    """What of the unexplained is missing still where noise is as slow as the fit leaves it. Read as white, each reading
+    of slow noise counts as news, and an unknown input gains by it."""
     if not unexplained or fitted.noise.colour:
         return unexplained
     coloured = weigh(as_coloured_as_left(fitted))
