@@ -14,14 +14,15 @@ export OMP_NUM_THREADS := 1
 demo: $(STAMP)
 	env -u OMP_NUM_THREADS -u OPENBLAS_NUM_THREADS $(BIN)/casid demo --out out/demo $(ARGS)
 
+# Without the campaigns, whole flights that are diagnosed one after the other: ARGS='-m slow' is these, ARGS='-m ""' all.
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS)
 
 check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS)
 
 # A virtual environment made by uv has no pip and one made by venv without ensurepip is half a one: hence the look for pip.
 $(STAMP): pyproject.toml $(LOCK)

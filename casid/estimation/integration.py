@@ -209,12 +209,19 @@ def _directly(
 
 
 def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> np.ndarray:
-    """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them."""
+    """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them.
+
+    Of a motion that grows by itself, faster than a double integrator, no error grows with it: the data hold the nodes.
+    There each error counts where it is made.
+    """
     assert linear.blocks is not None
-    shift, n = np.zeros_like(off), off.shape[1]
-    for k in objective.layout.tied:
-        shift[k + 1] = linear.blocks.transition[k, :, :n] @ shift[k] + off[k]
-    return shift
+    carried, alone, n = np.zeros_like(off), np.zeros_like(off), off.shape[1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in objective.layout.tied:
+            carried[k + 1] = linear.blocks.transition[k, :, :n] @ carried[k] + off[k]
+            alone[k + 1] = off[k]
+    most, made = (float(np.abs(one / objective.scale).max(initial=0.0)) for one in (carried, alone))
+    return carried if most <= len(off) ** 2 * made else alone
 
 
 def _steps_for(excess: float, substeps: int, power: int = _ORDER) -> int:

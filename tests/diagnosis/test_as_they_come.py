@@ -160,6 +160,7 @@ def test_what_is_expected_is_written_too() -> None:
     assert flown_apart(found) < 0.05
 
 
+@pytest.mark.slow
 def test_a_late_heading_is_found_though_it_passes_north() -> None:
     """Truth: 0.3 s, on a heading that jumps by a turn where it passes 360 deg."""
     found = []

@@ -98,6 +98,7 @@ TWO = [
 
 
 @pytest.mark.parametrize("hidden", TWO, ids=lambda pair: " and ".join(h.name for h in pair))
+@pytest.mark.slow
 def test_of_two_hidden_effects_both_are_named_and_nothing_else(hidden: tuple[Attached, Attached]) -> None:
     found = diagnose(rough_file(), flights(hidden, seed=5, count=3))
     assert {(c.kind, c.target, c.term) for c in found.causes} == {h.effect.key for h in hidden}, str(found)
@@ -183,6 +184,7 @@ def test_a_drifting_instrument_is_not_named_a_bias() -> None:
     assert "the reading of q" in found.sentence
 
 
+@pytest.mark.slow
 def test_a_drifting_attitude_is_not_named_moving_air() -> None:
     """Shear and gusts imitate a pitch angle that drifts; an unknown input at its reading tells more than they do."""
     records = [

@@ -92,6 +92,7 @@ def test_milliseconds_between_attitudes_and_rates_are_found():
     assert skews([record.without("phi", "theta") for record in late(flown, UNIT)]) == {}
 
 
+@pytest.mark.slow
 def test_milliseconds_are_minor_and_no_displaced_vane(monkeypatch):
     """The inertial unit 4 ms early; left out, a vane stands half a metre off, and more is missing."""
     records = late(flights(seed=12, rate_hz=50.0, noise=QUIET), UNIT)
@@ -128,6 +129,7 @@ def test_offsets_that_a_fault_had_hidden_are_put_in_beside_it():
     assert np.isclose(found.values["value"], 0.04 * DEG, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_a_fault_is_named_beside_small_offsets_of_all_instruments():
     """The lag alone, and offsets as minor."""
     hidden = [Attached(effect=actuator_lag("delta_e"), values={"value": 0.15})]
@@ -138,6 +140,7 @@ def test_a_fault_is_named_beside_small_offsets_of_all_instruments():
     assert np.isclose(minor["p"], SMALL["p"], rtol=0.15)
 
 
+@pytest.mark.slow
 def test_a_good_structure_is_enough_beside_small_offsets(monkeypatch):
     """In precise records; without the offsets in the model something seems to be missing."""
     records = with_offsets(flights(seed=11, duration_s=30.0, noise={k: 0.3 * s for k, s in NOISE.items()}), SMALL)

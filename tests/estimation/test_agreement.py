@@ -20,6 +20,7 @@ BOOK = ("hfb320", "attas lateral", "attas longitudinal", "unstable short period"
 
 
 @pytest.mark.parametrize("name", BOOK)
+@pytest.mark.slow
 def test_solvers_agree_on_records_of_the_book(name, flight_data, load_script):
     """Those of ATTAS by their first half: IPOPT alone takes seconds with all of it."""
     problem = dict(every_problem(flight_data))[name]()

@@ -119,3 +119,33 @@ def test_a_solver_that_gave_up_says_nothing_of_the_steps():
     """Far from the solution residuals are no noise: what is wrong by their measure is no reason for another method."""
     stopped = cs.solve(problem(), cs.MultipleShooting(interval=2), cs.Ipopt(iterations=2))
     assert not stopped.converged and stopped.method == "MultipleShooting"
+
+
+def test_a_motion_that_grows_by_itself_needs_no_other_method() -> None:
+    """An unstable pair, x'' = 4 x + u, doubles its errors every 0.35 s: over the record by e^60. The data hold its
+    nodes, so a few steps per sample are as good as eight, by multiple shooting and not by what is for stiff motions."""
+    model = cs.define_model(
+        "unstable",
+        states=["x", "v"],
+        inputs=["u"],
+        parameters={"a": 3.0, "b": 0.8},
+        outputs=["y"],
+        dynamics=lambda s: {"x": s.v, "v": s.a * s.x + s.b * s.u},
+        output=lambda s: {"y": s.x},
+    )
+    t, rng = np.arange(0.0, 30.0, 0.05), np.random.default_rng(2)
+    x, v = np.zeros(len(t)), np.zeros(len(t))
+    drawn = 0.3 * np.repeat(rng.standard_normal(len(t) // 20 + 1), 20)[: len(t)]
+    u = np.zeros(len(t))
+    for k in range(len(t) - 1):  # a pilot holds it; exact over a sample, the input straight between two of them
+        u[k + 1] = drawn[k + 1] - 12.0 * x[k] - 6.0 * v[k]
+        block = expm(np.array([[0, 1, 0, 0], [4, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]) * 0.05)
+        slope = (u[k + 1] - u[k]) / 0.05
+        x[k + 1], v[k + 1] = (block @ [x[k], v[k], u[k], slope])[:2]
+    record = cs.Record(name="held", t=t, channels={"u": u, "y": x + rng.normal(0.0, 1e-4, len(t))})
+    problem = cs.Problem(model, [record], free=["a", "b"])
+    chosen, fine = cs.solve(problem), cs.solve(problem, cs.MultipleShooting(substeps=8))
+    assert chosen.converged and chosen.substeps <= 4 and chosen.method == "MultipleShooting"
+    for name, one in fine.parameters.items():
+        assert abs(chosen.parameters[name].value - one.value) < 0.1 * one.std
+    assert abs(chosen.parameters["a"].value - 4.0) < 4.0 * chosen.parameters["a"].std

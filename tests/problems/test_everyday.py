@@ -30,12 +30,14 @@ def diagnosed(name: str) -> tuple[str, Diagnosis]:
         "surfaces 0.12 s late",
     ],
 )
+@pytest.mark.slow
 def test_a_fault_is_named_and_nothing_else_is(name: str) -> None:
     outcome, found = diagnosed(name)
     assert outcome in RIGHT, str(found)
     assert found.verdict != "adequate" or BY_NAME[name].fault is None or found.data
 
 
+@pytest.mark.slow
 def test_data_that_cannot_be_mended_are_the_verdict() -> None:
     """An aileron that one derivative alone knows: record or file has the wrong sign, and no cause is named."""
     aircraft, records = healthy()
@@ -50,6 +52,7 @@ def test_data_that_cannot_be_mended_are_the_verdict() -> None:
     assert found.causes == () and document["data"][0]["handled"] == "reported"
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_right_is_the_verdict() -> None:
     """Mass in lb: no cause is named, and the file is told."""
     aircraft, records = healthy()

@@ -35,6 +35,7 @@ def is_quiet_where_nothing_is_known(found: Diagnosis) -> bool:
     return not terms and not biases and all(target != "psi" for _, target, _ in names)
 
 
+@pytest.mark.slow
 def test_instruments_of_the_twin_otter_as_recorded(known_faults_data: Path) -> None:
     """Vane 8.4 m ahead, and late by 28 ms, which is 2 m more; beta 7 to 8 % small, which a yaw rate that is as much too
     large would do as well; accelerometers 0.6 m below; the aileron's record ahead by 17 to 21 ms."""

@@ -54,6 +54,7 @@ def test_hfb320_with_process_noise_finds_the_lift_slope_of_the_filter_error_meth
     assert 4.3 < fit["CL_alpha"].value < 4.5
 
 
+@pytest.mark.slow
 def test_hfb320_solvers_agree(hfb):
     given = hfb320.problem(hfb)
     ours, theirs = solve(given, solver=GaussNewton(tolerance=1e-8)), solve(given, solver=Ipopt(hessian="gauss-newton"))

@@ -27,6 +27,7 @@ def with_slow_noise(record: Record, rng: np.random.Generator, but: tuple[str, ..
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.slow
 def test_slow_noise_is_nothing_that_the_simulation_misses(seed: int) -> None:
     """Taken as white, each of its readings counts as news: an unknown history of the air gains hundreds."""
     rng = np.random.default_rng(seed)
@@ -34,6 +35,7 @@ def test_slow_noise_is_nothing_that_the_simulation_misses(seed: int) -> None:
     assert (found.verdict, found.causes, found.unexplained) == ("values wrong", (), ()), str(found)
 
 
+@pytest.mark.slow
 def test_what_is_missing_beside_slow_noise_is_still_missing() -> None:
     """An oscillating rolling moment that no cause of the catalogue has; the air data are white."""
     rng, t = np.random.default_rng(3), np.arange(0.0, 20.0, 0.04)

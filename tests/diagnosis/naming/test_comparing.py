@@ -110,6 +110,7 @@ def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -
         (Attached(effect=thrust_line(), values={"value": 1.5}), False),
     ],
 )
+@pytest.mark.slow
 def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attached, alike: bool) -> None:
     """Truth: with the elevator at 3.5 deg in trim, an effectiveness that grows with thrust pitches the aircraft as a
     thrust line does that lies elsewhere. It is expected of propeller aircraft and no fault; the thrust line is one; and

@@ -66,6 +66,7 @@ def test_clean_records_are_adequate(clean: Outcome) -> None:
     assert clean.result.budget.together.structure == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_what_no_library_has_is_unexplained_where_it_enters() -> None:
     """A voltage that wanders by itself: told at the input, with no name of a cause."""
     system = SYSTEMS["DC motor"]

@@ -116,6 +116,7 @@ def changed_lines(old: Path, new: Path) -> list[str]:
     return [" ".join(line[1:].split()) for line in lines if line.startswith("- ")]
 
 
+@pytest.mark.slow
 def test_a_wrong_stretch_is_named_with_its_range_and_mended_where_it_stands(tmp_path: Path) -> None:
     own = file_of_servos(tmp_path)
     truth = with_wrong_lift(own, tmp_path / "truth")
