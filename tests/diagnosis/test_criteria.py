@@ -60,6 +60,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         Criteria.read(tmp_path / "nothing.toml")
 
 
+@pytest.mark.slow
 def test_who_asks_for_more_names_less() -> None:
     """A biased vane is named, and where more gain is asked than it has, nothing is; its value is as it was."""
     records = flights([Attached(effect=sensor_bias("beta"), values={"value": 0.02})], count=2)

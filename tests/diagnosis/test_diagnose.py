@@ -38,7 +38,12 @@ HIDDEN = [
 ]
 
 
-@pytest.mark.parametrize("hidden", HIDDEN, ids=lambda h: h.name)
+QUICK = 3  # of them; the others are a campaign
+
+EVERY_HIDDEN = [*HIDDEN[:QUICK], *(pytest.param(one, marks=pytest.mark.slow) for one in HIDDEN[QUICK:])]
+
+
+@pytest.mark.parametrize("hidden", EVERY_HIDDEN, ids=lambda h: h.name)
 def test_a_hidden_effect_is_named_with_its_size(hidden: Attached) -> None:
     """The truth is the effect that was flown; its name must come first and its size lie within five sigmas."""
     found = diagnose(rough_file(), flights([hidden], seed=1, count=3))
@@ -110,6 +115,7 @@ def test_of_two_hidden_effects_both_are_named_and_nothing_else(hidden: tuple[Att
             assert low <= one.onsets[record] <= high < low + 3.0
 
 
+@pytest.mark.slow
 def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missing() -> None:
     """Nonlinear CL takes up what alpha*delta_e does, and no unknown input gains beside it: a further round finds it."""
     hidden = (
@@ -124,6 +130,7 @@ def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missin
     assert next(c for c in found.causes if c.term).value == pytest.approx(14.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> None:
     """Dryden turbulence of 1 m/s: its first-order model has it within three of its sigmas; and one naming is enough."""
     t, said = np.arange(0.0, 20.0, 1.0 / 25.0), list[str]()
@@ -146,6 +153,7 @@ def test_what_is_nearly_clear_is_worth_a_look_and_no_cause(size: float, told: bo
 
 
 @pytest.mark.parametrize("hidden", [cg_offset("x"), accelerometer_position("x")], ids=lambda e: e.name)
+@pytest.mark.slow
 def test_a_shifted_centre_of_gravity_is_no_displaced_accelerometer(hidden) -> None:
     """Derivatives take up the moments of a shift in all records, which leaves the lever arms: those of the vanes move
     with the accelerometer's, so that kinematics see nothing of it."""
@@ -175,6 +183,7 @@ def test_a_hum_too_fast_for_an_unknown_history_stays_unexplained() -> None:
     assert found.unexplained[0].frequency == pytest.approx(3.3, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_drifting_instrument_is_not_named_a_bias() -> None:
     """A gyroscope that drifts has a bias on average; no cause drifts: none may be named, and it is said where."""
     records = [r.with_channels(q=r["q"] + 0.004 * np.sin(2.0 * np.pi * r.t / 15.0 + 1.0)) for r in flights(seed=4)]
@@ -213,6 +222,7 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
     assert (first.name, [ax.get_title(loc="left") for ax in first.figure.axes]) == ("unexplained", ["m3"])
 
 
+@pytest.mark.slow
 def test_a_gust_that_the_held_out_record_has_too_is_explained() -> None:
     hidden = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m2": 12.3, "m3": 9.1})
     found = diagnose(rough_file(), flights([hidden], seed=1, count=3))
@@ -228,6 +238,7 @@ def test_a_bend_that_barely_matters_is_no_cause() -> None:
     assert any((m.target, m.term) == ("Cm", "alpha^2") for m in found.minor), str(found)
 
 
+@pytest.mark.slow
 def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more(monkeypatch) -> None:
     """A slight bend of Cm, and a held-out record with manoeuvres of three times the size: nothing is in it alone."""
     bend = [Attached(effect=aero_term("Cm", "alpha^2*delta_e"), values={"value": -55.0})]
@@ -240,6 +251,7 @@ def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more
 
 
 @pytest.mark.parametrize("unknown", [0.0, 0.002])
+@pytest.mark.slow
 def test_an_expected_term_is_no_cause_beside_something_larger_at_its_coefficient(unknown: float) -> None:
     """11 % of Cl, alone and beside a slow rolling moment of the same size that no cause of the catalogue makes: what
     imitates a part of something unknown looks the same."""
@@ -253,6 +265,7 @@ def test_an_expected_term_is_no_cause_beside_something_larger_at_its_coefficient
 
 
 @pytest.mark.parametrize(("value", "named"), [(11.0, False), (28.0, True)])
+@pytest.mark.slow
 def test_an_expected_term_is_a_cause_beside_what_gains_more_when_it_matters_much(value: float, named: bool) -> None:
     """11 % of Cl, which every aircraft may have and which alone is a cause, is not what is wrong where p is off by
     1.1 deg/s; 28 % is, too."""

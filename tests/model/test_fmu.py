@@ -143,6 +143,7 @@ def test_an_estimation_finds_the_parameter_as_by_the_equations(unit: Callable[[s
     assert fits[0]["mu"].value == pytest.approx(fits[1]["mu"].value, abs=0.05 * fits[1]["mu"].std)
 
 
+@pytest.mark.slow
 def test_a_hidden_fault_is_found_through_it(unit: Callable[[str], Path]) -> None:
     """x = exp(-1.2 t), and the instrument reads 0.1 too much."""
     records, t = [], np.arange(0.0, 3.0, 0.1)

@@ -102,6 +102,7 @@ def test_derivatives_of_first_and_second_order() -> None:
             np.testing.assert_allclose(found * scale, exact * scale, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_a_fault_is_found_through_it_as_through_expressions() -> None:
     flown = records()
     opaque = tank(cs.outside(plain, NAMES, ("h",)))

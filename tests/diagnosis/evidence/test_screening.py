@@ -30,6 +30,7 @@ from casid.model.effects import catalogue
 from problems.do328 import do328
 
 
+@pytest.mark.slow
 def test_score_of_absent_causes_is_chi_square() -> None:
     """On clean data each statistic is chi-square with one degree of freedom: sums over 24 noise seeds stay in range.
 

@@ -74,6 +74,7 @@ def test_a_late_elevator_does_not_hide_that_inputs_are_held():
     assert held_share(fitted(flights(late, seed=5, hold="held"))) == 1.0
 
 
+@pytest.mark.slow
 def test_held_inputs_are_no_fault_and_hide_none(monkeypatch):
     """The lag is named and explains all; taken as linear, more seems to be missing, and the lag is too long."""
     late = [Attached(effect=actuator_lag("delta_e"), values={"value": 0.15})]
