@@ -90,9 +90,10 @@ def outcome(
         if whole:
             found = diagnose(flight.aircraft, records)
             said = [*(one.sentence for one in found.data), *(one.sentence for one in found.causes)]
+            scored = score_causes(fault, found.data, found.causes, found.verdict, besides)
             if fault is None:
                 besides |= {(one.kind, one.target) for one in found.causes}
-            return score_causes(fault, found.data, found.causes, found.verdict, besides), " ".join(said)
+            return scored, " ".join(said)
         checked = check(records, flight.aircraft)
     except InputError as error:
         return "refused", str(error)
@@ -164,7 +165,7 @@ def main() -> None:
         writer.writeheader()
         for seed in seeds(given.seeds):
             for flight in flights(seed):
-                besides: set[tuple[str, str]] = set()
+                besides = set(flight.own)
                 for kind in given.kinds:
                     stage(f"seed {seed}, {flight.name}, {kind}")
                     for fault in hidden(kind, seed, given.each, flight):

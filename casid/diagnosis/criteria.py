@@ -15,6 +15,7 @@ from casid.diagnosis.criterion import Criterion, Value, listed, number, overridd
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.flight.criteria import InputTimingCriteria, NoiseCriteria
+from casid.diagnosis.flight.typical import DerivativeSizes
 from casid.diagnosis.numerics import Numerics
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.errors import InputError
@@ -42,7 +43,8 @@ class TypicalDerivatives:
 
 @dataclass(frozen=True, kw_only=True)
 class PriorCriteria:
-    """What is known of a derivative before the records."""
+    """What is known of a derivative before the records. One that the file has at zero is as large as `usual`, if it is
+    among these."""
 
     spread: float = number(3.0, "prior 1-sigma of a derivative without a stated one, of its size")
     stated: float = number(
@@ -51,6 +53,7 @@ class PriorCriteria:
     regressor: float = number(0.1, "variation of a regressor for which `typical` is meant", unit="rad")
     resting: float = number(1e-3, "variation of a regressor below which it is noise", unit="rad")
     typical: TypicalDerivatives = TypicalDerivatives()
+    usual: DerivativeSizes = DerivativeSizes()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,15 +64,15 @@ class StateHistory:
 
 
 def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
-    """Statistics of one channel over all its samples; NaN are missing."""
+    """Statistics of one channel over all its samples; NaN are missing, and of a channel that never changes R2 is."""
     good = np.isfinite(measured)
     z, y = measured[good], predicted[good]
     count, error, centred = len(z), z - y, z - z.mean()
-    rms, spread = math.sqrt(error @ error / count), float(centred @ centred) / count
-    size = math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
+    with np.errstate(over="ignore"):  # of a simulation that diverges: infinite
+        rms, size = math.sqrt(error @ error / count), math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
     return ChannelFit(
         rms=rms,
-        R2=1.0 - rms**2 / spread if spread > 0 else math.nan,
+        R2=1.0 - rms**2 * count / float(centred @ centred) if np.ptp(z) > 0 else math.nan,
         theil=rms / size if size > 0 else 0.0,
         samples=count,
     )

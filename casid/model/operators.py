@@ -11,8 +11,11 @@ from functools import lru_cache
 import numpy as np
 from scipy import integrate, interpolate, linalg, signal
 
+from casid.errors import InputError
+
 _FINER = 4  # points a sample along which a limit on a rate is followed
 _STRAIGHT = 0.03  # of a period: over that, a wave is a straight line to 0.3 %
+CYCLES = 1.0  # of an oscillation between samples, beyond which these tell nothing of what drives it
 
 
 def delay(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
@@ -118,8 +121,16 @@ def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: 
 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
     """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative. For
-    uniform t; a cubic spline between samples, because straight lines weaken what is near the mode's frequency."""
+    uniform t; a cubic spline between samples, because straight lines weaken what is near the mode's frequency.
+
+    Raises InputError for more than one cycle between samples, of which y tells nothing, and for a mode that grows.
+    """
     w0, dt = 2.0 * np.pi * frequency_hz, float(np.median(np.diff(t)))
+    if not (0.0 < frequency_hz * dt <= CYCLES and damping >= 0.0):
+        raise InputError(
+            f"an oscillation of {frequency_hz:.3g} Hz with a damping of {damping:.3g} in samples every {dt:.3g} s: "
+            f"expected up to {CYCLES / dt:.3g} Hz, one cycle between samples, and a damping of 0 or more"
+        )
     parts = max(1, int(np.ceil(frequency_hz * dt / _STRAIGHT)))
     if parts > 1:
         y = interpolate.CubicSpline(np.arange(len(y)), y)(np.arange((len(y) - 1) * parts + 1) / parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -90,6 +91,8 @@ def channels(before: View, after: View, best: str) -> ReportTable:
 
 
 def _three(value: float) -> str:
+    if math.isnan(value):
+        return "–"
     return digits(value, 3) if abs(value) < 0.1 else f"{value:.3f}".replace("-", "−")
 
 

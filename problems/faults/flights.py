@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,13 +36,36 @@ _SIDPAC = {
 }
 
 
+_LATE = ("sensor_delay", "sensor_lag", "vane_position")
+# What the instruments of these flights have of their own: under "Certain" in the findings of `problems/real`, with what
+# the data do not tell from it.
+_OWN: Mapping[str, frozenset[tuple[str, str]]] = {
+    "attas": frozenset(
+        {(kind, target) for kind in _LATE for target in ("alpha", "beta", "air_data")}
+        | {("sensor_scale", target) for target in ("p", "q", "r", "phi", "theta", "psi", "inertial", "attitude")}
+        | {("sensor_bias", target) for target in "pqr"}
+        | {("sensor_delay", target) for target in ("p", "psi")}
+    ),
+    "hfb320": frozenset({("turbulence", ""), *((kind, target) for kind in _LATE for target in ("alpha", "air_data"))}),
+    "totter": frozenset(
+        {("input_delay", "delta_a"), ("actuator_lag", "delta_a"), ("sensor_scale", "beta"), ("sensor_scale", "r")}
+        | {(kind, "beta") for kind in _LATE}
+    ),
+    "tu144": frozenset(
+        {("input_delay", "delta_e"), ("actuator_lag", "delta_e"), ("sensor_scale", "theta"), ("sensor_scale", "alpha")}
+        | {(kind, target) for kind in _LATE for target in ("alpha", "air_data")}
+    ),
+}
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HealthyFlight:
-    """Records without a known fault, and the aircraft file that belongs to them."""
+    """Records, and the aircraft file that belongs to them; `own` are kind and target of what a real flight has."""
 
     name: str
     records: tuple[Record, ...]
     aircraft: Aircraft
+    own: frozenset[tuple[str, str]] = frozenset()
 
 
 def flight_data() -> Path:
@@ -52,18 +75,20 @@ def flight_data() -> Path:
 
 def real_flight(name: str, folder: Path) -> HealthyFlight:
     """A real flight of REAL. Raises InputError when its files are not in the folder."""
+    own = _OWN[name.split()[0]]
     book = folder / "fvsysid" if (folder / "fvsysid").is_dir() else folder
     if name in _ATTAS:
         records = [record for file in _ATTAS[name] for record in attas.records_from(book, file)]
-        return HealthyFlight(name=name, records=tuple(records), aircraft=attas.aircraft())
+        return HealthyFlight(name=name, records=tuple(records), aircraft=attas.aircraft(), own=own)
     if name == "hfb320":
         columns = ColumnMap.from_options([f"{channel}={i + 1}" for i, channel in enumerate(hfb320.COLUMNS)])
         record = read_record(book / "hfb320_1_10.asc", columns)
         record = record.with_channels(rho=2.0 * record["qbar"] / record["V"] ** 2)
-        return HealthyFlight(name=name, records=(record,), aircraft=hfb320_aircraft.aircraft())
+        return HealthyFlight(name=name, records=(record,), aircraft=hfb320_aircraft.aircraft(), own=own)
     stem = _SIDPAC[name]
     record = read_record(folder / "sidpac" / f"{stem}.csv")
-    return HealthyFlight(name=name, records=(record,), aircraft=Aircraft.read(folder / "sidpac" / f"{stem}.toml"))
+    aircraft = Aircraft.read(folder / "sidpac" / f"{stem}.toml")
+    return HealthyFlight(name=name, records=(record,), aircraft=aircraft, own=own)
 
 
 def flights(seed: int) -> Iterator[HealthyFlight]:

@@ -67,9 +67,9 @@ def score_causes(
 
     `besides` are kind and target of causes that the same flight has without the fault: a real one has its own.
     """
+    causes = [one for one in causes if (one.kind, one.target) not in besides]
     if fault is None:
         return "false alarm" if findings or causes else "quiet"
-    causes = [one for one in causes if (one.kind, one.target) not in besides]
     told = {(one.kind, one.target) for one in causes}
     sets = told | {(str(o["kind"]), str(o["target"])) for one in causes for o in one.indistinguishable_from}
     of_data = score(fault, findings)

@@ -76,6 +76,12 @@ class DataCriteria:
         "measured: 0.02 in a Twin Otter, 0.5 in a Tu-144",
         unit="s",
     )
+    drift: float = number(
+        0.01,
+        "1-sigma of what one recorder's clock gains on another's",
+        "chosen: it is then told as a drift, and taken for no unit",
+        unit="s/s",
+    )
     close: float = number(
         0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
     )
@@ -101,6 +107,7 @@ class DataCriteria:
     )
     impossible_sign: float = number(-40.0, "the same of the sign of a derivative", signed=True)
     one_factor: float = number(0.1, "difference of logarithms up to which two factors are one")
+    time_steps: int = number(3, "iterations to a delay and a drift between channels", "measured: two settle them")
     error_steps: int = number(12, "iterations to the least errors of a lift curve", "measured: four settle it")
     largest_error: float = number(20.0, "error of a lift curve in its 1-sigmas beyond which none is looked for")
     stretch: float = number(1.3, "factor between rates from which time may be stretched")

@@ -198,10 +198,10 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
     if at.sum() < 20:
         return None
     rate, made = relation.sides(record, gravity)
-    late = criteria.late * np.gradient(rate, record.step)
-    rate, made, *errors = (_without_line(side[at]) for side in (rate, made, late, *relation.errors(record, criteria)))
+    errors = np.reshape(relation.errors(record, criteria), (-1, len(rate))).T
     every = int(at.sum() / max(record.independent, 1.0)) + 1
-    rate = _without_errors(rate, made, np.stack(errors, axis=1), every, criteria.close)
+    rate = _in_time(rate, made, errors, at, every, record.step, criteria)
+    made = _without_line(made[at])
     (left, both), (_, right) = np.cov(np.stack([rate, made]))
     if not np.isfinite([left, right, both]).all():
         return None
@@ -215,16 +215,32 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
     )
 
 
-def _without_errors(rate: np.ndarray, made: np.ndarray, errors: np.ndarray, every: int, close: float) -> np.ndarray:
-    """The one side with the ordinary errors, of their prior sizes, that bring it nearest to the other.
+def _in_time(
+    rate: np.ndarray, made: np.ndarray, errors: np.ndarray, at: np.ndarray, every: int, step: float, by: DataCriteria
+) -> np.ndarray:
+    """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other.
+
+    These have their prior sizes: `errors` of the instruments, a delay, and a clock that drifts. The last two may be so
+    large that a slope does not tell them, and are sought step by step.
 
     `every` samples are one independent one."""
     if not np.isfinite(errors).all():
-        return rate
-    left = rate - made
-    noise = max(float(np.var(left)), close * float(np.var(rate)), 1e-300) * every
-    size = np.linalg.solve(errors.T @ errors / noise + np.eye(errors.shape[1]), errors.T @ left / noise)
-    return rate - errors @ size
+        return _without_line(rate[at])
+    t = step * np.arange(len(rate))
+    ahead = np.stack([np.full(len(t), by.late), by.drift * t], axis=1)  # [s] each in its 1-sigma
+    size = np.zeros(2 + errors.shape[1])
+    other = _without_line(made[at])
+    shifted, slopes = rate, errors
+    for _ in range(by.time_steps):
+        late = ahead @ size[:2]
+        shifted = np.interp(t + late, t, rate)
+        slopes = np.column_stack([ahead * np.gradient(shifted, step)[:, None], -errors])
+        slopes = np.stack([_without_line(one[at]) for one in slopes.T], axis=1)
+        left = other - _without_line(shifted[at]) + slopes[:, :2] @ size[:2]
+        noise = max(float(np.var(left)), by.close * float(np.var(rate[at])), 1e-300) * every
+        size = np.linalg.solve(slopes.T @ slopes / noise + np.eye(len(size)), slopes.T @ left / noise)
+    moved = _without_line(np.interp(t + ahead @ size[:2], t, rate)[at])
+    return moved + slopes[:, 2:] @ size[2:]
 
 
 def _without_line(series: np.ndarray) -> np.ndarray:

@@ -1,13 +1,14 @@
 """What the surfaces do to the aircraft, against the derivatives of the file: sign, unit and swap of their records.
 
 The measured coefficients of force and moment are regressed on the motion, with the file's derivatives as prior. An
-explanation that needs derivatives far from the file pays for it, be it the records' fault or the file's own.
+explanation that needs derivatives far from the file pays for it, be it the records' fault or the file's own. Flow
+angles may read a part of each other, as those of healthy vanes do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 
@@ -33,6 +34,37 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
 }
 _MOTION = ("alpha", "beta", "p", "q", "r")
 _UNSTEADY = ("alphadot", "betadot")
+_READ_TOO: Mapping[str, str] = {"alpha": "beta", "beta": "alpha"}  # a flow angle's vane reads a part of the other
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Row:
+    """What a coefficient depends on: names, terms and values of the file's derivatives, without the constant. Behind
+    them come terms that errors of healthy instruments make, with their spread."""
+
+    names: tuple[str, ...]
+    terms: tuple[str, ...]
+    prior: np.ndarray
+    errors: tuple[tuple[str, float], ...]
+
+    @property
+    def all_terms(self) -> tuple[str, ...]:
+        return (*self.terms, *(term for term, _ in self.errors))
+
+    @property
+    def about(self) -> np.ndarray:
+        """Value of every column."""
+        return np.append(self.prior, np.zeros(len(self.errors)))
+
+    @property
+    def besides(self) -> np.ndarray:
+        """Spread of every column that its value does not tell."""
+        return np.append(np.zeros(len(self.prior)), [spread for _, spread in self.errors])
+
+    def columns(self, regressors: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N, columns) of regressors."""
+        count = len(regressors["alpha"])
+        return np.stack([parse_term(term).evaluate(regressors) * np.ones(count) for term in self.all_terms], axis=1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +99,7 @@ class Response:
 
     def __init__(self, aircraft: Aircraft, criteria: DataCriteria) -> None:
         self._aircraft, self._criteria = aircraft, criteria
-        self._rows = _rows(aircraft)
+        self._rows = _rows(aircraft, criteria)
 
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
         """Log likelihood ratio in every record of the alternatives for surfaces, beside those of the file's signs.
@@ -120,13 +152,13 @@ class Response:
     def _file_signs(self, plain: Sequence[Parts], noise: Mapping[str, float]) -> list[tuple[Alternative, list[float]]]:
         found = []
         for coefficient, sigma in noise.items():
-            names, terms, prior = self._rows[coefficient]
+            row = self._rows[coefficient]
             squares = _together(plain, coefficient)
-            base = _log_evidence(squares, terms, prior, sigma, self._criteria)
-            for i, (name, term) in enumerate(zip(names, terms, strict=True)):
+            base = _log_evidence(squares, row, sigma, self._criteria)
+            for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
                 if term in SURFACES:
-                    flipped = np.where(np.arange(len(prior)) == i, -prior, prior)
-                    gain = _log_evidence(squares, terms, flipped, sigma, self._criteria) - base
+                    flipped = replace(row, prior=np.where(np.arange(len(row.prior)) == i, -row.prior, row.prior))
+                    gain = _log_evidence(squares, flipped, sigma, self._criteria) - base
                     alternative = Alternative(kind="file_sign", target=name, reading=Reading())
                     found.append((alternative, [gain / len(plain)] * len(plain)))
         return found
@@ -141,14 +173,13 @@ class Response:
         measured = _measured(record, self._aircraft)
         every = max(1, round(len(record.value("V")) / record.independent))
         found = {}
-        for coefficient, (_, terms, _) in self._rows.items():
-            entering = {n for term in terms for n, _ in parse_term(term).factors}
+        for coefficient, row in self._rows.items():
+            entering = {n for term in row.terms for n, _ in parse_term(term).factors}
             if not record.has(*_NEEDED[coefficient], *(entering & {*there, *_MOTION})):
                 continue
-            columns = [parse_term(t).evaluate(regressors) * np.ones(len(measured[coefficient])) for t in terms]
             at = np.flatnonzero(record.known("V", *_NEEDED[coefficient], *entering))[::every]
-            y, X = measured[coefficient][at], np.stack(columns, axis=1)[at]
-            if len(at) < 2 * len(terms) or not (np.isfinite(X).all() and np.isfinite(y).all() and np.ptp(y) > 0.0):
+            y, X = measured[coefficient][at], row.columns(regressors)[at]
+            if len(at) < 2 * len(row.terms) or not (np.isfinite(X).all() and np.isfinite(y).all() and np.ptp(y) > 0.0):
                 continue
             y, X = y - y.mean(), X - X.mean(axis=0)
             found[coefficient] = _Squares(samples=len(y), yy=float(y @ y), Xy=X.T @ y, XX=X.T @ X)
@@ -162,7 +193,7 @@ class Response:
 
     def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float], minor: float = 0.0) -> float:
         return sum(
-            _log_evidence(_together(parts, c), *self._rows[c][1:], sigma, self._criteria, minor)
+            _log_evidence(_together(parts, c), self._rows[c], sigma, self._criteria, minor)
             for c, sigma in noise.items()
         )
 
@@ -171,26 +202,21 @@ def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
     return reduce(add, (one[coefficient] for one in parts if coefficient in one))
 
 
-def _log_evidence(
-    squares: _Squares,
-    terms: Sequence[str],
-    prior: np.ndarray,
-    noise: float,
-    criteria: DataCriteria,
-    minor: float = 0.0,
-) -> float:
+def _log_evidence(squares: _Squares, row: _Row, noise: float, criteria: DataCriteria, minor: float = 0.0) -> float:
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
     Derivatives are about `prior`, within a part of it, or within what makes a `minor` part of what the coefficient
     varies by. Those of surfaces are not of the other sign, nor less than `criteria.smallest` of it."""
+    prior = row.about
     varies = minor * np.sqrt(max(float(prior @ squares.XX @ prior), 0.0))
     spread = np.hypot(criteria.derivative * prior, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))
+    spread = np.hypot(spread, row.besides)
     off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
     b = spread * (squares.Xy - squares.XX @ prior) / noise**2
     inverse = np.linalg.inv(np.eye(len(prior)) + spread[:, None] * squares.XX * spread / noise**2)
     shift = inverse @ b
     evidence = -0.5 * float(off / noise**2 - shift @ b) + 0.5 * float(np.linalg.slogdet(inverse)[1])
-    for i, (term, value, sigma) in enumerate(zip(terms, prior, spread, strict=True)):
+    for i, (term, value, sigma) in enumerate(zip(row.all_terms, prior, spread, strict=True)):
         if term in SURFACES:
             above = (1.0 - criteria.smallest) * abs(value) / sigma
             posterior = (above + np.sign(value) * shift[i]) / np.sqrt(inverse[i, i])
@@ -198,8 +224,8 @@ def _log_evidence(
     return evidence
 
 
-def _rows(aircraft: Aircraft) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], np.ndarray]]:
-    """Coefficient -> names, terms and values of what the file has, without the constant."""
+def _rows(aircraft: Aircraft, criteria: DataCriteria) -> dict[str, _Row]:
+    """Coefficient -> what the file has of it."""
     values = {**aircraft.derivatives}
     table: dict[str, list[tuple[str, str, float]]] = {}
     for coefficient, name, term in aerodynamic_parameters(aircraft):
@@ -207,9 +233,21 @@ def _rows(aircraft: Aircraft) -> dict[str, tuple[tuple[str, ...], tuple[str, ...
         if coefficient in _NEEDED and term != "0" and not any(u in term for u in _UNSTEADY) and value != 0.0:
             table.setdefault(coefficient, []).append((name, term, value))
     return {
-        c: (tuple(n for n, _, _ in rows), tuple(t for _, t, _ in rows), np.array([v for _, _, v in rows]))
-        for c, rows in table.items()
+        coefficient: _Row(
+            names=tuple(name for name, _, _ in rows),
+            terms=tuple(term for _, term, _ in rows),
+            prior=np.array([value for _, _, value in rows]),
+            errors=tuple(_errors({term: value for _, term, value in rows}, criteria)),
+        )
+        for coefficient, rows in table.items()
     }
+
+
+def _errors(slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
+    """What healthy instruments add to a coefficient that has these slopes by its terms, and its spread."""
+    for angle, other in _READ_TOO.items():
+        if angle in slopes and other not in slopes:
+            yield other, criteria.upwash * abs(slopes[angle])
 
 
 def _regressors(c: Read, aircraft: Aircraft, reading: Reading) -> dict[str, np.ndarray]:

@@ -21,7 +21,7 @@ def _where(records: Sequence[str], every: bool) -> str:
 
 def of_channel(kind: str, target: str, records: Sequence[str], every: bool, share: float, level: str) -> str:
     """A fault that one channel shows alone; `share` of the samples of the records concerned, `level` of a rail."""
-    where, part = _where(records, every), f"{100.0 * share:.2g} % of its samples"
+    where, part = _where(records, every), _part(share)
     label = named(target)
     if kind == "data_stuck":
         return f"The recorded {label} is frozen{level} in {where}: {part} are left out."
@@ -77,3 +77,8 @@ def of_file_unit(parameter: str, unit: str, rivals: Sequence[str]) -> str:
 def of_no_input(surfaces: Sequence[str], records: Sequence[str]) -> str:
     """Records without any input."""
     return f"No surface moves ({', '.join(surfaces)}) in {', '.join(records)}: nothing can be identified from these."
+
+
+def _part(share: float) -> str:
+    percent = 100.0 * share
+    return f"{percent:.0f} % of its samples" if percent >= 10.0 else f"{percent:.2g} % of its samples"

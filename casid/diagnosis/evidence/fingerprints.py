@@ -18,6 +18,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.innovations import linearise
 from casid.model.effect import Effect
+from casid.model.operators import CYCLES
 from casid.model.station import coefficient
 from casid.model.terms import parse_term
 from casid.native.processors import side_by_side
@@ -40,14 +41,18 @@ _Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its furthe
 
 
 def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarray | None = None) -> list[Fingerprint]:
-    """The fingerprints of effects on the whole grid of their further values and onsets.
+    """The fingerprints of effects on the whole grid of their further values and onsets, but for oscillations that are
+    too fast for the samples.
 
     onsets  [s] after each record's first sample; default `onset_grid` over the longest record
     """
     effects, base = list(effects), evidence.fit
+    slowest = max(float(np.median(np.diff(record.t))) for record in base.flight.records)
     rows: list[_Row] = []
     for effect in effects:
         for values in effect.grid:
+            if values.get("frequency_hz", 0.0) * slowest > CYCLES:
+                continue
             if not effect.timed:
                 rows.append((effect, values, None))
                 continue

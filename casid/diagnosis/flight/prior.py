@@ -8,9 +8,10 @@ import numpy as np
 
 from casid.diagnosis.criteria import PriorCriteria
 from casid.diagnosis.flight.flight import Flight
+from casid.model.aircraft import Aircraft
 from casid.model.causes import sensor_bias
 from casid.model.system import Model
-from casid.model.terms import derivative_term
+from casid.model.terms import Term, derivative_term
 
 OFFSET = "bias_"  # and the channel: parameter of a model
 
@@ -33,8 +34,9 @@ def smallest_stated_std(coefficient: str, criteria: PriorCriteria | None = None)
 
 
 def _std(flight: Flight, model: Model, name: str, size: float) -> float:
-    """1-sigma as the file states it, or so loose that it says nothing: of a derivative that the file has at zero, by
-    what its regressor does in these records. An offset of an instrument is small beside what matters as a cause."""
+    """1-sigma as the file states it, or of a derivative that the file has at zero as large as it is in aircraft. Where
+    that is not known, so loose that it says nothing, by what its regressor does in these records. An offset of an
+    instrument is small beside what matters as a cause."""
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
@@ -45,7 +47,21 @@ def _std(flight: Flight, model: Model, name: str, size: float) -> float:
     smallest = known.typical.of(coefficient)
     if name in model.prior_std:
         return max(model.prior_std[name], smallest_stated_std(coefficient, known))
+    usual = known.usual.of(name)
+    if size == 0.0 and usual is not None:
+        return usual * _as_in_the_file(flight.aircraft, term)
     if size > 0.0 or not term.factors:
         return known.spread * max(size, smallest)
     moves = max(flight.regressors(model).variation(term), known.resting)
     return known.spread * smallest * max(1.0, known.regressor / moves)
+
+
+def _as_in_the_file(aircraft: Aircraft, term: Term) -> float:
+    """Factor of a derivative by a rate where the file does not make rates dimensionless with half of a length."""
+    lengths = {
+        "p": (aircraft.moment_length_lateral, aircraft.rate_length_lateral),
+        "q": (aircraft.moment_length_pitch, aircraft.rate_length_pitch),
+        "r": (aircraft.moment_length_lateral, aircraft.rate_length_lateral),
+    }
+    length, made_with = lengths.get(term.name, (2.0, 1.0))
+    return 0.5 * length / made_with

@@ -9,6 +9,7 @@ from scipy import signal, stats
 
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import readings
+from casid.estimation.fitted import channel_fit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +20,7 @@ class ChannelStatistics:
     noise        1-sigma of the instrument, from the band above the motion
     whiteness_p  Ljung-Box p-value of the innovations; small: something systematic is left
     theil        inequality coefficient of measured and simulated, 0 perfect, 1 useless
-    R2           share of the channel's variance that the simulation explains
+    R2           share of the channel's variance that the simulation explains; NaN of one that never changes
     """
 
     rms: float
@@ -69,21 +70,15 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
             continue
         # where it was measured: the samples that a late reading is compared at stand elsewhere
         measured = np.where(np.isnan(error), np.nan, fit.batch.Z[..., i])
-        predicted = measured - error
-        rms = _rms(error)
+        flown = channel_fit(measured.ravel(), (measured - error).ravel())
         table[name] = ChannelStatistics(
-            rms=rms,
+            rms=flown.rms,
             noise=fit.noise.measurement[name],
             whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i], lags),
-            theil=rms / (_rms(measured) + _rms(predicted)),
-            R2=1.0 - rms**2 / float(np.nanvar(measured)),
+            theil=flown.theil,
+            R2=flown.R2,
         )
     return table
-
-
-def _rms(values: np.ndarray) -> float:
-    with np.errstate(over="ignore"):  # of a simulation that diverges: infinite
-        return float(np.sqrt(np.nanmean(values**2)))
 
 
 def whiteness(white: np.ndarray, seen: np.ndarray, lags: int = 20) -> float:

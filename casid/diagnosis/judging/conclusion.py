@@ -87,15 +87,16 @@ def _several(all_of_them: Sequence[Finding | Contradiction | Doubt], most: int) 
 
 
 def _values_wrong(contradicted: Sequence[Contradiction], most: int) -> str:
-    few = "A number" if len(contradicted) == 1 else f"{len(contradicted)} numbers"
-    stand = "stands" if len(contradicted) == 1 else "stand"
-    return f"The structure is right, but {few} of the file {stand} against flight. {_several(contradicted, most)}"
+    return f"The structure is right, but {_against(contradicted)} {_several(contradicted, most)}"
 
 
 def _also_contradicted(contradicted: Sequence[Contradiction], most: int) -> str:
-    few = "a number" if len(contradicted) == 1 else f"{len(contradicted)} numbers"
-    stands = "stands" if len(contradicted) == 1 else "stand"
-    return f"Besides, {few} of the file {stands} against flight. {_several(contradicted, most)}"
+    return f"Besides, {_against(contradicted)} {_several(contradicted, most)}"
+
+
+def _against(contradicted: Sequence[Contradiction]) -> str:
+    few, stand = ("a number", "stands") if len(contradicted) == 1 else (f"{len(contradicted)} numbers", "stand")
+    return f"{few} of the file {stand} against flight."
 
 
 def _refined(budget: Budget, criteria: GivenCriteria) -> str:

@@ -240,7 +240,7 @@ def structural_mode(channel: str) -> Effect:
         defaults={"damping": _LIGHT},
         output=output,
         amplitude=0.05,
-        limits={"damping": 0.3},
+        limits={"damping": 0.1},  # above that it is half gone after one cycle, and looks like a lag of the reading
     )
 
 

@@ -121,6 +121,24 @@ def test_motion_that_is_not_measured_is_no_surface_reversed(lacks: str) -> None:
     ]
 
 
+@pytest.mark.parametrize("slope", [-0.2, 0.2])
+def test_a_vane_that_reads_a_part_of_the_other_angle_reverses_no_surface(slope: float) -> None:
+    """Where the elevator hardly moves, the incidence that sideslip adds to the reading made pitching moments that the
+    elevator, reversed, explained better, in two of four records."""
+    pytest.importorskip("jsbsim")
+    flight = fly_set("jsbsim", "clean-2", 1801)
+    read = [one.with_channels(alpha=one["alpha"] + slope * one["beta"]) for one in flight.records]
+    assert not cs.check(read, flight.aircraft).findings
+
+
+@pytest.mark.parametrize("drift", [0.007, 0.014])
+def test_a_clock_that_drifts_is_no_unit(drift: float) -> None:
+    """An inertial unit that is 0.35 s late at the end: a lateral acceleration in ft/s2 made more of it fit."""
+    flight = fly_set("do328", "clean-4", 1803)
+    fault = DataFault(kind="clock_drift", target="inertial", records=("m1", "m2", "m3", "m4"), value=drift)
+    assert not cs.check(with_fault(fault, flight.records, 1803), flight.aircraft).findings
+
+
 @pytest.mark.parametrize("name", REAL)
 def test_real_flights_keep_quiet(name: str, flight_data) -> None:
     """ATTAS, HFB-320, and the corrected records of a Twin Otter and a Tu-144."""

@@ -15,13 +15,16 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.errors import InputError
 from casid.model.aircraft import EffectValue
 from casid.model.applied import apply_effects
+from casid.model.causes import structural_mode
 from casid.model.dynamics import aircraft_model
 from casid.model.effects import catalogue, effect_of
 from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.record import Record
+from casid.records.thinning import thinned
 from problems.do328 import THRUST, V_TRIM, do328
 
 MEMORY = EffectValue(kind="unsteady_aero", target="Cm", value=-8.0, parameters={"time_constant": 0.3})
@@ -82,3 +85,26 @@ def test_size_and_memory_of_lagged_aerodynamics_are_fitted() -> None:
     for slot, truth in (("", MEMORY.value), (".time_constant", 0.3)):
         name = f"unsteady_aero(Cm, lagged){slot}"
         assert abs(found[name] - truth) < 4.0 * found.std(name) + 0.02 * abs(truth), name
+
+
+def test_an_oscillation_too_fast_for_the_samples_is_not_looked_for() -> None:
+    """At 5 Hz half of the frequencies that are tried make more than one cycle between samples. Nothing is known there
+    of what drives it, and its reading is refused."""
+    flight = prepare(do328(), [thinned(record, 5.0) for record in flights(FLOWN[3], 21)])
+    base = fit(flight, (), flight.noise())
+    effect = structural_mode("alpha")
+    tried = [one.values["frequency_hz"] for one in fingerprints(weigh(base), [effect])]
+    assert 0 < len(tried) < len(effect.grid) and max(tried) <= 5.0
+    fast = Attached(effect=effect, values={"value": 0.01, "frequency_hz": 5.1, "damping": 0.03})
+    with pytest.raises(InputError, match="5.1 Hz.*up to 5 Hz"):
+        fit(flight, [fast], base.noise, base)
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.2])
+def test_a_fit_of_an_oscillation_stays_where_the_samples_tell_of_it(damping: float) -> None:
+    """Truth: there is none. A fit that stepped to 1e10 Hz asked for 36 TB, and one to a damping of -1.6 was named."""
+    flight = prepare(do328(), flights(MEMORY, 21))
+    base = fit(flight, (), flight.noise())
+    start = Attached(effect=structural_mode("q"), values={"value": 0.05, "frequency_hz": 20.0, "damping": damping})
+    found = fit(flight, [start], base.noise, base, iterations=15).attached[0].values
+    assert 0.0 < found["frequency_hz"] <= 50.0 and found["damping"] >= 0.0
