@@ -64,6 +64,7 @@ class KinematicCriteria:
     force: float = number(4.0, "size of a free specific force", unit="m/s2")
     moment_time: float = number(0.2, "correlation time of a free angular acceleration", unit="s")
     smallest_moment: float = number(0.01, "size of a free angular acceleration at least", unit="rad/s2")
+    unmeasured_moment: float = number(1.0, "the same where no rate is measured", unit="rad/s2")
     peak: float = number(2.0, "its size in root mean squares: manoeuvres take a part of the time")
     seen: float = number(50.0, "gain that a cause must promise before kinematics can judge it", unit=_GAIN)
     refuted: float = number(0.3, "part of the promised gain below which they refute it")

@@ -24,7 +24,6 @@ _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 _FORCES: Mapping[str, str] = MappingProxyType({"CX": "ax", "CY": "ay", "CZ": "az"})
 
 
-_UNMEASURED = 1.0  # rad/s2: size of an angular acceleration of which no rate tells
 _ALREADY: WeakKeyDictionary[Flight, Flight] = WeakKeyDictionary()  # with the models that were built of it
 
 
@@ -87,7 +86,7 @@ def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria
     """1-sigma [rad/s2] of a free angular acceleration, from the increments of a measured rate over the correlation time
     (those of an integrated first-order Gauss-Markov process), less what the noise of the rate makes of them."""
     if rate not in flight.outputs:
-        return _UNMEASURED
+        return criteria.unmeasured_moment
     squares, lasts, time = [], [], criteria.moment_time
     for record in flight.records:
         there = np.isfinite(record[rate])
@@ -98,7 +97,7 @@ def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria
         squares.append((values[lag:] - values[:-lag]) ** 2)
         lasts.append(float(np.median(t[lag:] - t[:-lag])))
     if not lasts:
-        return _UNMEASURED
+        return criteria.unmeasured_moment
     x = float(np.mean(lasts)) / time
     increments = float(np.mean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
     variance = increments / (2.0 * time**2 * (x - 1.0 + np.exp(-x)))
