@@ -120,7 +120,7 @@ def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
     calm = as_inputs_run(in_colour(calm))
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
-    found = judge_kinematics(flight, case.known, offsets)
+    found = judge_kinematics(flight, case.known, offsets, calm)
     stages.begin("refit of the file")
     begun = baseline(calm, found.turbulence, found.nuisance)
     stages.begin("naming")

@@ -37,6 +37,8 @@ class NoiseModel:
     coloured     disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
     colour       output -> (1-sigma, correlation time [s]): what its innovations are instead of white with unit
                  variance, a first-order Gauss-Markov process from one reading to the next
+    slow         output -> (1-sigma, correlation time [s]) of first-order Gauss-Markov processes beside the white noise;
+                 an offset that is another one in every record has an infinite time
     """
 
     measurement: Mapping[str, float]
@@ -44,6 +46,7 @@ class NoiseModel:
     white: Mapping[str, float] = field(default_factory=dict)
     coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    slow: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,6 +16,7 @@ import numpy as np
 from casid.filtering.colour import Colouring, colouring
 from casid.filtering.innovations import Linear, NoiseModel
 from casid.filtering.kernel import FilterKernel, filter_kernel
+from casid.filtering.slow import slow_states, with_slow_readings
 from casid.filtering.transposed import transposed
 
 _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
@@ -60,7 +61,7 @@ class Filter:
             return replace(self, linear=linear, noise=noise)
         through = _held(linear, self.through)
         A, C, *_ = augmented(through, noise)
-        own, names = [*self.through.model.states, *self.noise.coloured], [*linear.model.states, *noise.coloured]
+        own, names = _names(self.through, self.noise), _names(linear, noise)
         into, of = _shared(names, own)
         gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
         gain[:, :, into] = self.gain[:, :, of]
@@ -71,7 +72,8 @@ class Filter:
         """Whether all that another model could change of it is already in it."""
         model, before = linear.model, self.through.model
         same_model = model.states == before.states and model.disturbances == before.disturbances
-        same_noise = noise.coloured == self.noise.coloured and list(noise.inputs) == list(self.noise.inputs)
+        same_noise = (noise.coloured, noise.slow) == (self.noise.coloured, self.noise.slow)
+        same_noise = same_noise and list(noise.inputs) == list(self.noise.inputs)
         return same_model and same_noise and np.array_equal(linear.seen, self.through.seen)
 
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
@@ -122,8 +124,8 @@ class Filter:
         return transposed(self.linear, self.A, self.C, self.gain, self.inverse_root, stations, white)
 
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Most likely deviation of the augmented state (N, R, n) and noise of the recorded inputs (N, R, ni), given one
-        column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion."""
+        """Most likely deviation of states and coloured disturbances (N, R, nx + nc), and noise of the recorded inputs
+        (N, R, ni), given one column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion."""
         white, states = self._columns(Y, F, first, keep=True)
         if self.kernel is not None:
             costates = self.kernel.costates(self.A, self.C, self.gain, self.inverse_root, white)
@@ -133,7 +135,7 @@ class Filter:
         deviation = (self.P @ costates[..., None] - states)[..., 0]
         nx = self.linear.X.shape[2]
         deviation[1:, :, :nx] += (self.inputs.after @ noise[1:, ..., None])[..., 0]
-        return deviation, noise
+        return deviation[..., : deviation.shape[2] - len(slow_states(self.noise.slow))], noise
 
     def _costates(self, white: np.ndarray) -> np.ndarray:
         found = np.zeros(self.C.shape[:2] + self.C.shape[3:])
@@ -151,6 +153,8 @@ class Filter:
         self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None, keep: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc)."""
+        if first is not None and self.noise.slow:  # of slow noise nothing is expected
+            first = np.pad(first, ((0, 0), (0, self.C.shape[3] - first.shape[1]), (0, 0)))
         if self.kernel is not None:
             return self.kernel.whiten(self, Y, F, first, keep)
         return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], first, keep)
@@ -235,6 +239,11 @@ def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:
     out[1:] += linear.C[1:] @ after
     variance = np.array([sigma**2 for sigma in noise.inputs.values()])
     return InputNoise(variance=variance, now=now, after=after, out=out)
+
+
+def _names(linear: Linear, noise: NoiseModel) -> list[str]:
+    """Of the filter's states: those of the model, coloured disturbances, slow noise of readings."""
+    return [*linear.model.states, *noise.coloured, *slow_states(noise.slow)]
 
 
 def _held(linear: Linear, before: Linear) -> Linear:
@@ -345,8 +354,9 @@ def _sources(linear: Linear, noise: NoiseModel) -> _Sources:
 
 
 def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[Any, ...]:
-    """A, C, Q, M of the model with its coloured disturbances as further states, S that state and outputs share (None
-    without noise of inputs), and the initial covariance. `plain` in numpy, as without a compiler."""
+    """A, C, Q, M of the model with coloured disturbances and slow noise of readings as further states, S that state and
+    outputs share (None without noise of inputs), and the initial covariance. `plain` in numpy, as without a compiler.
+    """
     model, ny = linear.model, linear.C.shape[2]
     sources = _sources(linear, noise)
     n = len(model.states) + len(sources.coloured)
@@ -357,7 +367,8 @@ def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[A
         *made, S = kernel.augmented(linear, sources)
     P = np.zeros((linear.C.shape[1], n, n))
     P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sources.sigma**2]
-    return *made, S if noise.inputs else None, P
+    found = *made, S if noise.inputs else None, P
+    return with_slow_readings(linear, noise.slow, found) if noise.slow else found
 
 
 def _augmented(linear: Linear, sources: _Sources, inputs: InputNoise) -> tuple[np.ndarray, ...]:

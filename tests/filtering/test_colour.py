@@ -7,21 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from filter_cases import covariance, process
 
 from casid.filtering.colour import colouring, most_likely
-
-
-def process(rng: np.random.Generator, t: np.ndarray, sigma: float, tau: float) -> np.ndarray:
-    """(n,) first-order Gauss-Markov process at times t."""
-    x = sigma * rng.standard_normal(len(t))
-    for k in range(1, len(t)):
-        rho = np.exp(-(t[k] - t[k - 1]) / tau)
-        x[k] = rho * x[k - 1] + np.sqrt(1.0 - rho**2) * x[k]
-    return x
-
-
-def covariance(t: np.ndarray, sigma: float, tau: float) -> np.ndarray:
-    return sigma**2 * np.exp(-np.abs(t[:, None] - t) / tau)
 
 
 def linear(t: np.ndarray, seen: np.ndarray) -> Any:

@@ -18,6 +18,8 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.statistics import free_simulation
 from casid.filtering.colour import most_likely
 from casid.filtering.kalman import residual_about
+from casid.filtering.slow import usual_offset, white_and_slow
+from casid.model.causes import sensor_bias
 
 
 def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
@@ -70,24 +72,36 @@ def level_of(fitted: FlightFit) -> dict[str, float]:
     return found
 
 
-def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
-    """The fit with all noise as slow as it leaves it, of outputs of which it leaves no more than instruments may: noise
-    of which half is slow. More is not the instrument's, and stays what it was."""
+def as_slow_as_left(fitted: FlightFit) -> FlightFit:
+    """The fit with noise of outputs that is white in part and slow in part, as it leaves it (`slow_of`)."""
     if fitted.noise.colour:
         return fitted
-    most = fitted.criteria.noise.slow
-    left = colour_of(fitted, fitted.model.outputs)
-    colour = {name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= most}
-    return _under(fitted, fitted.flight.sigma, colour, fitted.free)
+    noise = replace(fitted.noise, slow=slow_of(fitted))
+    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, iterations=15)
+
+
+def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Slow noise of every output as a fit leaves it (`NoiseModel.slow`): an offset in every record, and a part that
+    moves, where that gains. More than instruments may have of that is not theirs, and no noise."""
+    white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
+    found = white_and_slow(fitted.batch.t, white, fitted.linear.seen)
+    flown, slow = sum(record.duration for record in fitted.flight.records), {}
+    usual = usual_offset(found)
+    for name, one in zip(fitted.model.outputs, found, strict=True):
+        largest = sensor_bias(name).smallest_that_matters(fitted.flight.aircraft) or np.inf
+        # a variance is known from as many independent values as correlation times were flown
+        most = (criteria.slow - 1.0) * (1.0 + criteria.slow_sigmas * np.sqrt(2.0 * one.tau / flown))
+        parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
+        if one.gain > criteria.slow_gain and one.slow**2 < most:
+            parts.append((one.slow * sigma[name], one.tau))
+        slow |= {name: tuple(parts)} if parts else {}
+    return slow
 
 
 def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Output -> (1-sigma, correlation time [s]) of the innovations of each of these that is measured, in units of its
     noise."""
-    plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
-    through = fitted.filter.through
-    column = residual_about(fitted.linear, fitted.acting, fitted.motion.coloured, fitted.errors, through)
-    white, seen, t = plain.whiten(*column)[..., 0], fitted.linear.seen, fitted.batch.t
+    white, seen, t = _innovations(fitted), fitted.linear.seen, fitted.batch.t
     found = {}
     for name in outputs:
         i = fitted.model.outputs.index(name)
@@ -95,3 +109,11 @@ def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[floa
         if sum(len(values) for _, values in series) > len(fitted.slots):
             found[name] = most_likely(series)
     return found
+
+
+def _innovations(fitted: FlightFit) -> np.ndarray:
+    """(N, R, ny) innovations of a fit, of no colour."""
+    plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
+    through = fitted.filter.through
+    column = residual_about(fitted.linear, fitted.acting, fitted.motion.coloured, fitted.errors, through)
+    return plain.whiten(*column)[..., 0]

@@ -33,6 +33,15 @@ class NoiseCriteria:
         "squares left per reading up to which what moves slowly is the instrument's noise",
         "derived: as much again as the noise that was read, which is its quick part",
     )
+    slow_gain: float = number(
+        10.0,
+        "gain from which a channel's noise is slow in part",
+        "derived: chi-square 99 % with two numbers free",
+        unit="2 ln L",
+    )
+    slow_sigmas: float = number(
+        3.0, "scatter of a slow part's variance, in 1-sigmas, by which it may seem to be more", "derived: 3 sigmas"
+    )
     first: float = number(0.02, "noise of a channel in the first fit, of its variation, when it hides its noise")
     largest_input: float = number(
         3.0, "1-sigmas of an input's noise; what would need more is a fault that the model does not have yet"

@@ -14,7 +14,7 @@ from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.judging.belief import Believed, believed
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.kept import Kept, keep
-from casid.diagnosis.judging.left import what_is_left
+from casid.diagnosis.judging.left import beside_slow_noise, what_is_left
 from casid.diagnosis.judging.verdict import causes_of, smallest_detectable, verdict_of
 from casid.diagnosis.kinematics.stage import KinematicFindings
 from casid.diagnosis.naming.baseline import Baseline, named
@@ -93,5 +93,6 @@ def _told(
     """(minor, unexplained, causes with their probabilities); `left` are the missing inputs of the kept model."""
     structure, required = (kept.structure, kept.structure_gain), begun.required
     causes, minor = causes_of(naming, kept.evidence, begun.turbulence, kept.gains, structure, required, left)
+    causes, minor = beside_slow_noise(kept, naming, causes, minor)
     minor, unexplained = what_is_left(kept, naming, left, (causes, minor), required)
     return minor, unexplained, believed(causes, unexplained, naming, left)

@@ -32,7 +32,7 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
         held = take_up(tables or aircraft.tables, cause.value) if take_up else None
         if held is not None:
             tables = held
-        elif not named and cause.term:
+        elif not named and cause.term and cause.target in aircraft.coefficients:
             terms.setdefault(cause.target, {})[cause.term] = cause.value
         else:
             effects.append(_as_effect(cause, fit.batch.names))

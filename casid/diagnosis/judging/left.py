@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.flight.colour import as_coloured_as_left
+from casid.diagnosis.flight.colour import as_slow_as_left
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -15,6 +18,7 @@ from casid.diagnosis.judging.held_out import judge_on, with_events
 from casid.diagnosis.judging.kept import Kept
 from casid.diagnosis.judging.verdict import minor_trials, still_missing, too_small
 from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.trials import required_gain
 
 
 def what_is_left(
@@ -42,6 +46,35 @@ def what_is_left(
     return minor, unexplained
 
 
+def beside_slow_noise(
+    kept: Kept, naming: Naming, causes: Sequence[Cause], minor: Sequence[Cause]
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """(causes, minor): a cause is minor that gains too little for a name where noise is as slow, and instruments are as
+    much off, as the model with all causes leaves them. The weakest first, and again without it."""
+    if not causes or kept.fit.noise.colour:
+        return tuple(causes), tuple(minor)
+    slow, left = as_slow_as_left(kept.fit), list(causes)
+    while left and slow.noise.slow:
+        gains = [(_share_of_required(slow, naming, cause), i) for i, cause in enumerate(left)]
+        share, weakest = min(gains)
+        if share >= 1.0:
+            break
+        one = left.pop(weakest)
+        minor = (*minor, replace(one, sentence=f"{one.sentence} Slow noise and offsets of instruments do as much."))
+        others = [a for a in slow.attached if a.effect.key != (one.kind, one.target, one.term)]
+        slow = fit(slow.flight, others, slow.noise, slow)
+    return tuple(left), tuple(minor)
+
+
+def _share_of_required(slow: FlightFit, naming: Naming, cause: Cause) -> float:
+    """Gain of a cause, by its 1-sigma, over that for a name; any of what is no number of the fit, as moving air."""
+    slots = {slot.name for slot in slow.slots}
+    for one in slow.attached:
+        if one.effect.key == (cause.kind, cause.target, cause.term) and one.name in slots:
+            return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, naming.criteria)
+    return np.inf
+
+
 def _not_by_noise(
     fitted: FlightFit,
     unexplained: list[MissingInput],
@@ -53,8 +86,8 @@ def _not_by_noise(
     of slow noise counts as news, and an unknown input gains by it."""
     if not unexplained or fitted.noise.colour:
         return unexplained
-    coloured = weigh(as_coloured_as_left(fitted))
-    return still_missing(coloured, missing_inputs(coloured), causes, required, share)
+    slow = weigh(as_slow_as_left(fitted))
+    return still_missing(slow, missing_inputs(slow), causes, required, share)
 
 
 def _missing_on_held(

@@ -12,6 +12,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.aircraft_in_air import moves_the_aircraft
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.events import at_peak
 from casid.diagnosis.naming.size import plausible
@@ -36,9 +37,12 @@ class KinematicFindings:
     nuisance: list[Attached]
 
 
-def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached]) -> KinematicFindings:
+def judge_kinematics(
+    flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
+) -> KinematicFindings:
     """What kinematics find with effects that are `known`, the small `offsets` of instruments of a baseline, and the
-    skews between instruments that the kinematics demand themselves."""
+    skews between instruments that the kinematics demand themselves. Air that moves must move the aircraft, too, by its
+    file `refitted` in calm air."""
     if not kinematics.available(flight):
         return KinematicFindings(
             evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
@@ -48,6 +52,8 @@ def judge_kinematics(flight: Flight, known: Sequence[Attached], offsets: Sequenc
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named:
         turbulent = _with_faults(flight, turbulent, calm, _observable(flight, of_the_file))
+    if turbulent.named and not moves_the_aircraft(turbulent, refitted):
+        turbulent = kinematics.still_air(flight)
     if turbulent.named:
         moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
         found = kinematics.reconstruct(flight, of_the_file, moving, calm)
