@@ -51,7 +51,7 @@ def test_likelihood_is_that_of_the_dense_gaussian():
     system = (A, B0, B1, C, D, phi)
     # independent sources: initial state, initial gust, gust drive and pitch per step, each through the linear system
     sources = [np.r_[5.0 * s * np.eye(nx)[i], 0.0] for i, s in enumerate(model.scale_vector())]
-    columns = [(*_respond(source, system, {}),) for source in [*sources, np.r_[0.0, 0.0, 0.01]]]
+    columns = [_respond(source, system, {}) for source in [*sources, np.r_[0.0, 0.0, 0.01]]]
     driven = 0.01 * np.sqrt(1.0 - phi**2)
     for k in range(N - 1):
         columns.append(_respond(np.zeros(3), system, {k: ("gust", driven)}))
@@ -230,8 +230,8 @@ def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     P = np.tile(model.nominal_vector(), (2, 1))
     functions = PointFunctions(model, model.parameters)
     linear = linearise(functions, batch, P, X)
-    jacobians = functions.jacobians(X, batch.U, P, np.zeros((60, 2, len(model.disturbances))))
-    plain = _interval(*jacobians, batch.dt, batch.live, batch.held_at(model), linear.seen)
+    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, np.zeros((60, 2, len(model.disturbances))))
+    plain = _interval(by_x, by_p, by_w, batch.dt, batch.live, batch.held_at(model), linear.seen)
     for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
         np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)
 
