@@ -54,7 +54,7 @@ class WhiteAndSlow:
 
     white, slow, tau  1-sigma of its parts, and correlation time [s] of the slow one
     gain              what they gain beside white noise alone, 2 ln L
-    offsets, stds     offset in every record that has the channel, and its 1-sigma
+    offsets, stds     (R,) offset in every record, and its 1-sigma; NaN where it has not the channel
     """
 
     white: float
@@ -88,12 +88,13 @@ def white_and_slow(t: np.ndarray, values: np.ndarray, seen: np.ndarray) -> list[
     return [tried.best(i, points[i], float(alone[i])) for i in range(ny)]
 
 
-def usual_offset(found: Sequence[WhiteAndSlow]) -> float:
+def usual_offset(offsets: np.ndarray, stds: np.ndarray) -> float:
     """1-sigma of the offsets of all channels in all records, in units of their noise, by what most of them show. One
-    that is off is no reason to expect it of the others."""
-    offsets, stds = (np.concatenate([getattr(one, part) for one in found]) for part in ("offsets", "stds"))
-    scale = _MEDIAN_DEVIATION * float(np.median(np.abs(offsets))) if len(offsets) else 0.0
-    return math.sqrt(max(scale**2 - float(np.median(stds)) ** 2, 0.0)) if len(offsets) else 0.0
+    that is off is no reason to expect it of the others. `stds` say how well each is known; NaN is none."""
+    if not np.isfinite(stds).any():
+        return 0.0
+    scale = _MEDIAN_DEVIATION * float(np.nanmedian(np.abs(offsets)))
+    return math.sqrt(max(scale**2 - float(np.nanmedian(stds)) ** 2, 0.0))
 
 
 def _around(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -120,8 +121,8 @@ class _Tried:
             slow=slow**0.5,
             tau=float(np.exp(points[at, 1])),
             gain=max(alone - float(self.deviance[i, at]), 0.0),
-            offsets=self.offset[there, i, at],
-            stds=self.std[there, i, at],
+            offsets=np.where(there, self.offset[:, i, at], np.nan),
+            stds=np.where(there, self.std[:, i, at], np.nan),
         )
 
 

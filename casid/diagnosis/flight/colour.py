@@ -15,6 +15,7 @@ import numpy as np
 from casid.diagnosis.flight.evaluation import FlightFit, Free
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import readings
 from casid.diagnosis.flight.statistics import free_simulation
 from casid.filtering.colour import most_likely
 from casid.filtering.kalman import residual_about
@@ -86,7 +87,10 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
     white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
     found = white_and_slow(fitted.batch.t, white, fitted.linear.seen)
     flown, slow = sum(record.duration for record in fitted.flight.records), {}
-    usual = usual_offset(found)
+    offsets = np.array([one.offsets for one in found]).T + _put_in(fitted) / np.array(
+        [sigma[name] for name in fitted.model.outputs]
+    )
+    usual = usual_offset(offsets, np.array([one.stds for one in found]).T)
     for name, one in zip(fitted.model.outputs, found, strict=True):
         largest = sensor_bias(name).smallest_that_matters(fitted.flight.aircraft) or np.inf
         # a variance is known from as many independent values as correlation times were flown
@@ -96,6 +100,17 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
             parts.append((one.slow * sigma[name], one.tau))
         slow |= {name: tuple(parts)} if parts else {}
     return slow
+
+
+def _put_in(fitted: FlightFit) -> np.ndarray:
+    """(R, ny) offsets of readings that attached effects make: what they add there and does not change with time."""
+    batch, output = fitted.batch, fitted.linear.output
+    found, rounding = np.zeros(output.shape[1:]), fitted.criteria.structure.rounding
+    for one in fitted.attached:
+        if one.effect.output is not None:
+            added = readings([one], batch.names, batch.t, output, fitted.model.outputs, fitted.known) - output
+            found += np.where(np.ptp(added, axis=0) <= rounding * np.abs(output).max(axis=0), added[0], 0.0)
+    return found
 
 
 def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[float, float]]:
