@@ -27,6 +27,7 @@ _UPDATES = 8  # updates from which a beat is judged
 _HELD = 3.0  # readings per update from which a channel is held
 _BEAT = 1.0  # samples by which an update may miss the beat
 _IN_STEP = 0.9  # part of the updates that keep to it
+_ONE_STEP = 1.5  # smallest changes below which a change is one step of the converter
 _FEWEST = 64  # samples from which a spectrum is judged
 _MOTION_SHARE = 0.9  # of the power of angular acceleration
 
@@ -47,16 +48,16 @@ def high_band_sigma(values: np.ndarray) -> float:
     return float(1.482602218505602 * scale / gain)
 
 
-def resolution(values: np.ndarray) -> float:
-    """Smallest step between distinct values: the quantisation of a channel; 0 for a series of so few levels that they
-    may be the signal's own, as of an input of steps. Levels that differ by rounding, as after a conversion of units,
-    are one."""
+def resolution(values: np.ndarray, fewest: int = _LEVELS) -> float:
+    """Smallest step between distinct values: the quantisation of a channel; 0 for a series of `fewest` levels or less,
+    which may be the signal's own, as of an input of steps. Levels that differ by rounding, as after a conversion of
+    units, are one."""
     levels = np.unique(values[np.isfinite(values)])
-    if len(levels) < _LEVELS:
+    if len(levels) < fewest:
         return 0.0
     steps = np.diff(levels)
     steps = steps[steps > _ROUNDING * (levels[-1] - levels[0])]
-    return float(steps.min()) if len(steps) + 1 >= _LEVELS else 0.0
+    return float(steps.min()) if len(steps) + 1 >= fewest else 0.0
 
 
 def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -64,7 +65,7 @@ def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     in between, the first after each update. Of any other, all that are there (not NaN).
 
     A slower recorder shows by its beat: the value changes after the same time again and again, or after a multiple of
-    it where it happens not to change. A channel of coarse steps changes at any time.
+    it where it happens not to change. A channel of coarse steps changes at any time, and by one step at a time.
     """
     there = np.isfinite(values)
     at = np.flatnonzero(there)
@@ -72,6 +73,9 @@ def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
         return there
     new = np.flatnonzero(np.diff(values[at]) != 0.0) + 1
     if len(new) < _UPDATES or not len(new) < len(at) / _HELD:
+        return there
+    changes = np.abs(np.diff(values[at])[new - 1])
+    if np.mean(changes < _ONE_STEP * changes.min()) > _IN_STEP:
         return there
     runs = np.diff(new)
     beat = float(np.median(runs))
@@ -83,12 +87,18 @@ def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return first
 
 
-def pooled_sigma(series: list[np.ndarray]) -> float:
-    """High-band noise of one channel over several records: the median, and never below the quantisation noise."""
+def pooled_sigma(series: list[np.ndarray], continuous: bool = False) -> float:
+    """High-band noise of one channel over several records: the median, and never below the quantisation noise. Of what
+    is `continuous`, as motion is, levels are steps of a converter however few there are."""
     sigmas = [s for s in map(high_band_sigma, series) if np.isfinite(s)]
     if not sigmas:
         return float("nan")
-    return max(float(np.median(sigmas)), float(np.median([resolution(s) for s in series])) / np.sqrt(12.0))
+    return max(float(np.median(sigmas)), _quantum(series, continuous) / np.sqrt(12.0))
+
+
+def _quantum(series: list[np.ndarray], continuous: bool) -> float:
+    """Resolution of a channel in most of its records."""
+    return float(np.median([resolution(values, 2 if continuous else _LEVELS) for values in series]))
 
 
 _HALF_WIDTHS = (0, 1, 2, 4, 8, 16, 32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casid.records.noise import high_band_holds, real_updates, resolution
+from casid.records.noise import high_band_holds, pooled_sigma, real_updates, resolution
 from casid.records.record import Record
 from casid.records.thinning import spaced
 
@@ -56,3 +56,25 @@ def test_spaced_readings() -> None:
     at = np.flatnonzero(spaced(T, values, 0.125))
     assert at[0] == 1 and len(at) == 160
     assert np.all(np.floor(T[at[1:]] / 0.125 + 1e-6) == np.arange(1, 160))
+
+
+@pytest.mark.parametrize("step", [0.02, 0.35, 1.0])
+def test_coarse_steps_of_a_continuous_channel_are_its_noise_however_few_levels_it_has(step: float) -> None:
+    """Error of rounding, uniform: step / sqrt(12). The high band takes it for Gaussian, which it is not, and reads up to
+    a quarter more. An input may have few levels of its own."""
+    t = np.arange(0.0, 20.0, 0.04)
+    motion = 3.0 * np.sin(0.9 * t) + 0.8 * np.sin(3.1 * t + 0.3)
+    coarse = step * np.round(motion / step)
+    assert np.std(coarse - motion) == pytest.approx(step / np.sqrt(12.0), rel=0.15)
+    assert pooled_sigma([coarse], continuous=True) == pytest.approx(step / np.sqrt(12.0), rel=0.25)
+    if step == 1.0:
+        assert len(np.unique(coarse)) < 10 and pooled_sigma([coarse]) < 0.01 * step
+
+
+def test_a_channel_that_changes_by_one_step_at_a_time_is_coarse_and_not_held() -> None:
+    """A triangle crosses its steps at even times, as a slower recorder updates; one that is held jumps by several."""
+    t = np.arange(0.0, 20.0, 0.02)
+    triangle = np.abs((t + 0.05) % 4.0 - 2.0)
+    assert real_updates(t, 0.1 * np.round(triangle / 0.1)).all()
+    held = real_updates(t, (0.01 * np.round((triangle + 0.3 * np.sin(7.0 * t)) / 0.01))[np.arange(1000) // 10 * 10])
+    assert held.sum() == 99

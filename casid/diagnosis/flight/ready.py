@@ -67,5 +67,5 @@ def hides_noise(records: Sequence[Record], name: str, criteria: NoiseCriteria) -
 
 def sigma_of(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
     """1-sigma of the noise; the smallest there is where the samples are too few to tell."""
-    noise, variation = pooled_sigma(series), float(np.nanstd(np.concatenate(series)))
+    noise, variation = pooled_sigma(series, continuous=True), float(np.nanstd(np.concatenate(series)))
     return max(noise if np.isfinite(noise) else 0.0, criteria.smallest * variation, 1e-12)

@@ -44,3 +44,12 @@ def test_what_is_missing_beside_slow_noise_is_still_missing() -> None:
     found = diagnose(rough_file(), [with_slow_noise(one, rng, ("V", "alpha", "beta")) for one in records])
     assert found.verdict in ("unexplained", "partly explained"), str(found)
     assert found.unexplained[0].place.name == "Cl"
+
+
+@pytest.mark.slow
+def test_coarse_steps_of_an_attitude_are_nothing_that_is_missing_there() -> None:
+    """The pitch attitude in steps of 0.35 deg, seven times its noise: 20 levels, each for a fifth of a second and more."""
+    step = np.radians(0.35)
+    records = [one.with_channels(theta=step * np.round(one["theta"] / step)) for one in flights(seed=6, count=3)]
+    found = diagnose(rough_file(), records)
+    assert (found.verdict, found.causes, found.unexplained) == ("values wrong", (), ()), str(found)
