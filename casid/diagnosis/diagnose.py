@@ -15,6 +15,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run
 from casid.diagnosis.flight.noise_level import with_noise_level
+from casid.diagnosis.flight.outliers import without_outliers
 from casid.diagnosis.given.as_given import AsGiven, attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.reach import reach_of
 from casid.diagnosis.judging.by_rules import by_rules
@@ -117,7 +118,7 @@ def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
     if is_far(calm, flight.criteria.noise.far_from_data):
         flight = unread(flight)
         calm = fit(flight, case.known, flight.noise(), iterations=20)
-    calm = as_inputs_run(in_colour(calm))
+    calm = as_inputs_run(in_colour(without_outliers(calm)))
     flight, offsets = calm.flight, demanded_offsets(calm)
     stages.begin("kinematics")
     found = judge_kinematics(flight, case.known, offsets, calm)

@@ -22,6 +22,7 @@ class FitNumerics:
     far: float = number(
         100.0, "deviance per reading of an unconverged fit that is begun elsewhere", "derived: 10 sigmas"
     )
+    outlier_fits: int = number(3, "fits until no outlier shows any more")
     wider: float = number(10.0, "times the noise under which it is begun elsewhere")
     noise_fits: int = number(2, "fits by which the noise of doubted channels is found")
     noise_iterations: int = number(6, "iterations of each of them")

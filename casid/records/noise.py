@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal
+from scipy import ndimage, signal
 
 from casid.records.record import Record
 
@@ -29,6 +29,11 @@ _BEAT = 1.0  # samples by which an update may miss the beat
 _IN_STEP = 0.9  # part of the updates that keep to it
 _ONE_STEP = 1.5  # smallest changes below which a change is one step of the converter
 _FEWEST = 64  # samples from which a spectrum is judged
+_CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours on either side
+_BESIDE = 12  # readings on either side that tell what scatter is usual
+_ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
+_MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
+_OUTLYING = 5.0  # scatters from which a reading is none of the noise whose spectrum is read
 _MOTION_SHARE = 0.9  # of the power of angular acceleration
 
 
@@ -164,6 +169,22 @@ def _off_movement(
     return first, last
 
 
+def isolated(values: np.ndarray, sigmas: float) -> np.ndarray:
+    """(N,) True at single readings of a series (N,) that are `sigmas` scatters or more from the cubic through their
+    neighbours, and on the same side of both."""
+    at = np.zeros(len(values), dtype=bool)
+    if len(values) < _FEWEST:
+        return at
+    off = values[2:-2] - np.convolve(values, _CUBIC, mode="valid")
+    size = np.abs(off)
+    usual = ndimage.median_filter(size, 2 * _BESIDE + 1, mode="nearest")
+    scatter = max(float(np.median(size)), 0.3 * resolution(values)) / _MEDIAN_OF_NORMAL
+    sides = np.stack([values[2:-2] - values[1:-3], values[2:-2] - values[3:-1]]) * np.sign(off)
+    far = size > sigmas * np.maximum(usual / _MEDIAN_OF_NORMAL, scatter)
+    at[2:-2] = far & (sides.min(axis=0) > _ALONE * size)
+    return at
+
+
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
     """Whether the high-band noise of a channel may stand for its noise at all frequencies.
 
@@ -234,10 +255,11 @@ def _own_step(record: Record, channel: str) -> float:
 def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
     """(frequency over half the channel's own sampling rate, power); white noise of 1-sigma s has power s^2 throughout.
 
-    Samples that are missing are left out, as of a channel recorded at a lower rate than the others.
+    Samples that are missing are left out, as of a channel recorded at a lower rate than the others, and so are outliers.
     """
     values = record[channel]
     values = values[np.isfinite(values)]
+    values = values[~isolated(values, _OUTLYING)]
     frequency, power = signal.periodogram(values, 2.0, "hann", detrend="linear")
     return frequency[1:], power[1:]
 

@@ -42,6 +42,14 @@ class NoiseCriteria:
     slow_sigmas: float = number(
         3.0, "scatter of a slow part's variance, in 1-sigmas, by which it may seem to be more", "derived: 3 sigmas"
     )
+    outlier: float = number(
+        5.0,
+        "scatters by which a single innovation is off those beside it, from which it is no noise",
+        "derived: one in 90 flights of 20000 readings by chance",
+    )
+    outlier_input: float = number(
+        4.0, "1-sigmas by which a surface moves between samples, near which nothing is an outlier", "derived: 4 sigmas"
+    )
     first: float = number(0.02, "noise of a channel in the first fit, of its variation, when it hides its noise")
     largest_input: float = number(
         3.0, "1-sigmas of an input's noise; what would need more is a fault that the model does not have yet"
