@@ -255,7 +255,8 @@ def _own_step(record: Record, channel: str) -> float:
 def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
     """(frequency over half the channel's own sampling rate, power); white noise of 1-sigma s has power s^2 throughout.
 
-    Samples that are missing are left out, as of a channel recorded at a lower rate than the others, and so are outliers.
+    Samples that are missing are left out, as of a channel recorded at a lower rate than the others. So are
+    outliers.
     """
     values = record[channel]
     values = values[np.isfinite(values)]

@@ -60,8 +60,8 @@ def test_spaced_readings() -> None:
 
 @pytest.mark.parametrize("step", [0.02, 0.35, 1.0])
 def test_coarse_steps_of_a_continuous_channel_are_its_noise_however_few_levels_it_has(step: float) -> None:
-    """Error of rounding, uniform: step / sqrt(12). The high band takes it for Gaussian, which it is not, and reads up to
-    a quarter more. An input may have few levels of its own."""
+    """Error of rounding, uniform: step / sqrt(12). The high band takes it for Gaussian, which it is not, and reads up
+    to a quarter more. An input may have few levels of its own."""
     t = np.arange(0.0, 20.0, 0.04)
     motion = 3.0 * np.sin(0.9 * t) + 0.8 * np.sin(3.1 * t + 0.3)
     coarse = step * np.round(motion / step)

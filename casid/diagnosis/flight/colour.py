@@ -81,6 +81,15 @@ def as_slow_as_left(fitted: FlightFit) -> FlightFit:
     return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, iterations=15)
 
 
+def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
+    """The fit with innovations as coloured as it leaves them: of what moving air does a process is a rough model, and
+    leaves some of it in readings without noise of their own being slow. More than that is not noise (`slow_of`)."""
+    most = fitted.criteria.noise.slow
+    left = colour_of(fitted, fitted.model.outputs)
+    colour = {name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= most}
+    return _under(fitted, fitted.flight.sigma, colour, fitted.free)
+
+
 def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
     """Slow noise of every output as a fit leaves it (`NoiseModel.slow`): an offset in every record, and a part that
     moves, where that gains. More than instruments may have of that is not theirs, and no noise."""

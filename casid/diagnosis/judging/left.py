@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.flight.colour import as_slow_as_left
+from casid.diagnosis.flight.colour import as_coloured_as_left, as_slow_as_left
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -83,11 +83,16 @@ def _not_by_noise(
     share: float | None = None,
 ) -> list[MissingInput]:
     """What of the unexplained is missing still where noise is as slow as the fit leaves it. Read as white, each reading
-    of slow noise counts as news, and an unknown input gains by it."""
+    of slow noise counts as news, and an unknown input gains by it. In turbulence innovations may be coloured instead,
+    and what is missing must be so either way."""
     if not unexplained or fitted.noise.colour:
         return unexplained
-    slow = weigh(as_slow_as_left(fitted))
-    return still_missing(slow, missing_inputs(slow), causes, required, share)
+    for in_its_noise in (as_slow_as_left, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
+        evidence = weigh(in_its_noise(fitted))
+        unexplained = still_missing(evidence, missing_inputs(evidence), causes, required, share)
+        if not unexplained:
+            break
+    return unexplained
 
 
 def _missing_on_held(

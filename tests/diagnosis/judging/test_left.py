@@ -48,7 +48,7 @@ def test_what_is_missing_beside_slow_noise_is_still_missing() -> None:
 
 @pytest.mark.slow
 def test_coarse_steps_of_an_attitude_are_nothing_that_is_missing_there() -> None:
-    """The pitch attitude in steps of 0.35 deg, seven times its noise: 20 levels, each for a fifth of a second and more."""
+    """The pitch attitude in steps of 0.35 deg, seven times its noise: 20 levels."""
     step = np.radians(0.35)
     records = [one.with_channels(theta=step * np.round(one["theta"] / step)) for one in flights(seed=6, count=3)]
     found = diagnose(rough_file(), records)
