@@ -90,7 +90,9 @@ def outcome(
         if whole:
             found = diagnose(flight.aircraft, records)
             said = [*(one.sentence for one in found.data), *(one.sentence for one in found.causes)]
-            scored = score_causes(fault, found.data, found.causes, found.verdict, besides)
+            scored = score_causes(
+                fault, found.data, found.causes, found.verdict, besides, [one.what for one in found.not_judged]
+            )
             if fault is None:
                 besides |= {(one.kind, one.target) for one in found.causes}
             return scored, " ".join(said)

@@ -21,7 +21,7 @@ from casid.diagnosis.given.reach import reach_of
 from casid.diagnosis.judging.by_rules import by_rules
 from casid.diagnosis.judging.conclusion import concluded, named_in_errors
 from casid.diagnosis.judging.held_out import split
-from casid.diagnosis.kinematics.stage import judge_kinematics
+from casid.diagnosis.kinematics.stage import comes_near, judge_kinematics
 from casid.diagnosis.naming.baseline import baseline
 from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.result import Diagnosis
@@ -112,10 +112,10 @@ class _Case:
 
 
 def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
-    """The diagnosis of a flight whose noise is believed as read, unless its baseline is far from the data."""
+    """The diagnosis of a flight whose noise is believed as read, unless its baseline and kinematics are far from it."""
     stages.begin("refit of the file")
     calm = fit(flight, case.known, flight.noise(), iterations=20)
-    if is_far(calm, flight.criteria.noise.far_from_data):
+    if is_far(calm, flight.criteria.noise.far_from_data) and not comes_near(flight, case.known):
         flight = unread(flight)
         calm = fit(flight, case.known, flight.noise(), iterations=20)
     calm = as_inputs_run(in_colour(without_outliers(calm)))

@@ -11,6 +11,10 @@ from problems.faults.fault import DataFault
 OUTCOMES: tuple[str, ...] = ("found", "in its set", "refused", "missed", "wrong", "quiet", "false alarm")
 RIGHT: tuple[str, ...] = ("found", "in its set", "refused", "quiet")
 _ALIKE = ({"data_stuck", "data_dropout"},)  # a long hold is a short freeze
+_AXES = {
+    "longitudinal motion": ("V", "alpha", "q", "theta", "ax", "az", "qdot", "delta_e", "thrust"),
+    "lateral motion": ("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot", "delta_a", "delta_r"),
+}
 
 
 def score(fault: DataFault | None, findings: Sequence[Finding]) -> str:
@@ -62,10 +66,12 @@ def score_causes(
     causes: Sequence[Cause],
     verdict: str,
     besides: Collection[tuple[str, str]] = (),
+    not_judged: Collection[str] = (),
 ) -> str:
     """One of OUTCOMES of a whole diagnosis: a fault may be told as a finding of the data or as a cause.
 
     `besides` are kind and target of causes that the same flight has without the fault: a real one has its own.
+    `not_judged` is what was said to be so; a fault there is refused where nothing is named.
     """
     causes = [one for one in causes if (one.kind, one.target) not in besides]
     if fault is None:
@@ -80,6 +86,10 @@ def score_causes(
         return "found"
     if wanted & sets:
         return "in its set" if len(told) == 1 else "wrong"
-    if told or of_data == "wrong" or verdict == "adequate":
+    if told or of_data == "wrong":
+        return "wrong"
+    if any(fault.target in _AXES.get(what, ()) for what in not_judged):
+        return "refused"
+    if verdict == "adequate":
         return "wrong"
     return "refused" if verdict in ("unexplained", "partly explained", "data at fault") else "missed"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import drifts
 from casid.diagnosis.evidence.screening import Candidate, screen
+from casid.diagnosis.flight.colour import is_far
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
@@ -74,6 +75,20 @@ def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
         return []
     elsewhere = [e for e in _observable(flight, found.attached) if e.target not in SKEWED]
     return skews if gained > max(c.net for c in screen(weigh(found, discrepancy=False), elsewhere)) else []
+
+
+def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
+    """Whether kinematics come near the data with one cause at most. Then the noise is as it was read, and what a model
+    leaves is that cause, or wrong in its aerodynamics."""
+    if not kinematics.available(flight):
+        return False
+    far, tried = flight.criteria.noise.far_from_causes, flight.criteria.numerics.naming.trials
+    calm = kinematics.reconstruct(flight, [one for one in known if one.effect.kinematic])
+    if not is_far(calm, far):
+        return True
+    ranked = screen(weigh(calm, discrepancy=False), _observable(flight, calm.attached))[:tried]
+    with_one = (kinematics.again(calm, [*calm.attached, one.attached]) for one in ranked if plausible(one.attached))
+    return any(not is_far(found, far) for found in with_one)
 
 
 def without_turbulence(

@@ -123,7 +123,7 @@ def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
     targets=SENSOR_GROUPS,
     unit="s/s",
     quantity="seconds that the recorder's clock gains in a second",
-    sentence="The clock that stamps the {label} runs {percent} fast, against the others.",
+    sentence="The clock that stamps the {label} runs {percent} [fast|slow], against the others.",
 )
 def clock_drift(target: str) -> Effect:
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
@@ -146,7 +146,7 @@ def clock_drift(target: str) -> Effect:
         kinematic=not of_inputs,
         by_record=True,
         linear=False,
-        grid=tuple({"value": v} for v in (0.002, 0.005, 0.01, 0.02)),
+        grid=tuple({"value": sign * v} for v in (0.002, 0.005, 0.01, 0.02) for sign in (1.0, -1.0)),
         output=None if of_inputs else output,
         undo=None if of_inputs else undo,
         series=series if of_inputs else None,
