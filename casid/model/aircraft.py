@@ -18,7 +18,7 @@ from casid.model.aerodynamics import Aerodynamics
 from casid.model.aircraft_file import numbers, toml_text
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
 from casid.model.airframe import Inertia
-from casid.model.daveml import fields_of_daveml
+from casid.model.daveml import DaveAerodynamics, fields_of_daveml, mended_text
 from casid.model.effect import KINDS
 from casid.model.effect_value import EffectValue
 from casid.model.jsbsim import JsbsimAerodynamics, extended_text, fields_of_jsbsim
@@ -281,7 +281,8 @@ class Aircraft:
 
         Under a name that ends in .xml an aircraft of a JSBSim file is written as that file again: derivatives and
         terms as further functions, effects as parts. Wrong stretches of its tables are mended where they stand.
-        What such a file cannot say stands in a comment of it.
+        What such a file cannot say stands in a comment of it. Under one in .dml the aerodynamics of a DAVE-ML file are
+        written likewise, with its tables mended.
 
         Parameters
         ----------
@@ -295,8 +296,8 @@ class Aircraft:
         InputError
             When `path` cannot be written or `like` cannot be read.
         """
-        jsbsim = a_path(path, "Aircraft.write").suffix.lower() == ".xml"
-        content = self._as_jsbsim(path) if jsbsim else toml_text(sections_of(self))
+        suffix = a_path(path, "Aircraft.write").suffix.lower()
+        content = self._as_own_file(path) if suffix in (".xml", ".dml") else toml_text(sections_of(self))
         if like is not None:
             read_toml(like)  # its faults in words
             content = with_comments_of(Path(like).read_text(encoding="utf-8"), content)
@@ -306,16 +307,22 @@ class Aircraft:
         except UnicodeEncodeError as error:
             raise InputError(f"{path}: cannot be written: {error}") from None
 
-    def _as_jsbsim(self, path: str | Path) -> str:
+    def _as_own_file(self, path: str | Path) -> str:
         own = self.aerodynamics
-        if not isinstance(own, JsbsimAerodynamics) or self.tables:
-            raise InputError(f"{path}: only an aircraft of a JSBSim file, without tables, is written as XML; use .toml")
+        fits = JsbsimAerodynamics if Path(path).suffix.lower() == ".xml" else DaveAerodynamics
+        if not isinstance(own, JsbsimAerodynamics | DaveAerodynamics) or not isinstance(own, fits) or self.tables:
+            raise InputError(
+                f"{path}: only an aircraft of a JSBSim file is written as .xml, of a DAVE-ML file as .dml, and neither "
+                "with further tables; use .toml"
+            )
         terms = {c: dict(row) for c, row in self.terms.items()}
         for name, value in self.derivatives.items():
             coefficient, term = derivative_term(name)
             terms.setdefault(coefficient, {})[term.name] = value
         try:
             text = Path(own.path).read_text(encoding="utf-8")
+            if isinstance(own, DaveAerodynamics):
+                return mended_text(text, own.file_tables, self.effects, terms)
             return extended_text(text, terms, self.effects, self.force_axes, own.file_tables)
         except OSError as error:
             raise InputError(f"{own.path}: cannot be read again: {error.strerror}") from None

@@ -145,9 +145,9 @@ def _is_of(one: Table, asked: Term) -> bool:
     )
 
 
-def holds(one: Table, coefficient: str, term: str) -> bool:
-    """Whether a term of a coefficient is a stretch of a table."""
-    return _holding((one,), coefficient, parse_term(term)) is not None
+def holds(one: Table, kind: str, coefficient: str, term: str) -> bool:
+    """Whether an effect is a wrong stretch of a table: its kind, and a term of its coefficient."""
+    return kind == "table_increment" and _holding((one,), coefficient, parse_term(term)) is not None
 
 
 def _with_change(one: Table, term: Term, value: float) -> Table:

@@ -6,7 +6,8 @@ Names, units and axes are the standard's (ANSI/AIAA S-119). Surfaces have the si
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,7 +18,9 @@ from casid.arguments import number
 from casid.errors import InputError, unknown
 from casid.model.airframe import Inertia
 from casid.model.daveml.functions import DaveFile, Values, dave_file
+from casid.model.inside import FileTable, Tried, file_tables
 from casid.model.jsbsim.aircraft import INCREMENTS
+from casid.model.tables import Table
 from casid.signals import DEGREE, FOOT, POUND, SLUG
 
 # unit of a file -> its size in SI and radians
@@ -87,6 +90,36 @@ class DaveAerodynamics:
 
     def __call__(self, s: Any) -> dict[str, Any]:
         """Body-axes coefficients about the centre of mass. Raises InputError."""
+        return self._coefficients(s)[0]
+
+    @cached_property
+    def _tried(self) -> Tried:
+        functions = dave_file(self.text).functions()
+
+        def look_up(s: Any, marks: ca.SX) -> tuple[dict[str, Any], Values]:
+            return self._coefficients(s, dict(zip(functions, ca.vertsplit(marks), strict=True)))
+
+        return Tried(list(functions.values()), look_up)
+
+    @cached_property
+    def file_tables(self) -> tuple[FileTable, ...]:
+        """The tables of the file that are over regressors, and enter a coefficient as they are or times a term."""
+        return tuple(file_tables(self._tried))
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """`file_tables` as tables of casid."""
+        return tuple(one.table for one in self.file_tables)
+
+    def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
+        """Coefficient -> by how much it grows with the values of one of `tables`, as a part of its own coefficient:
+        forces have moments about the centre of mass. Expressions in the quantities of `Aircraft.aerodynamics`."""
+        return self._tried.of_table(next(each for each in self.file_tables if each.table == one), s)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again
+
+    def _coefficients(self, s: Any, added: Mapping[str, Any] = MappingProxyType({})) -> tuple[dict[str, Any], Values]:
         file = dave_file(self.text)
         given: dict[str, Any] = dict(self.held)
         for name, varid in file.names.items():
@@ -97,7 +130,7 @@ class DaveAerodynamics:
                     )
                 given[varid] = ca.SX(_INPUTS[name](s, self)) / _unit(file, varid)
         try:
-            look = file.values({name: ca.SX(value) for name, value in given.items()})
+            look = file.values({name: ca.SX(value) for name, value in given.items()}, added)
             fx, fy, fz, roll, pitch, yaw = (look(_varid(file, name)) for name in (*_FORCES, *_MOMENTS))
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
@@ -110,7 +143,7 @@ class DaveAerodynamics:
             "Cl": roll - (y * fz - z * fy) / b,
             "Cm": pitch - (z * fx - x * fz) / c,
             "Cn": yaw - (x * fy - y * fx) / b,
-        }
+        }, look
 
 
 def fields_of_daveml(aerodynamics: str | Path, inertia: str | Path, held: Mapping[str, float]) -> dict[str, Any]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -13,6 +15,7 @@ import casadi as ca
 from casid.errors import InputError, unknown
 from casid.model.daveml.mathml import bare, expression, number
 from casid.model.grid import Grid
+from casid.model.inside import Entry
 
 _SEPARATORS = re.compile(r"[\s,]+")
 
@@ -47,27 +50,28 @@ class DaveFile:
     def _functions_of(self) -> list[ET.Element]:
         return [node for node in self._all("function") if _find(node, "dependentVarRef") is not None]
 
-    def values(self, given: Mapping[str, Any]) -> Values:
-        """Look-up of every variable by varID, from inputs by varID in the units of the file."""
-        return Values(self, given)
+    def values(self, given: Mapping[str, Any], added: Mapping[str, Any] = MappingProxyType({})) -> Values:
+        """Look-up of every variable by varID, from inputs by varID in the units of the file; `added` are increments of
+        functions, by the varID that they give."""
+        return Values(self, given, added)
 
-    def shots(self) -> list[tuple[str, dict[str, float], dict[str, tuple[float, float]]]]:
-        """(name, inputs, outputs with tolerance) of the static check cases, by the standard's names."""
-        found = []
-        for shot in self._all("staticShot"):
-            signals = [
-                {_name(s): _value(s, "signalValue") for s in _child(shot, part) if bare(s) == "signal"}
-                for part in ("checkInputs", "checkOutputs")
-            ]
-            tolerances = {_name(s): _value(s, "tol") for s in _child(shot, "checkOutputs") if bare(s) == "signal"}
-            outputs = {name: (value, tolerances[name]) for name, value in signals[1].items()}
-            found.append((shot.get("name", ""), signals[0], outputs))
+    def functions(self) -> dict[str, Entry | None]:
+        """varID that it gives -> the table of a function, None for one that is not read, or is several functions'."""
+        shared = Counter(id(table) for node in self._functions.values() if (table := self._table(node)) is not None)
+        found: dict[str, Entry | None] = {}
+        for varid, node in self._functions.items():
+            try:
+                entry = self._entry(node)
+            except InputError:
+                entry = None
+            found[varid] = entry if shared[id(self._table(node))] == 1 else None
         return found
 
     def found(self, varid: str, look: Values) -> Any:
         """What a variable is made of: an input's initial value, a calculation, a function. Raises InputError."""
         if varid in self._functions:
-            return self._function(self._functions[varid], look)
+            entry = self._entry(self._functions[varid])
+            return entry.grid.at(*(look(name) for name in entry.over)) + look.added.get(varid, 0.0)
         node = self._variables.get(varid)
         if node is None:
             raise unknown("variable", varid, self._variables)
@@ -78,12 +82,16 @@ class DaveFile:
             return ca.SX(number(node.get("initialValue"), "initialValue"))
         raise InputError(f"variable '{varid}' ({node.get('name')}) has no value; hold it: held = {{\"{varid}\": 0.0}}")
 
-    def _function(self, node: ET.Element, look: Values) -> Any:
-        references = [child for child in node if bare(child) == "independentVarRef"]
+    def _table(self, node: ET.Element) -> ET.Element | None:
         definition = _child(node, "functionDefn")
         table = _find(definition, "griddedTableDef")
         if table is None and (reference := _find(definition, "griddedTableRef")) is not None:
-            table = self._tables.get(reference.get("gtID", ""))
+            return self._tables.get(reference.get("gtID", ""))
+        return table
+
+    def _entry(self, node: ET.Element) -> Entry:
+        references = [child for child in node if bare(child) == "independentVarRef"]
+        table = self._table(node)
         if table is None:
             raise InputError(f"function '{node.get('name')}' has no gridded table; others are not read")
         axes = [self._axis(r.get("bpID", "")) for r in _child(table, "breakpointRefs")]
@@ -91,9 +99,9 @@ class DaveFile:
         if len(references) != len(axes) or not beyond <= {"neither", "both"} or len(beyond) > 1:
             raise InputError(f"function '{node.get('name')}': one way beyond its table, 'neither' or 'both', is read")
         outside = "hold" if beyond == {"neither"} else "linear"
-        values = tuple(_numbers(table, "dataTable"))
-        grid = Grid(breakpoints=tuple(map(tuple, axes)), values=values, outside=outside)
-        return grid.at(*(look(reference.get("varID", "")) for reference in references))
+        grid = Grid(breakpoints=tuple(map(tuple, axes)), values=tuple(_numbers(table, "dataTable")), outside=outside)
+        over = tuple(reference.get("varID", "") for reference in references)
+        return Entry(name=node.get("name", ""), over=over, grid=grid)
 
     def _axis(self, identifier: str) -> list[float]:
         if identifier not in self._breakpoints:
@@ -104,8 +112,9 @@ class DaveFile:
 class Values:
     """varID -> expression, each made once."""
 
-    def __init__(self, file: DaveFile, given: Mapping[str, Any]) -> None:
+    def __init__(self, file: DaveFile, given: Mapping[str, Any], added: Mapping[str, Any]) -> None:
         self._file, self._known, self._open = file, dict(given), set[str]()
+        self.added = added
 
     def __call__(self, varid: str) -> Any:
         if varid not in self._known:
@@ -136,12 +145,3 @@ def _child(node: ET.Element, tag: str) -> ET.Element:
 def _numbers(node: ET.Element, tag: str) -> list[float]:
     text = "".join(_child(node, tag).itertext())
     return [number(x, tag) for x in _SEPARATORS.split(text.strip()) if x]
-
-
-def _name(signal: ET.Element) -> str:
-    node = _find(signal, "signalName")
-    return ((node if node is not None else _child(signal, "varID")).text or "").strip()
-
-
-def _value(signal: ET.Element, tag: str) -> float:
-    return number(_child(signal, tag).text, tag)

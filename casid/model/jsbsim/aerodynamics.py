@@ -13,10 +13,11 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
+from casid.model.inside import QUANTITIES, FileTable, Tried, file_tables
 from casid.model.jsbsim.functions import value_of
 from casid.model.jsbsim.properties import Metrics, Properties
 from casid.model.jsbsim.source import amount, body_arm, part, place
-from casid.model.jsbsim.tables import QUANTITIES, FileTable, Tried, file_tables
+from casid.model.jsbsim.tables import entries, mark, marked
 from casid.model.tables import Table
 
 _FORCES = (("DRAG", "SIDE", "LIFT"), ("AXIAL", "SIDE", "NORMAL"), ("X", "Y", "Z"))
@@ -60,10 +61,13 @@ class JsbsimAerodynamics:
 
     @cached_property
     def _tried(self) -> Tried:
-        def look_up(text: str, s: Any, further: Mapping[str, Any]) -> tuple[dict[str, Any], Properties]:
-            return replace(self, text=text).coefficients(s, further)
+        root = _root(self.text)
+        with_marks = replace(self, text=marked(root))
 
-        return Tried(_root(self.text), look_up)
+        def look_up(s: Any, marks: ca.SX) -> tuple[dict[str, Any], Properties]:
+            return with_marks.coefficients(s, {mark(i): marks[i] for i in range(marks.numel())})
+
+        return Tried(list(entries(root)), look_up)
 
     @cached_property
     def file_tables(self) -> tuple[FileTable, ...]:
@@ -78,10 +82,7 @@ class JsbsimAerodynamics:
     def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
         """Coefficient -> by how much it grows with the values of one of `tables`, as a part of its own coefficient:
         forces have moments about the c.g. Expressions in the quantities of `Aircraft.aerodynamics`."""
-        own = next(each for each in self.file_tables if each.table == one)
-        tried = self._tried
-        slopes = tried.slopes(ca.vertcat(*(s.get(name, 0.0) for name in QUANTITIES)))[:, own.index] / own.gain
-        return dict(zip(tried.names, ca.vertsplit(slopes), strict=True))
+        return self._tried.of_table(next(each for each in self.file_tables if each.table == one), s)
 
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again

@@ -103,7 +103,7 @@ def table_grid(node: ET.Element) -> tuple[list[str], Grid]:
     if len(variables) == 1:
         numbers = _numbers(data[0])
         return [rows["row"]], _grid([numbers[::2]], numbers[1::2])
-    pages = [_page(one) for one in data]
+    pages = pages_of(node)
     if len(variables) == 2:
         return [rows["row"], rows["column"]], pages[0]
     stations = [number_of(one.get("breakPoint"), "tableData breakPoint") for one in data]
@@ -111,6 +111,11 @@ def table_grid(node: ET.Element) -> tuple[list[str], Grid]:
     # a page is bilinear between the breakpoints of all pages, too
     values = np.concatenate([_resampled(page, *axes) for page in pages])
     return [rows["table"], rows["row"], rows["column"]], _grid([stations, *axes], values.tolist())
+
+
+def pages_of(node: ET.Element) -> list[Grid]:
+    """The pages of a table of two or three dimensions. Raises InputError."""
+    return [_page(one) for one in node.findall("tableData")]
 
 
 def _page(node: ET.Element) -> Grid:

@@ -12,12 +12,13 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
 from casid.errors import InputError
-from casid.model.causes.tables import holds
 from casid.model.effect_value import EffectValue
+from casid.model.inside import FileTable
 from casid.model.jsbsim.aerodynamics import reference_point
 from casid.model.jsbsim.mass import mass_properties
 from casid.model.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part
-from casid.model.jsbsim.tables import FileTable, with_changed_table
+from casid.model.jsbsim.tables import with_changed_table
+from casid.model.mending import blanked, comment, holding, said
 from casid.model.terms import Stretch, parse_term
 from casid.signals import FOOT, SLUG
 
@@ -41,7 +42,6 @@ _WRITTEN = {
 }
 _FORCE_AXES = {"DRAG": ("DRAG", "SIDE", "LIFT"), "AXIAL": ("AXIAL", "SIDE", "NORMAL"), "X": ("X", "Y", "Z")}
 _LIFT_SQUARED = "aero/cl-squared"
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def extended_text(
@@ -66,9 +66,9 @@ def extended_text(
     left: list[str] = []
     for effect in effects:
         if effect.records or effect.onset_s:
-            left.append(_said(effect, "is not in all records, or not always"))
-        elif held := _holding(tables, effect):
-            text = with_changed_table(text, _blanked(text), held, effect.term or "", effect.value)
+            left.append(said(effect, "is not in all records, or not always"))
+        elif held := holding(tables, effect):
+            text = with_changed_table(text, blanked(text), held, effect.term or "", effect.value)
         elif effect.kind in ("aero_term", "table_increment") and effect.term:
             _add(total, effect.target, effect.term, effect.value)
         elif effect.kind == "unsteady_aero" and not effect.parameters:
@@ -78,7 +78,7 @@ def extended_text(
         elif effect.kind in ("mass", "cg_offset", "inertia"):
             text = _with_mass(text, root, effect)
         else:
-            left.append(_said(effect, "has no place in a JSBSim file"))
+            left.append(said(effect, "has no place in a JSBSim file"))
     for coefficient, row in total.items():
         for term in [t for t in row if _factors(t) is None]:
             left.append(f"{coefficient}: {row.pop(term):.6g} times {term}, of which JSBSim has no property")
@@ -86,26 +86,9 @@ def extended_text(
     if total:
         text = _with_functions(text, root, total, axes)
     if left:
-        lines = "".join(f"\n       {line.replace('--', '- -')}" for line in left)
-        text = _before(
-            text,
-            "</aerodynamics>",
-            f"    <!-- casid found what stands in no function of this file:{lines}\n    -->\n  ",
-        )
+        text = _before(text, "</aerodynamics>", comment(left) + "  ")
     ET.fromstring(text)
     return text
-
-
-def _holding(tables: Sequence[FileTable], effect: EffectValue) -> FileTable | None:
-    """The table of the file of which an effect is a wrong stretch."""
-    if effect.kind != "table_increment":
-        return None
-    return next((one for one in tables if holds(one.table, effect.target, effect.term or "0")), None)
-
-
-def _said(effect: EffectValue, why: str) -> str:
-    target = f"({effect.target}{':' + effect.term if effect.term else ''})" if effect.target else ""
-    return f"{effect.kind}{target} {effect.value:.6g} {effect.unit}: it {why}"
 
 
 def _add(total: dict[str, dict[str, float]], coefficient: str, term: str, value: float) -> None:
@@ -139,13 +122,9 @@ def _stretch(one: Stretch, name: str) -> str:
 # text: positions are found with comments blanked, so that what stands in them is left alone
 
 
-def _blanked(text: str) -> str:
-    return _COMMENT.sub(lambda found: " " * len(found.group()), text)
-
-
 def _before(text: str, tag: str, insertion: str, start: int = 0) -> str:
     """Insertion before the tag, after `start`, at the beginning of its line when nothing else stands there."""
-    at = _blanked(text).index(tag, start)
+    at = blanked(text).index(tag, start)
     line = text.rfind("\n", 0, at) + 1
     at = line if not text[line:at].strip() else at
     return text[:at] + insertion + text[at:]
@@ -192,7 +171,7 @@ def _with_functions(text: str, root: ET.Element, total: Mapping[str, Mapping[str
         z = f"<difference>{_product('<value>-1</value>', lift, cos)}{_product(drag, sin)}</difference>"
         lines += [_function("dCX", x), _function("dCZ", z)]
         known |= {"CX": _property("casid/dCX"), "CZ": _property("casid/dCZ")}
-    if "CL" in given and _LIFT_SQUARED in _blanked(text):
+    if "CL" in given and _LIFT_SQUARED in blanked(text):
         text = _before_increments(text)
         root_of_lift = f"<sqrt>{_property(_LIFT_SQUARED)}</sqrt>"
         before = f"<difference>{root_of_lift}{lift}</difference>"
@@ -206,7 +185,7 @@ def _with_functions(text: str, root: ET.Element, total: Mapping[str, Mapping[str
 
 def _before_increments(text: str) -> str:
     """The text whose own functions see the lift (of an aircraft that is carried by it) without the increments."""
-    blank = _blanked(text)
+    blank = blanked(text)
     for found in reversed(list(re.finditer(re.escape(_LIFT_SQUARED), blank))):
         if found.start() > _aerodynamics_begin(text) and found.end() < blank.index("</aerodynamics>"):
             text = text[: found.start()] + "casid/cl-squared" + text[found.end() :]
@@ -215,7 +194,7 @@ def _before_increments(text: str) -> str:
 
 def _aerodynamics_begin(text: str) -> int:
     """Where the aerodynamics begin."""
-    return _blanked(text).index("<aerodynamics")
+    return blanked(text).index("<aerodynamics")
 
 
 def _forces(names: tuple[str, ...], known: Mapping[str, str], axes: str) -> dict[str, str]:
@@ -262,7 +241,7 @@ def _moments(root: ET.Element, known: Mapping[str, str]) -> dict[str, str]:
 
 
 def _into_axis(text: str, axis: str, function: str) -> str:
-    found = re.search(rf'<axis\b[^>]*name\s*=\s*"\s*{axis}\s*"[^>]*>', _blanked(text))
+    found = re.search(rf'<axis\b[^>]*name\s*=\s*"\s*{axis}\s*"[^>]*>', blanked(text))
     if found is None:
         return _before(
             text, "</aerodynamics>", f'    <axis name="{axis}">\n{function}    </axis>\n', _aerodynamics_begin(text)
@@ -281,15 +260,15 @@ _COMPONENTS = {
 def _with_component(text: str, effect: EffectValue, left: list[str]) -> str:
     """An actuator behind the component that writes a surface."""
     if effect.value <= 0.0:
-        left.append(_said(effect, "is not of a size that an actuator can have"))
+        left.append(said(effect, "is not of a size that an actuator can have"))
         return text
     for written in _WRITTEN.get(effect.target, ()):
-        blank = _blanked(text)
+        blank = blanked(text)
         found = re.search(rf"<output>\s*({re.escape(written)})\s*</output>", blank)
         named = re.search(rf'<(\w+)\b[^>]*\bname\s*=\s*"({re.escape(written)})"', blank)
         if found is None and named is None:
             if written == _WRITTEN[effect.target][0]:
-                left.append(_said(effect, f"acts behind {written}, which no component of this file writes"))
+                left.append(said(effect, f"acts behind {written}, which no component of this file writes"))
             continue
         own = f"casid/{written.rsplit('/', 1)[-1]}-{effect.kind.replace('_', '-')}"
         tag = _component_around(blank, found.start()) if found else (named or [""])[1]
@@ -333,7 +312,7 @@ def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
     empty = amount(part(balance, "emptywt"), "LBS")
     sign = {"x": -1.0, "y": 1.0, "z": -1.0}[effect.target]  # of structural axes
     shift = sign * effect.value / FOOT * mass.weight / empty
-    found = re.search(r'<location\b[^>]*name\s*=\s*"CG"[^>]*>', _blanked(text))
+    found = re.search(r'<location\b[^>]*name\s*=\s*"CG"[^>]*>', blanked(text))
     location = next(n for n in balance.findall("location") if n.get("name") == "CG")
     if found is None:
         raise InputError("<mass_balance> has no location CG")
@@ -344,8 +323,8 @@ def _changed(text: str, parent: ET.Element, tag: str, change: float, unit: str, 
     """The text with a number of the file changed by so much in feet, pounds or slug ft2."""
     node = part(parent, tag)
     size = amount(_one(tag, node.get("unit", unit)), unit)
-    begin = _blanked(text).index("<mass_balance") if start is None else start
-    found = re.compile(rf"(<{tag}\b[^>]*>)([^<]*)(</{tag}>)").search(_blanked(text), begin)
+    begin = blanked(text).index("<mass_balance") if start is None else start
+    found = re.compile(rf"(<{tag}\b[^>]*>)([^<]*)(</{tag}>)").search(blanked(text), begin)
     if found is None:
         raise InputError(f"<{tag}> is missing; add it")
     value = number_of(node.text, tag) + change / size

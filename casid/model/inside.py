@@ -1,0 +1,192 @@
+"""Tables inside the user's own aerodynamics: of which coefficient they are a part, over which regressors.
+
+What a table becomes of is found on the functions themselves: by how much the coefficients change with its values, at
+some points of flight. A table is one of casid's when that is a constant times a term of the regressors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import combinations
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.aerodynamics import FURTHER
+from casid.model.grid import Grid
+from casid.model.tables import Table, table
+from casid.model.terms import COEFFICIENTS, VARIABLES, parse_term
+
+QUANTITIES = (*VARIABLES, *FURTHER)
+# where in flight it is tried: well above the ground, and far enough from zero that no factor is lost
+_TRIED: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {"mach": (0.3, 0.8), "V": (-0.1, 0.1), "Tc": (0.01, 0.1), "airspeed": (60.0, 250.0), "rho": (0.4, 0.8)}
+    | {"qbar": (2e3, 2e4), "thrust": (1e3, 1e5)}
+)
+_POINTS = 8
+_SAME = 1e-6  # relative: what differs by less is rounding of the evaluation
+_FACTORS = [v for v in VARIABLES if "dot" not in v]
+_TERMS = ["0", *_FACTORS, *("*".join(pair) for pair in combinations(_FACTORS, 2))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A table as it stands in a file.
+
+    name   what it is called there
+    over   names of the file, one per axis of its grid
+    """
+
+    name: str
+    over: tuple[str, ...]
+    grid: Grid
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileTable:
+    """A table of a file as one of casid's.
+
+    index   its place among the entries
+    table   the part of the coefficient that it is, over regressors, at what of it is held
+    gain    the coefficient over a value of the file
+    shape   of the table in the file
+    places  axis of the file that each axis of `table` is
+    """
+
+    index: int
+    table: Table
+    gain: float
+    shape: tuple[int, ...]
+    places: tuple[int, ...]
+
+    def share(self, term: str) -> np.ndarray:
+        """By which part a stretch changes each value of the file, in its shape; along what is held, all of them."""
+        stretches = {one.variable: one for one in parse_term(term).stretches}
+        axes = dict(zip(self.places, zip(self.table.axes, self.table.grid.breakpoints, strict=True), strict=True))
+        along = []
+        for place, count in enumerate(self.shape):
+            axis, points = axes.get(place, ("", ()))
+            along.append(stretches[axis].evaluate(np.array(points)) if axis in stretches else np.ones(count))
+        # corners are known to six digits: at a breakpoint the stretch is whole or absent
+        return np.round(reduce(np.multiply.outer, along), 3)
+
+
+# quantities and an increment per table -> coefficients, and the look-up of names of the file
+LookUp = Callable[[SimpleNamespace, ca.SX], tuple[Mapping[str, Any], Callable[[str], Any]]]
+
+
+class Tried:
+    """A file's functions with an increment on every table, at some points of flight.
+
+    entries   the tables in the order of their increments; None for what cannot be read
+    """
+
+    def __init__(self, entries: Sequence[Entry | None], look_up: LookUp) -> None:
+        self.entries = tuple(entries)
+        count = len(self.entries)
+        marks = ca.SX.sym("mark", count)
+        s = {name: ca.SX.sym(name) for name in QUANTITIES}
+        found, self._look = look_up(SimpleNamespace(**s), marks)
+        self._s = s
+        self.names = tuple(found)
+        slopes = ca.jacobian(ca.vertcat(*found.values()), marks)
+        slopes = ca.substitute(slopes, marks, ca.SX.zeros(count))
+        self.slopes = ca.Function("slopes", [ca.vertcat(*s.values())], [ca.densify(slopes)])
+        rng = np.random.default_rng(1)
+        bounds = np.array([_TRIED.get(name, (-0.1, 0.1)) for name in QUANTITIES])
+        self.at = rng.uniform(*bounds.T, size=(_POINTS, len(QUANTITIES))).T
+        evaluated = self.slopes.map(_POINTS)(self.at).full()
+        self.tried = evaluated.reshape(len(self.names), _POINTS, count)  # coefficient, point, table
+
+    def regressors(self) -> dict[str, np.ndarray]:
+        """Regressor -> (points,)."""
+        return dict(zip(QUANTITIES, self.at, strict=True))
+
+    def values(self, name: str) -> np.ndarray:
+        """(points,) what a name of the file stands for."""
+        of = ca.Function("of", [ca.vertcat(*self._s.values())], [ca.SX(self._look(name))])
+        return of.map(_POINTS)(self.at).full()[0]
+
+    def of_table(self, own: FileTable, s: Mapping[str, Any]) -> dict[str, Any]:
+        """Coefficient -> by how much it grows with a table's part of its own: forces have moments about the c.g."""
+        slopes = self.slopes(ca.vertcat(*(s.get(name, 0.0) for name in QUANTITIES)))[:, own.index] / own.gain
+        return dict(zip(self.names, ca.vertsplit(slopes), strict=True))
+
+
+def file_tables(tried: Tried) -> Iterator[FileTable]:
+    """Those tables of a file that are tables of casid."""
+    for index, entry in enumerate(tried.entries):
+        entered = _entered(tried, index)
+        if entry is None or entered is None:
+            continue
+        try:
+            axes = [_affine(tried, name) for name in entry.over]
+        except InputError:
+            continue
+        if any(axis is None for axis in axes):
+            continue
+        made = _table(index, entered, [axis for axis in axes if axis is not None], entry)
+        if made is not None:
+            yield made
+
+
+# regressor ("": held), factor and offset: what the file has = factor * regressor + offset
+_Axis = tuple[str, float, float]
+
+
+def _entered(tried: Tried, index: int) -> tuple[str, str, float] | None:
+    """(coefficient, term, gain) in which a table enters, or None. Forces come before the moments that they have."""
+    slopes = dict(zip(tried.names, tried.tried[:, :, index], strict=True))
+    x = tried.regressors()
+    turned = {"CD": np.cos(x["beta"]), "CY": np.cos(x["beta"])}  # stability axes: JSBSim's are wind axes
+    for coefficient in [c for c in COEFFICIENTS if c in slopes and np.isfinite(slopes[c]).all()]:
+        if np.abs(slopes[coefficient]).max() < _SAME:
+            continue
+        for series in (slopes[coefficient], slopes[coefficient] / turned.get(coefficient, 1.0)):
+            for term in _TERMS:
+                gain = series / parse_term(term).evaluate(x)
+                if np.ptp(gain) < _SAME * np.abs(gain).max():
+                    return coefficient, parse_term(term).name, float(gain.mean())
+    return None
+
+
+def _affine(tried: Tried, name: str) -> _Axis | None:
+    values = tried.values(name)
+    if not np.isfinite(values).all():
+        return None
+    if np.ptp(values) <= _SAME * np.abs(values).max():
+        return "", 0.0, float(values[0])
+    for variable, x in tried.regressors().items():
+        factor, offset = np.polyfit(x, values, 1)
+        left = np.abs(values - factor * x - offset).max()
+        if variable in VARIABLES and factor > 0.0 and left < _SAME * np.ptp(values):
+            return variable, float(factor), float(offset)
+    return None
+
+
+def _table(index: int, entered: tuple[str, str, float], axes: Sequence[_Axis], entry: Entry) -> FileTable | None:
+    (coefficient, term, gain), grid = entered, entry.grid
+    values = np.reshape(grid.values, grid.shape)
+    for place in reversed(range(len(axes))):
+        if not axes[place][0]:
+            values = _at_held(values, grid.breakpoints[place], axes[place][2], place)
+    free = [place for place, axis in enumerate(axes) if axis[0]]
+    names = [axes[place][0] for place in free]
+    if not free or len(set(names)) < len(names):
+        return None
+    points = [[(x - axes[place][2]) / axes[place][1] for x in grid.breakpoints[place]] for place in free]
+    rounded = [[0.0 + float(f"{round(x, 12):.12g}") for x in axis] for axis in points]  # zero degrees are zero
+    called = f"{coefficient} {entry.name}"
+    made = table(
+        coefficient, names, rounded, gain * values, name=called, times=term, outside=grid.outside, method=grid.method
+    )
+    return FileTable(index=index, table=made, gain=gain, shape=grid.shape, places=tuple(free))
+
+
+def _at_held(values: np.ndarray, points: Sequence[float], at: float, place: int) -> np.ndarray:
+    return np.apply_along_axis(lambda column: np.interp(at, points, column), place, values)
