@@ -197,14 +197,17 @@ def given_series(path: SignalPath) -> dict[str, Any]:
 
 
 def settle_rates(path: SignalPath) -> None:
-    """Put the rates of the flow angles that the motion has where the coefficients are said in them."""
+    """Put the rates of the flow angles, as all forces make them, where the coefficients are said in them."""
     whole = ca.vertcat(*path.coefficient.values())
     if not ca.depends_on(whole, path.rates):
         return
+    rigid_body_station(path)
+    unsteady_regressors(path)
     found = consistent(ca.vertcat(*(path.regressor[name] for name in RATES)), path.rates)
-    settled = ca.substitute([*path.coefficient.values()], [path.rates], [found])
-    path.coefficient = dict(zip(path.coefficient, settled, strict=True))
-    path.regressor |= dict(zip(RATES, ca.vertsplit(found), strict=True))
+    for told in (path.coefficient, path.derivative, path.regressor):
+        settled = ca.substitute([ca.SX(value) for value in told.values()], [path.rates], [found])
+        told.update(zip(list(told), settled, strict=True))
+    force_station(path)
 
 
 def evaluate(term: str, path: SignalPath) -> Any:
@@ -362,11 +365,11 @@ def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
     force_station(path)
     rigid_body_station(path)
     unsteady_regressors(path)
-    settle_rates(path)
     for coefficient, name, term in unsteady:
         path.coefficient[coefficient] += path.parameter[name] * evaluate(term, path)
     apply("coefficients")
     force_station(path)
+    settle_rates(path)
     apply("moments")
     rigid_body_station(path)
     sensor_station(path)

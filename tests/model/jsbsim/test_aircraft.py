@@ -189,3 +189,20 @@ def test_a_normalised_surface_is_made_of_the_recorded_one(tmp_path: Path) -> Non
     path.write_text(path.read_text().replace("</fdm_config>", control + "</fdm_config>"))
     assert lift_at(path, delta_e=0.1) == pytest.approx(5.0)
     assert lift_at(path, delta_e=-0.1) == pytest.approx(-2.5)
+
+
+def test_a_term_turns_the_flow_as_a_derivative_does() -> None:
+    """Lift and pitching moment of the c172p depend on alphadot: a force that a cause adds changes that, too.
+    CL_alpha as an increment and as a cause are one and the same."""
+    plain = cs.Aircraft.from_jsbsim(file_of("c172p"))
+    term = cs.EffectValue(kind="aero_term", target="CL", term="alpha", value=2.0)
+    found = []
+    for aircraft in (plain, plain.with_derivatives({"CL_alpha": 2.0}), plain.with_effects([term])):
+        model = cs.aircraft_model(aircraft)
+        f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        at = [{"delta_e": -0.03, "rho": 1.1}.get(name, 0.0) for name in model.inputs]
+        state = (55.0, 2.0, 5.0, 0.1, 0.05, -0.04, 0.1, 0.1)
+        found.append(f(state, at, model.nominal_vector(), np.zeros(len(model.disturbances))).full()[:, 0])
+    without, derivative, cause = found
+    assert np.abs(derivative - without).max() > 1.0
+    np.testing.assert_allclose(cause - without, derivative - without, rtol=1e-9, atol=1e-12)
