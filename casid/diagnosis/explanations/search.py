@@ -25,7 +25,6 @@ from casid.diagnosis.explanations.score import (
     root_of,
     small_information,
     solved,
-    sums_of,
     with_priors,
 )
 
@@ -49,13 +48,8 @@ class Found:
         return self.sums.innovations
 
 
-def search(innovations: WhitenedInnovations, priors: Priors) -> Found:
-    """The explanations of these innovations that are worth their weight."""
-    return search_sums(sums_of(innovations, priors.numerics), priors)
-
-
 def search_sums(sums: Sums, priors: Priors) -> Found:
-    """The same from normal equations that are there already."""
+    """The explanations of innovations, by their normal equations, that are worth their weight."""
     ones = dict.fromkeys(sums.innovations.owners, priors.bends[0])
     gone, settings = _Gone(sums, priors), priors.numerics.settings
     todo: list[_Wanted] = [(level, (), ones) for level in priors.base[:2]]

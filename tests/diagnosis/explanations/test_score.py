@@ -12,7 +12,11 @@ from casid.diagnosis.explanations.explanation import WhitenedInnovations
 from casid.diagnosis.explanations.posterior import Posterior, posterior
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.explanations.score import root_of, sums_of
-from casid.diagnosis.explanations.search import search
+from casid.diagnosis.explanations.search import Found, search_sums
+
+
+def search(asked: WhitenedInnovations, priors: Priors) -> Found:
+    return search_sums(sums_of(asked, priors.numerics), priors)
 
 
 def test_evidence_is_the_density_written_out() -> None:
