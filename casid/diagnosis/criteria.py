@@ -117,6 +117,9 @@ class StructureCriteria:
     demanded: float = number(50.0, "gain of an expected term or small offset that is put in beforehand", unit=_GAIN)
     sure: float = number(3.0, "spreads by which a value must differ from zero", "derived: 3 sigmas")
     confidence: float = number(1.96, "1-sigmas of an interval that holds the value", "derived: 95 %, Gaussian")
+    certain: float = number(
+        2.58, "1-sigmas from zero of a value that may be named", "derived: one wrong name in a hundred, Gaussian"
+    )
     known: float = number(
         0.005, "relative 1-sigma of a value at least", "chosen: sampling and the simulator leave that open"
     )

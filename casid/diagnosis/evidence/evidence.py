@@ -190,14 +190,15 @@ def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(at, at[::2], y[::2]) for at, y in zip(t.T, series.T, strict=True)], axis=1)
 
 
-def is_sure(evidence: Evidence, name: str) -> bool:
-    """Whether no stretch of record contradicts a value, and its 95 % interval, in which small terms of the structure
-    may replace it, leaves zero out. A value that is not fitted itself is taken as sure."""
+def is_sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> bool:
+    """Whether no stretch of record, and none of whole `records`, contradicts a value, and its 99 % interval, in which
+    small terms of the structure may replace it, leaves zero out. A value that is not fitted itself is taken as sure."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return True
     criteria = evidence.criteria.structure
-    interval = criteria.confidence * deviation(evidence, name)
-    return abs(evidence.fit[name]) > max(criteria.sure * spread(evidence, name), interval)
+    interval = criteria.certain * deviation(evidence, name)
+    apart = max(spread(evidence, name), jackknife(evidence, name, records))
+    return abs(evidence.fit[name]) > max(criteria.sure * apart, interval)
 
 
 def spread(evidence: Evidence, name: str) -> float:

@@ -65,7 +65,7 @@ def causes_of(
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.leader.candidate.name
-        if name in there and is_sure(evidence, name) and _still_matters(final, name):
+        if name in there and is_sure(evidence, name, _concerned(evidence, name)) and _still_matters(final, name):
             alone = round_.leader.effect.expected and not round_.equivalents
             group = expected if alone else causes
             group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held))
@@ -92,6 +92,12 @@ def causes_of(
         put_in = _expected(one.name, evidence, structure_gain, required, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
+
+
+def _concerned(evidence: Evidence, name: str) -> list[int]:
+    """The numbers of the fitted records that a named cause is there in."""
+    one = next(a for a in evidence.fit.attached if a.name == name)
+    return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
 
 
 def _still_matters(fit: FlightFit, name: str) -> bool:
@@ -138,8 +144,7 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
     candidate = replace(trial.candidate, attached=one)
     share = meaningful_share(evidence.fit, one)
-    there = [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
-    std = max(deviation(evidence, one.name), jackknife(evidence, one.name, there))
+    std = max(deviation(evidence, one.name), jackknife(evidence, one.name, _concerned(evidence, one.name)))
     return replace(trial, candidate=candidate, std=std, share=share)
 
 
