@@ -18,7 +18,17 @@ from casid.native.sources import c_source
 
 _MOST = 64  # states, outputs; beyond that numpy does the work
 _TILE = 16  # columns that go through the filter side by side
-_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC", f"-DMOST={_MOST}", f"-DTILE={_TILE}")
+_SOURCES = ("filter", "whiten", "step")
+_FLAGS = (
+    "-O3",
+    "-march=native",
+    "-fno-math-errno",
+    "-fno-tree-loop-distribute-patterns",
+    "-shared",
+    "-fPIC",
+    f"-DMOST={_MOST}",
+    f"-DTILE={_TILE}",
+)
 
 
 class FilterKernel:
@@ -28,9 +38,10 @@ class FilterKernel:
         loaded = ctypes.CDLL(library)
         self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
         self._interval, self._augment, self._entrances = loaded.interval, loaded.augment, loaded.entrances
-        self._whiten_one = loaded.whiten_one
-        for without in (self._whiten, self._whiten_one, self._costates, self._interval, self._augment, self._entrances):
-            without.restype = None
+        self._whiten_one, self._whiten_histories = loaded.whiten_one, loaded.whiten_histories
+        without = self._whiten, self._whiten_one, self._whiten_histories, self._costates, self._interval, self._augment
+        for function in (*without, self._entrances):
+            function.restype = None
 
     def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
         return _loaded, ()  # that of the process that reads it; None where there is no compiler
@@ -76,14 +87,12 @@ class FilterKernel:
         to be kept."""
         (N, R, ny, n), nc = of.C.shape, Y.shape[3]
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
-        sizes = (N, R, n, F.shape[2], ny, nc)
-        kept = states if keep else None
+        given = (of.A, of.C, of.gain, of.inverse_root, Y, F, first)
         if nc == 1:  # as most calls have, which would leave fifteen places of a tile empty
-            given = (of.A, of.C, of.gain, of.inverse_root, Y, F, first)
-            _call(self._whiten_one, R, (N, R, n, F.shape[2], ny), *given, white, kept)
+            _call(self._whiten_one, R, (N, R, n, F.shape[2], ny), *given, white, states if keep else None)
             return white, states
-        columns = (Y, F, first, ctypes.c_long(0), *[None] * 6)
-        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *columns, white, kept, None)
+        assert not keep, "states are kept of one column"
+        _call(self._whiten, _tiles(R, nc), (N, R, n, F.shape[2], ny, nc), *given, white)
         return white, states
 
     def whiten_histories(self, of, stations, first, series, squares: bool = False) -> np.ndarray:
@@ -94,10 +103,12 @@ class FilterKernel:
         Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
         found, sizes = np.empty((R, nc) if squares else (R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
         begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
-        nw, index = ctypes.c_long(Dw.shape[3]), np.asarray(stations, dtype=ctypes.c_long)
-        histories = (None, None, None, nw, index, begin, series, Dw, B0, B1)
-        to = (None, None, found) if squares else (found, None, None)
-        _call(self._whiten, _tiles(R, nc), sizes, of.A, of.C, of.gain, of.inverse_root, *histories, *to)
+        index = np.asarray(stations, dtype=ctypes.c_long)
+        low, among = index.min(), np.ptp(index) + 1
+        at = (*(ctypes.c_long(one) for one in (Dw.shape[3], low, among)), index, begin)
+        to = (None, found) if squares else (found, None)
+        given = (of.A, of.C, of.gain, of.inverse_root, *at, series, Dw, B0, B1)
+        _call(self._whiten_histories, _tiles(R, nc), sizes, *given, *to)
         return found
 
     def entrances(self, of, stations, white, read: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -148,5 +159,5 @@ def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
 
 @cache
 def _loaded() -> FilterKernel | None:
-    library = None if c_compiler() is None else compile_library(c_source("filter") + c_source("step"), _FLAGS)
+    library = None if c_compiler() is None else compile_library("".join(map(c_source, _SOURCES)), _FLAGS)
     return None if library is None else FilterKernel(str(library))

@@ -18,9 +18,10 @@
 typedef double V __attribute__((vector_size(64)));
 #define WIDTH 8 /* numbers in a vector */
 
-/* rows of vectors: c (height, 1 or 2 of `wide`) += sign a (height, the first `most` of inner) b (most, the same) */
-static inline __attribute__((always_inline)) void block(int height, int two, long most, long inner, long wide,
-                                                        const double *a, const V *b, V *c, double sign)
+/* rows of vectors: c (height, 1 or 2 of `wide`) += a (height, the first `most`) b (most, the same), or -=. In a, `down`
+   lies between rows and `along` between columns: the transposed of what is stored in rows of `along` when `down` is 1. */
+static inline __attribute__((always_inline)) void block(int height, int two, long most, long down, long along, long wide,
+                                                        const double *a, const V *b, V *c, int minus)
 {
     V s[4], t[4];
     for (int i = 0; i < height; i++) {
@@ -30,9 +31,9 @@ static inline __attribute__((always_inline)) void block(int height, int two, lon
     for (long j = 0; j < most; j++) {
         V x = b[j * wide], y = two ? b[j * wide + 1] : x;
         for (int i = 0; i < height; i++) {
-            double f = sign * a[i * inner + j];
-            s[i] += f * x;
-            if (two) t[i] += f * y;
+            double f = a[i * down + j * along];
+            if (minus) { s[i] -= f * x; if (two) t[i] -= f * y; }
+            else { s[i] += f * x; if (two) t[i] += f * y; }
         }
     }
     for (int i = 0; i < height; i++) {
@@ -41,28 +42,37 @@ static inline __attribute__((always_inline)) void block(int height, int two, lon
     }
 }
 
-/* c (rows, wide) += sign a (rows, inner) b (inner, wide), b and c in rows of `wide` vectors; of a lower triangle a only
+/* c (rows, wide) += a (rows, inner) b (inner, wide), or -=, b and c in rows of `wide` vectors; of a lower triangle a only
    what is not zero when `triangle` is set. Four rows at a time, so that what is read of b serves four times. */
-static inline void product(long rows, long inner, long wide, const double *a, const V *b, V *c, double sign,
-                           int triangle)
+static inline __attribute__((always_inline)) void product(long rows, long inner, long down, long along, long wide,
+                                                          const double *a, const V *b, V *c, int minus, int triangle)
 {
     for (long v = 0; v < wide; v += 2) {
         int two = v + 1 < wide;
         long i = 0;
         for (; i + 4 <= rows; i += 4) {
             long most = triangle ? i + 4 : inner;
-            if (two) block(4, 1, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
-            else block(4, 0, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            if (two) block(4, 1, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
+            else block(4, 0, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
         }
         for (; i < rows; i++) {
             long most = triangle ? i + 1 : inner;
-            if (two) block(1, 1, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
-            else block(1, 0, most, inner, wide, a + i * inner, b + v, c + i * wide + v, sign);
+            if (two) block(1, 1, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
+            else block(1, 0, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
         }
     }
 }
 
 static void zero(long rows, long wide, V *to) { memset(to, 0, rows * wide * sizeof(V)); }
+
+/* numbers of a row: no call of a function for the few that they are */
+static inline __attribute__((always_inline)) void copy(double *to, const double *from, long width)
+{
+    long i = 0;
+    for (; i + 8 <= width; i += 8) memcpy(to + i, from + i, 8 * sizeof(double));
+    if (i + 4 <= width) { memcpy(to + i, from + i, 4 * sizeof(double)); i += 4; }
+    for (; i < width; i++) to[i] = from[i];
+}
 
 /* rows of two vectors: c (rows) += sign a' (a (inner, rows)) b (inner), of a lower triangle a only what is not zero when
    `triangle` is set */
@@ -90,60 +100,50 @@ static inline void product_turned(long rows, long inner, const double *a, const 
     }
 }
 
-/* rows of doubles to rows of vectors, and back; turned: to those of the transposed */
-static void pack(long rows, long columns, long wide, const double *from, V *to)
+/* rows of doubles to rows of vectors, and back; turned: of the transposed. What is behind the columns stays. */
+static inline void pack(long rows, long columns, long wide, const double *from, V *to)
 {
-    zero(rows, wide, to);
-    for (long i = 0; i < rows; i++) memcpy(to + i * wide, from + i * columns, columns * sizeof(double));
+    for (long i = 0; i < rows; i++) copy((double *)(to + i * wide), from + i * columns, columns);
 }
 
-static void pack_turned(long rows, long columns, long wide, const double *from, V *to)
+static inline void pack_turned(long rows, long columns, long wide, const double *from, V *to)
 {
     double *d = (double *)to;
-    zero(columns, wide, to);
     for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) d[j * wide * WIDTH + i] = from[i * columns + j];
 }
 
-static void unpack(long rows, long columns, long wide, const V *from, double *to)
+static inline void unpack(long rows, long columns, long wide, const V *from, double *to)
 {
-    for (long i = 0; i < rows; i++) memcpy(to + i * columns, from + i * wide, columns * sizeof(double));
+    for (long i = 0; i < rows; i++) copy(to + i * columns, (const double *)(from + i * wide), columns);
 }
 
-static void unpack_turned(long rows, long columns, long wide, const V *from, double *to)
+/* S (ny rows of wide_y vectors), positive definite, becomes the inverse of its lower root; G (ny rows of `wide`) that
+   inverse times itself. By elimination in whole rows, in place. Returns the log determinant of S, NaN when it is not
+   positive definite. */
+static double inverse_root(long ny, long wide_y, long wide, V *S, V *G)
 {
-    const double *d = (const double *)from;
-    for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) to[j * rows + i] = d[i * wide * WIDTH + j];
-}
-
-static void transposed(long rows, long columns, const double *a, double *b)
-{
-    for (long i = 0; i < rows; i++) for (long j = 0; j < columns; j++) b[j * rows + i] = a[i * columns + j];
-}
-
-/* inverse (ny, ny) of the lower root of s (ny rows of `wide` vectors, which are spent, as is `rows`); returns the log
-   determinant of s, NaN when it is not positive. By elimination in whole rows: of s, and of what was a unit matrix. */
-static double inverse_root(long ny, long wide, V *s, V *rows, double *inverse)
-{
-    double total = 0.0;
-    zero(ny, wide, rows);
-    for (long j = 0; j < ny; j++) ((double *)(rows + j * wide))[j] = 1.0;
+    double total = 0.0, product = 1.0, *s = (double *)S, pivots[MOST];
     for (long j = 0; j < ny; j++) {
-        double pivot = ((double *)(s + j * wide))[j];
+        double pivot = s[j * wide_y * WIDTH + j], by = 1.0 / pivot;
         if (!(pivot > 0.0)) return NAN;
-        total += log(pivot);
+        pivots[j] = pivot;
+        product *= pivot; /* a logarithm of many */
+        if (!(product > 1e-100 && product < 1e100)) { total += log(product); product = 1.0; }
         for (long i = j + 1; i < ny; i++) {
-            double f = ((double *)(s + i * wide))[j] / pivot;
-            if (f == 0.0) continue;
-            for (long v = 0; v < wide; v++) {
-                s[i * wide + v] -= f * s[j * wide + v];
-                rows[i * wide + v] -= f * rows[j * wide + v];
-            }
+            double f = s[i * wide_y * WIDTH + j] * by;
+            for (long v = 0; v < wide_y; v++) S[i * wide_y + v] -= f * S[j * wide_y + v];
+            for (long v = 0; v < wide; v++) G[i * wide + v] -= f * G[j * wide + v];
+            s[i * wide_y * WIDTH + j] = -f; /* of the inverse, in the place of what has become zero */
         }
-        double scale = 1.0 / sqrt(pivot);
-        for (long v = 0; v < wide; v++) rows[j * wide + v] *= scale;
     }
-    unpack(ny, ny, wide, rows, inverse);
-    return total;
+    for (long j = 0; j < ny; j++) {
+        double scale = 1.0 / sqrt(pivots[j]);
+        s[j * wide_y * WIDTH + j] = 1.0;
+        for (long i = j + 1; i < ny; i++) s[j * wide_y * WIDTH + i] = 0.0;
+        for (long v = 0; v < wide_y; v++) S[j * wide_y + v] *= scale;
+        for (long v = 0; v < wide; v++) G[j * wide + v] *= scale;
+    }
+    return total + log(product);
 }
 
 /* to (rows) = sigma (by (rows, nx) b1 + b0), b1 and b0 columns of (nx or rows, nw); without b1 at the first sample */
@@ -229,52 +229,49 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
                const double *M, const double *shared, const double *P0, double *gain, double *root, double *kept,
                double *log_determinant)
 {
-    V P[MOST * MOST / WIDTH], CP[MOST * MOST / WIDTH], S[MOST * MOST / WIDTH], W[MOST * MOST / WIDTH],
-        G[MOST * MOST / WIDTH], T[MOST * MOST / WIDTH];
-    double flat[MOST * MOST], root_turned[MOST * MOST];
-    long wide = (n + WIDTH - 1) / WIDTH, wide_y = (ny + WIDTH - 1) / WIDTH;
-    for (long r = from; r < to; r++) {
+    long wide = (n + WIDTH - 1) / WIDTH, wide_y = (ny + WIDTH - 1) / WIDTH, w = wide * WIDTH;
+    V *P = aligned_alloc(sizeof(V), (3 * n + 2 * ny) * (wide + wide_y) * sizeof(V));
+    V *AP = P + n * wide, *turned = AP + n * wide, *turned_C = turned + n * wide, *K = turned_C + n * wide_y;
+    V *CP = K + n * wide_y, *G = CP + ny * wide, *S = G + ny * wide;
+    int failed = 0;
+    zero((3 * n + 2 * ny) * (wide + wide_y), 1, P);
+    for (long r = from; r < to && !failed; r++) {
         pack(n, n, wide, P0 + r * n * n, P);
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
-            const double *c = C + at * ny * n;
-            double *inverse = root + at * ny * ny;
+            const double *c = C + at * ny * n, *a = A + at * n * n, *q = Q + at * n * n;
+            int last = k == N - 1;
             unpack(n, n, wide, P, kept + at * n * n);
             zero(ny, wide, CP);
-            product(ny, n, wide, c, P, CP, 1.0, 0); /* P is symmetric */
-            unpack(ny, n, wide, CP, flat);
-            pack_turned(ny, n, wide_y, c, T);
+            product(ny, n, n, 1, wide, c, P, CP, 0, 0); /* P is symmetric */
+            pack_turned(ny, n, wide_y, c, turned_C);
             pack(ny, ny, wide_y, M + at * ny * ny, S);
-            product(ny, n, wide_y, flat, T, S, 1.0, 0);
-            log_determinant[at] = inverse_root(ny, wide_y, S, T, inverse);
-            if (isnan(log_determinant[at])) return 1;
-            if (k == N - 1) break;
-            const double *a = A + at * n * n;
-            pack_turned(n, n, wide, a, T);
-            unpack(ny, n, wide, CP, flat);
+            product(ny, n, w, 1, wide_y, (double *)CP, turned_C, S, 0, 0);
             zero(ny, wide, G);
-            if (shared) pack_turned(n, ny, wide, shared + at * n * ny, G);
-            product(ny, n, wide, flat, T, G, 1.0, 0); /* C P A' + what is shared */
-            zero(ny, wide, W);
-            product(ny, ny, wide, inverse, G, W, 1.0, 1);
-            transposed(ny, ny, inverse, root_turned);
-            zero(ny, wide, G);
-            product(ny, ny, wide, root_turned, W, G, 1.0, 0);
-            unpack_turned(ny, n, wide, G, gain + at * n * ny);
-            zero(n, wide, G);
-            product(n, n, wide, a, P, G, 1.0, 0);
-            unpack(n, n, wide, G, flat);
-            pack(n, n, wide, Q + at * n * n, P);
-            product(n, n, wide, flat, T, P, 1.0, 0);
-            unpack_turned(ny, n, wide, W, flat);
-            product(n, ny, wide, flat, W, P, -1.0, 0);
+            if (!last) { /* C P A' + what is shared */
+                pack_turned(n, n, wide, a, turned);
+                if (shared) pack_turned(n, ny, wide, shared + at * n * ny, G);
+                product(ny, n, w, 1, wide, (double *)CP, turned, G, 0, 0);
+            }
+            log_determinant[at] = inverse_root(ny, wide_y, wide, S, G);
+            unpack(ny, ny, wide_y, S, root + at * ny * ny);
+            if (isnan(log_determinant[at])) { failed = 1; break; }
+            if (last) break;
+            zero(n, wide_y, K);
+            product(n, ny, 1, w, wide_y, (double *)G, S, K, 0, 0);
+            unpack(n, ny, wide_y, K, gain + at * n * ny);
+            zero(n, wide, AP);
+            product(n, n, n, 1, wide, a, P, AP, 0, 0);
+            pack(n, n, wide, q, P);
+            product(n, n, w, 1, wide, (double *)AP, turned, P, 0, 0);
+            product(n, ny, 1, w, wide, (double *)G, G, P, 1, 0);
             double *p = (double *)P;
             for (long i = 0; i < n; i++) for (long j = 0; j < i; j++)
-                p[i * wide * WIDTH + j] = p[j * wide * WIDTH + i] =
-                    0.5 * (p[i * wide * WIDTH + j] + p[j * wide * WIDTH + i]);
+                p[i * w + j] = p[j * w + i] = 0.5 * (p[i * w + j] + p[j * w + i]);
         }
     }
-    return 0;
+    free(P);
+    return failed;
 }
 
 typedef union { V v[2]; double d[TILE]; } tile;
@@ -282,50 +279,6 @@ typedef union { V v[2]; double d[TILE]; } tile;
 static void load(long rows, long stride, long width, const double *from, tile *to)
 {
     for (long i = 0; i < rows; i++) memcpy(to[i].d, from + i * stride, width * sizeof(double));
-}
-
-/* Time histories that enter a tile: numbers `from` to `to`, at the `few` disturbances `used`; of each history which of
-   these it enters at and the column that it is in. */
-typedef struct { long from, to, few; const long *used, *enters, *column; } histories;
-
-/* Of each tile of nc columns, whose histories begin at number begin[nc + 1]; room: twice that many and tiles * nw. */
-static void sort_histories(long tiles, long nc, long nw, const long *station, const long *begin, long *room,
-                           histories *of)
-{
-    long *enters = room, *column = enters + begin[nc], *used = column + begin[nc];
-    for (long b = 0; b < tiles; b++, used += nw) {
-        long first = b * TILE, last = first + TILE < nc ? first + TILE : nc, few = 0;
-        for (long l = first; l < last; l++) for (long h = begin[l]; h < begin[l + 1]; h++) {
-            long s = 0;
-            while (s < few && used[s] != station[h]) s++;
-            if (s == few) used[few++] = station[h];
-            enters[h] = s;
-            column[h] = l - first;
-        }
-        of[b] = (histories){begin[first], begin[last], few, used, enters, column};
-    }
-}
-
-/* the histories of a tile at a sample, summed by disturbance and column; whether any is not zero */
-static int gather(const histories *of, const double *series, tile *to)
-{
-    int any = 0;
-    memset(to, 0, of->few * sizeof(tile));
-    for (long h = of->from; h < of->to; h++) {
-        to[of->enters[h]].d[of->column[h]] += series[h];
-        any |= series[h] != 0.0;
-    }
-    return any;
-}
-
-/* to (rows) += what they put in through columns `used` of by (rows, nw) */
-static void enter(long rows, long nw, const histories *of, const double *by, const tile *gathered, tile *to)
-{
-    for (long i = 0; i < rows; i++) for (long s = 0; s < of->few; s++) {
-        double f = by[i * nw + of->used[s]];
-        to[i].v[0] += f * gathered[s].v[0];
-        to[i].v[1] += f * gathered[s].v[1];
-    }
 }
 
 /* to (rows) += sign a (rows, inner: the first `most`, of a lower triangle those that are not zero) b, one column: four
@@ -374,75 +327,6 @@ void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, co
         }
     }
     END
-}
-
-/* Innovations of columns: given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc), or, when Y is
-   null, as time histories: column l is the sum of series (N,R,begin[nc]) from number begin[l] to begin[l + 1], which
-   enter at disturbance number `station` through Dw, B0, B1; it is zero as long as these are.
-   white (R,N,ny,nc); states (N,R,n,nc); or, when `squares` is not null, only their squares (R,nc), summed over samples and outputs.
-   A part is a tile of columns, of the first record, the second, ... */
-void whiten(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
-            const double *gain, const double *root, const double *Y, const double *F, const double *E0, long nw,
-            const long *station, const long *begin, const double *series, const double *Dw, const double *B0,
-            const double *B1, double *white, double *states, double *squares)
-{
-    tile e[MOST], out[MOST], next[MOST];
-    long tiles = (nc + TILE - 1) / TILE, many = Y ? 0 : begin[nc];
-    tile *all = aligned_alloc(sizeof(tile), (tiles * (n + 1) + 2 * nw) * sizeof(tile));
-    tile *now = all + tiles * n, *after = now + nw, *sums = after + nw;
-    histories *of = calloc(tiles, sizeof(histories));
-    long *room = malloc((2 * many + tiles * nw + tiles) * sizeof(long)), *begun = room + 2 * many + tiles * nw;
-    BEGIN
-    memset(e, 0, sizeof e); memset(next, 0, sizeof next);
-    if (!Y) sort_histories(tiles, nc, nw, station, begin, room, of);
-    for (long r = from / tiles; r * tiles < to; r++) {
-        long low = from > r * tiles ? from - r * tiles : 0, high = to < (r + 1) * tiles ? to - r * tiles : tiles;
-        memset(all, 0, tiles * n * sizeof(tile));
-        memset(sums, 0, tiles * sizeof(tile));
-        for (long b = 0; b < tiles; b++) begun[b] = Y != 0;
-        if (E0) for (long b = low; b < high; b++)
-            load(n, nc, nc - b * TILE < TILE ? nc - b * TILE : TILE, E0 + r * n * nc + b * TILE, all + b * n);
-        for (long k = 0; k < N; k++) for (long b = low; b < high; b++) {
-            long at = k * R + r, first = b * TILE, width = nc - first < TILE ? nc - first : TILE;
-            tile *E = all + b * n;
-            double *to_white = squares ? 0 : white + (r * N + k) * ny * nc + first;
-            if (states) for (long i = 0; i < n; i++)
-                memcpy(states + (at * n + i) * nc + first, E[i].d, width * sizeof(double));
-            memset(next, 0, n * sizeof(tile));
-            if (Y) {
-                load(ny, nc, width, Y + at * ny * nc + first, e);
-                if (k < N - 1) load(nx, nc, width, F + at * nx * nc + first, next);
-            } else {
-                begun[b] |= gather(of + b, series + at * many, now);
-                if (k < N - 1) begun[b] |= gather(of + b, series + (at + R) * many, after);
-                if (!begun[b]) {
-                    if (!squares) for (long i = 0; i < ny; i++) memset(to_white + i * nc, 0, width * sizeof(double));
-                    continue;
-                }
-                memset(e, 0, ny * sizeof(tile));
-                enter(ny, nw, of + b, Dw + at * ny * nw, now, e);
-                if (k < N - 1) {
-                    enter(nx, nw, of + b, B0 + at * nx * nw, now, next);
-                    enter(nx, nw, of + b, B1 + at * nx * nw, after, next);
-                }
-            }
-            product(ny, n, 2, C + at * ny * n, E->v, e->v, 1.0, 0);
-            memset(out, 0, ny * sizeof(tile));
-            product(ny, ny, 2, root + at * ny * ny, e->v, out->v, 1.0, 1);
-            for (long i = 0; i < ny; i++) {
-                if (!squares) memcpy(to_white + i * nc, out[i].d, width * sizeof(double));
-                else for (int v = 0; v < 2; v++) sums[b].v[v] += out[i].v[v] * out[i].v[v];
-            }
-            if (k == N - 1) continue;
-            product(n, ny, 2, gain + at * n * ny, e->v, next->v, -1.0, 0);
-            product(n, n, 2, A + at * n * n, E->v, next->v, 1.0, 0);
-            memcpy(E, next, n * sizeof(tile));
-        }
-        if (squares) for (long b = low; b < high; b++)
-            memcpy(squares + r * nc + b * TILE, sums[b].d, (nc - b * TILE < TILE ? nc - b * TILE : TILE) * sizeof(double));
-    }
-    END
-    free(all); free(of); free(room);
 }
 
 /* sum += the rows weighed by a column of (rows, nw), most of which is zero */
