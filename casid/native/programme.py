@@ -21,13 +21,12 @@ _COMPILE_PER_BYTE = {"exact": 1.1e-6, "given": 4.2e-6}  # s by the Hessian, meas
 
 
 class CompilableProgramme:
-    """casadi.nlpsol with IPOPT of a programme `nlp`; `hessian` is the function of the Hessian (CasADi's hess_lag), None
-    for the exact one. Called with the arguments of nlpsol it returns the result and IPOPT's statistics."""
+    """casadi.nlpsol with IPOPT of a programme `nlp`; `given` are its options that are functions, jac_g or hess_lag, in
+    place of CasADi's own. Called with the arguments of nlpsol it returns the result and IPOPT's statistics."""
 
-    def __init__(self, nlp: dict[str, ca.MX], options: dict[str, Any], hessian: ca.Function | None) -> None:
-        self._options, self._hessian = options, "exact" if hessian is None else "given"
-        more = {} if hessian is None else {"hess_lag": hessian}
-        self._solver = ca.nlpsol("estimation", "ipopt", nlp, options | more)
+    def __init__(self, nlp: dict[str, ca.MX], options: dict[str, Any], given: dict[str, ca.Function]) -> None:
+        self._options, self._given = options, {option: function.name() for option, function in given.items()}
+        self._solver = ca.nlpsol("estimation", "ipopt", nlp, options | given)
         self._spent, self._settled, self._source = 0.0, False, ""
 
     def __call__(self, **arguments: Any) -> tuple[dict[str, ca.DM], dict[str, Any]]:
@@ -45,11 +44,13 @@ class CompilableProgramme:
             return
         self._source = self._source or self._written()
         library = cached_library(self._source, _FLAGS)
-        if library is None and self._spent < _COMPILE_PER_BYTE[self._hessian] * len(self._source):
+        if library is None and self._spent < _COMPILE_PER_BYTE["given" if "hess_lag" in self._given else "exact"] * len(
+            self._source
+        ):
             return
         library = library or compile_library(self._source, _FLAGS)
         if library is not None:
-            more = {"hess_lag": ca.external("nlp_hess_l", str(library))} if self._hessian == "given" else {}
+            more = {option: ca.external(name, str(library)) for option, name in self._given.items()}
             self._solver = ca.nlpsol("estimation", "ipopt", str(library), self._options | more)
         self._settled, self._source = True, ""
 

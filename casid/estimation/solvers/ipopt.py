@@ -20,6 +20,7 @@ from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep
+from casid.estimation.solvers.separable import separable_functions
 from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.transcriptions.steps import cached
 from casid.native.programme import CompilableProgramme
@@ -165,20 +166,22 @@ def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tupl
             "mu_strategy": "adaptive",
         },
     }
-    function = None
-    if solver.hessian == "gauss-newton":
-        factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.g.numel())
-        jacobian = ca.jacobian(programme.residual, programme.x)
-        hessian = ca.triu(factor * programme.gain * (jacobian.T @ jacobian))
-        function = ca.Function(
-            "nlp_hess_l",
-            [programme.x, programme.p, factor, multipliers],
-            [hessian],
-            ["x", "p", "lam_f", "lam_g"],
-            ["triu_hess_gamma_x_x"],
-        )
+    exact = solver.hessian == "exact"
+    given: dict[str, ca.Function] = {}
+    if programme.separable is not None:
+        given = separable_functions(objective, programme.separable, programme.x, programme.p, programme.gain, exact)
+    elif not exact:
+        given = {"hess_lag": _gauss_newton_hessian(programme)}
     nlp = {"x": programme.x, "p": programme.p, "f": programme.f, "g": programme.g}
-    return CompilableProgramme(nlp, options, function), programme
+    return CompilableProgramme(nlp, options, given), programme
+
+
+def _gauss_newton_hessian(programme: Programme) -> ca.Function:
+    factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.g.numel())
+    jacobian = ca.jacobian(programme.residual, programme.x)
+    hessian = ca.triu(factor * programme.gain * (jacobian.T @ jacobian))
+    given = [programme.x, programme.p, factor, multipliers]
+    return ca.Function("nlp_hess_l", given, [hessian], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
 
 
 def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:

@@ -6,22 +6,26 @@ fixed values are parameters of the programme, so that one programme serves every
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Levels, NoiseState, Point
-from casid.estimation.transcriptions.dynamics import ProblemSymbols
+from casid.estimation.solvers.separable import Separable
+from casid.estimation.transcriptions.dynamics import ProblemSymbols, Simulated
 from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.symbolic import SampleSymbols, with_data
+
+_Bounded = tuple[ca.MX, float | np.ndarray, float | np.ndarray]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Programme:
     """nlp: x, p, f, g for casadi.nlpsol; residual, the vector of which f is half the sum of squares times a gain;
-    lower, upper of g; linear (slice of g with the linear constraints)."""
+    lower, upper of g; linear (slice of g with the linear constraints).
+    separable is what derivatives by segment take, None where there are none."""
 
     x: ca.MX
     p: ca.MX
@@ -32,6 +36,7 @@ class Programme:
     lower: np.ndarray
     upper: np.ndarray
     linear: slice
+    separable: Separable | None
 
 
 class Packing:
@@ -128,38 +133,17 @@ def _whitened(difference: ca.MX, s: dict) -> ca.MX:
 
 def build(objective: Objective, x: Packing, d: Packing) -> Programme:
     """The programme in the symbols of `x` (variables) and `d` (data)."""
-    problem, v, s = objective.problem, x.symbols, d.symbols
-    theta = v["theta"] * s["scale"]
-    residuals = [(theta - s["nominal"]) * s["precision"]]
-    constraints: list[tuple[ca.MX, float | np.ndarray, float | np.ndarray]] = []
-    free = [theta[[int(i) for i in problem.columns(r)]] for r in range(len(problem.records))]
-    if objective.dynamics is not None:
-        nodes = v["nodes"] * ca.repmat(ca.DM(objective.scale), 1, v["nodes"].shape[1])
-        first = [int(i) for i in objective.layout.first]
-        start = nodes[:, first] - s["centre"]
-        residuals.append(ca.vec(start * s["initial_precision"]))
-        held = [int(i) for i in np.flatnonzero(objective.exact.T.ravel(order="F"))]
-        if held:
-            at_first = start / ca.repmat(ca.DM(objective.scale), 1, len(first))
-            constraints.append((ca.vec(at_first)[held], 0.0, 0.0))
-        records = [int(r) for r in objective.layout.record]
-        points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
-        given = {name: s[name] for name in ("u0", "u1", "dt")}
-        base, own = s["base"][:, records], ca.horzcat(*[free[r] for r in records])
-        found = objective.dynamics.symbolic(ProblemSymbols(nodes=nodes, points=points, base=base, free=own, **given))
-        residuals.append(ca.vec(_whitened(found.y - s["z"], s)))
-        defect = _defects(objective, nodes, found.end, v, s)
-        if "noise" in v:
-            residuals.append(ca.vec(v["noise"]))
-        constraints += [(defect, 0.0, 0.0), (found.gap, 0.0, 0.0)]
-        constraints += _paths(objective, found.states, found.y)
-    if objective.equations is not None:
-        residuals.append(_equations(objective, objective.equations, free, s))
-    constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
-    residual = ca.vertcat(*residuals)
+    v, s = x.symbols, d.symbols
+    arguments = _arguments(objective, v, s) if objective.dynamics is not None else None
+    motion = objective.dynamics.symbolic(arguments) if objective.dynamics is not None and arguments else None
+    residual, constraints = _posed(objective, v, s, motion)
     lower = np.concatenate([np.broadcast_to(low, (g.numel(),)) for g, low, _ in constraints])
     upper = np.concatenate([np.broadcast_to(up, (g.numel(),)) for g, _, up in constraints])
     linear = slice(len(lower) - len(objective.lower), len(lower))
+    separable = None
+    by_segment = "weights" in s and not objective.problem.path_constraints
+    if by_segment and motion is not None and motion.derivatives is not None and arguments is not None:
+        separable = _separable(objective, v, s, motion, arguments)
     return Programme(
         x=x.vector,
         p=d.vector,
@@ -170,6 +154,71 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         lower=lower,
         upper=upper,
         linear=linear,
+        separable=separable,
+    )
+
+
+def _free(objective: Objective, v: dict, s: dict) -> list[ca.MX]:
+    """Free parameters of each record."""
+    problem, theta = objective.problem, v["theta"] * s["scale"]
+    return [theta[[int(i) for i in problem.columns(r)]] for r in range(len(problem.records))]
+
+
+def _nodes(objective: Objective, v: dict) -> ca.MX:
+    return v["nodes"] * ca.repmat(ca.DM(objective.scale), 1, v["nodes"].shape[1])
+
+
+def _arguments(objective: Objective, v: dict, s: dict) -> ProblemSymbols:
+    records, free = [int(r) for r in objective.layout.record], _free(objective, v, s)
+    points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
+    given = {name: s[name] for name in ("u0", "u1", "dt")}
+    base, own = s["base"][:, records], ca.horzcat(*[free[r] for r in records])
+    return ProblemSymbols(nodes=_nodes(objective, v), points=points, base=base, free=own, **given)
+
+
+def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> tuple[ca.MX, list[_Bounded]]:
+    """The residual and the constraints, each with its bounds."""
+    theta = v["theta"] * s["scale"]
+    residuals = [(theta - s["nominal"]) * s["precision"]]
+    constraints: list[_Bounded] = []
+    if motion is not None:
+        nodes = _nodes(objective, v)
+        first = [int(i) for i in objective.layout.first]
+        start = nodes[:, first] - s["centre"]
+        residuals.append(ca.vec(start * s["initial_precision"]))
+        held = [int(i) for i in np.flatnonzero(objective.exact.T.ravel(order="F"))]
+        if held:
+            at_first = start / ca.repmat(ca.DM(objective.scale), 1, len(first))
+            constraints.append((ca.vec(at_first)[held], 0.0, 0.0))
+        residuals.append(ca.vec(_whitened(motion.y - s["z"], s)))
+        defect = _defects(objective, nodes, motion.end, v, s)
+        if "noise" in v:
+            residuals.append(ca.vec(v["noise"]))
+        constraints += [(defect, 0.0, 0.0), (motion.gap, 0.0, 0.0)]
+        constraints += _paths(objective, motion.states, motion.y)
+    if objective.equations is not None:
+        residuals.append(_equations(objective, objective.equations, _free(objective, v, s), s))
+    constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
+    return ca.vertcat(*residuals), constraints
+
+
+def _separable(objective: Objective, v: dict, s: dict, motion: Simulated, at: ProblemSymbols) -> Separable:
+    """What the segments' own derivatives take; without path constraints nothing but end and outputs is simulated."""
+    assert motion.derivatives is not None
+    end, y = ca.MX.sym("end", *motion.end.shape), ca.MX.sym("y", *motion.y.shape)
+    residual, constraints = _posed(objective, v, s, replace(motion, end=end, y=y))
+    others = sum(symbol.numel() for name, symbol in v.items() if name not in ("theta", "nodes"))
+    nodes = np.tile(objective.scale, v["nodes"].shape[1])
+    return Separable(
+        derivatives=motion.derivatives,
+        arguments=[at.nodes, at.u0, at.u1, at.dt, at.base, at.free],
+        simulated=(motion.end, motion.y),
+        end=end,
+        y=y,
+        residual=residual,
+        g=ca.vertcat(*[g for g, _, _ in constraints]),
+        curvature=s["weights"] ** 2,
+        scale=ca.vertcat(s["scale"], ca.DM(nodes), ca.DM.ones(others)),
     )
 
 

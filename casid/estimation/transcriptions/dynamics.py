@@ -91,14 +91,29 @@ class ProblemSymbols:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class ShotDerivatives:
+    """Of segments, each a column of (x, u0, u1, dt, base, q) as `shot` takes them; w = (start state, free parameters).
+
+    first    -> (n (n+f), K) derivative of the end state in w, column-major
+    second   (..., multipliers of end (n, K) and outputs (o, K*L), curvature of outputs (o, K*L)) -> the upper triangle
+             of the Hessian in w, column-major; the curvature is that of the cost in each output
+    """
+
+    first: ca.Function
+    second: ca.Function
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Simulated:
     """Of a nonlinear programme: states (n, K*L), end (n, K), outputs y (o, K*L), and a column `gap` that must vanish
-    besides the defects."""
+    besides the defects. `derivatives` where the motion knows those of its own: in every segment's start state and free
+    parameters, of `end` and of a sum of `end` and `y`."""
 
     states: ca.MX
     end: ca.MX
     y: ca.MX
     gap: ca.MX
+    derivatives: ShotDerivatives | None = None
 
 
 class Dynamics(Protocol):

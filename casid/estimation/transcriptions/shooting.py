@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from casid.errors import EstimationError
+from casid.estimation.transcriptions.curvature import shot_derivatives
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, whitened
 from casid.estimation.transcriptions.layout import Layout
@@ -157,7 +159,9 @@ class Shooting:
                 "solve: a digital control law in the loop jumps at the samples, which a nonlinear programme does not "
                 "represent; use GaussNewton()"
             )
-        return shot(self._model, self._free, self.layout, at)
+        found = shot(self._model, self._free, self.layout, at)
+        count, length = self.shape
+        return replace(found, derivatives=shot_derivatives(self._model, self._free, length, count))
 
     def _packed_for(self, kernel: Kernel) -> Packed:
         """The data in the kernel's order."""
