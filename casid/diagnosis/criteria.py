@@ -271,7 +271,6 @@ class HeldOutCriteria:
     """Records that no fit has seen."""
 
     fitted_part: float = number(2 / 3, "part of a single record that is fitted")
-    loss: float = number(0.05, "loss there, of the gain in the fitted records, that is none")
     missing_share: float = number(
         0.1,
         "part of a variation that may be missing there",

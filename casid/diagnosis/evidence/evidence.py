@@ -40,7 +40,7 @@ class Evidence:
     terms: tuple[tuple[str, str], ...]
     factors: np.ndarray
     scales: Mapping[str, float]
-    _sums: _EvidenceSums
+    sums: EvidenceSums
 
     @property
     def criteria(self) -> Criteria:
@@ -59,12 +59,12 @@ class Evidence:
     @property
     def small_information(self) -> np.ndarray:
         """Inverse of the prior covariance of the small terms, in units of `factors`, at a scale of one."""
-        return self._sums.alike
+        return self.sums.alike
 
     def deviance_at_scales(self, scales: Mapping[str, float]) -> float:
         """The deviance if no coefficient were more nonlinear than `scales` says."""
         least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
-        return self.fit.deviance + self._sums.posterior(least)[2]
+        return self.fit.deviance + self.sums.posterior(least)[2]
 
 
 def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
@@ -88,12 +88,12 @@ def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
         terms=small.names,
         factors=small.factors,
         scales=scales,
-        _sums=sums,
+        sums=sums,
     )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _EvidenceSums:
+class EvidenceSums:
     """Normal equations `gram`, `slope` of slots (prior included) and small terms, whose prior information is `alike` at
     a scale of one, the coefficients that own the small terms, and the `scales` that are tried."""
 
@@ -132,14 +132,14 @@ class _EvidenceSums:
         return covariance, newton, deviance
 
 
-def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) -> _EvidenceSums:
+def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) -> EvidenceSums:
     k, n = len(fit.slots), len(fit.slots) + len(small.names)
     gram = sum(side_by_side(gram_of, by_record)) + np.zeros((n, n))
     slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
     gram[range(k), range(k)] += fit.prior_weight
     slope[:k] -= fit.prior_pull
     owners = tuple(c for c, _ in small.names)
-    return _EvidenceSums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
+    return EvidenceSums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
 
 
 def deviation(evidence: Evidence, name: str) -> float:
@@ -236,10 +236,10 @@ def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
     index = [slot.name for slot in evidence.fit.slots].index(name)
     if len(records) < 3:
         return 0.0
-    information, without = evidence._sums.information(evidence.scales), []
+    information, without = evidence.sums.information(evidence.scales), []
     for r in records:
         flat = evidence.by_record[r]
-        others = evidence._sums.slope - flat.T @ evidence.fit.white[:, r].reshape(-1)
+        others = evidence.sums.slope - flat.T @ evidence.fit.white[:, r].reshape(-1)
         without.append(float((scaled_inverse(information - gram_of(flat)) @ others)[index]))
     n = len(records)
     return float(np.sqrt((n - 1) / n * np.sum((np.array(without) - np.mean(without)) ** 2)))

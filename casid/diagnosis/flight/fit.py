@@ -94,6 +94,13 @@ def without(fitted: FlightFit, names: Collection[str]) -> FlightFit:
     return fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
 
 
+def all_free(fitted: FlightFit) -> FlightFit:
+    """The fit as it stands, with the sensitivities to derivatives and effects too, though they were not fitted."""
+    work = Work(fitted.flight, fitted.attached, fitted.noise, "all")
+    work.reference = fitted.reference
+    return evaluate(work, fitted.attached, _start_values(work, fitted.attached, fitted), fitted.motion)
+
+
 def relaxed(fitted: FlightFit) -> FlightFit:
     """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
     numerics = fitted.criteria.numerics.fit

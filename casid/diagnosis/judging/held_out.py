@@ -17,6 +17,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.judging.predicted import Predicted, predicted
 from casid.diagnosis.kinematics.forces import without_aerodynamics
 from casid.diagnosis.kinematics.kinematics import forceless_noise
 from casid.diagnosis.naming.events import at_peak
@@ -45,6 +46,11 @@ def split(
     cut = only.t[0] + criteria.fitted_part * only.duration
     part = "last third" if criteria == HeldOutCriteria() else "last part"
     return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
+
+
+def predicted_on(records: Sequence[Record], fitted: FlightFit) -> Predicted:
+    """`judge_on`, and how likely the fitted records make these."""
+    return predicted(judge_on(records, fitted), fitted)
 
 
 def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
@@ -115,28 +121,34 @@ def steps_to_keep(gains: Sequence[float | None]) -> int:
 def best_on_held(
     held: Sequence[Record],
     steps: Sequence[FlightFit],
-    on_held: Sequence[FlightFit],
+    on_held: Sequence[Predicted],
     gains: Sequence[float | None],
-    on_fitted: Sequence[float],
+    spare: Sequence[float],
 ) -> tuple[FlightFit, FlightFit]:
-    """The best model on the held-out records, the largest of equals, and its fit there: the first steps, without those
-    of them that lost there and are still no help beside the later ones. A loss that is nothing beside what the step
-    gains `on_fitted` records, in 2 ln L, is none: the held-out ones may hardly move what the cause is about."""
-    samples, loss = on_held[-1].readings, steps[0].criteria.held_out.loss
-    gains = [
-        gain if gain is None or -2.0 * gain * samples > loss * fitted else max(gain, 0.0)
-        for gain, fitted in zip(gains, on_fitted, strict=True)
-    ]
-    kept = steps_to_keep(gains)
-    final, held_final = steps[kept], on_held[kept]
-    for before, after, gain in zip(steps[:kept], steps[1 : kept + 1], gains, strict=False):
-        new = {a.name for a in after.attached} - {a.name for a in before.attached}
-        if gain is None or gain >= 0.0 or not new:
-            continue
-        others = without(final, new)
-        held_others = judge_on(held, others)
-        if held_others.data_deviance <= held_final.data_deviance:
-            final, held_final = others, held_others
+    """The best model of all records, the largest of equals, and its fit on the held-out ones.
+
+    spare  of each step, what it gains on the fitted records beyond what it must, in 2 ln L. By the chain rule of
+           probability that and the gain on the held-out ones, which may hardly move what a cause is about, add up to the
+           evidence of all records.
+
+    Either the first steps, or all, without those of them that lost on the held-out records and are no help beside the
+    others either.
+    """
+    samples = 2.0 * on_held[-1].fit.readings
+    both = [None if gain is None else samples * gain + more for gain, more in zip(gains, spare, strict=True)]
+    found = []
+    for n in {steps_to_keep(both), len(both)}:
+        final, there, kept = steps[n], on_held[n], sum(spare[:n])
+        for before, after, gain, more in zip(steps[:n], steps[1 : n + 1], gains, spare, strict=False):
+            new = {a.name for a in after.attached} - {a.name for a in before.attached}
+            if gain is None or gain >= 0.0 or not new:
+                continue
+            others = without(final, new)
+            held_others = predicted_on(held, others)
+            if held_others.deviance + more <= there.deviance:
+                final, there, kept = others, held_others, kept - more
+        found.append((there.deviance - kept, -n, final, there.fit))
+    *_, final, held_final = min(found, key=lambda one: one[:2])
     return final, held_final
 
 
@@ -175,12 +187,13 @@ def gains_by_kinematics(
     return found
 
 
-def held_gains(on_held: Sequence[FlightFit]) -> list[float | None]:
+def held_gains(on_held: Sequence[Predicted]) -> list[float | None]:
     """Log likelihood per sample that each step adds; None for an event that the held-out records do not repeat,
     whatever nuisance errors of instruments were put in beside it."""
     gains: list[float | None] = []
     for before, after in pairwise(on_held):
-        new = {a.name for a in after.attached if not a.nuisance} - {a.name for a in before.attached}
-        gain = 0.5 * (before.data_deviance - after.data_deviance) / after.readings
-        gains.append(gain if new or after.noise.coloured != before.noise.coloured else None)
+        was, now = before.fit, after.fit
+        new = {a.name for a in now.attached if not a.nuisance} - {a.name for a in was.attached}
+        gain = 0.5 * (before.deviance - after.deviance) / now.readings
+        gains.append(gain if new or now.noise.coloured != was.noise.coloured else None)
     return gains

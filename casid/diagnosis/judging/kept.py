@@ -9,10 +9,11 @@ from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, without
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on
+from casid.diagnosis.judging.held_out import best_on_held, gains_by_kinematics, held_gains, judge_on, predicted_on
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.naming.baseline import Baseline
 from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.trials import required_gain
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
@@ -55,12 +56,14 @@ def keep(held: Sequence[Record], begun: Baseline, naming: Naming) -> Kept:
     named, turbulence = naming.named, begun.turbulence
     coloured, flight = turbulence.named, begun.calm.flight
     steps = [begun.structured, *([begun.start] if coloured else []), *(r.fitted for r in named)]
-    on_fitted = [*([turbulence.gain] if coloured else []), *(r.leader.gain.total for r in named)]
-    on_held = side_by_side(lambda step: judge_on(held, step), steps)
-    held_calm = judge_on(held, begun.calm) if begun.structure else on_held[0]
+    criteria = naming.criteria
+    spare = [r.leader.gain.net - required_gain(r.leader.effect, criteria) for r in named]
+    spare = [*([turbulence.gain - criteria.turbulence.gain] if coloured else []), *spare]
+    on_held = side_by_side(lambda step: predicted_on(held, step), steps)
+    held_calm = predicted_on(held, begun.calm) if begun.structure else on_held[0]
     moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
     gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.leader for r in named], moving)
-    final, held_final = best_on_held(held, steps, on_held, gains, on_fitted)
+    final, held_final = best_on_held(held, steps, on_held, gains, spare)
     evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
     structure = [*begun.structure, *_put_in_later(begun, final)]
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
@@ -70,7 +73,7 @@ def keep(held: Sequence[Record], begun: Baseline, naming: Naming) -> Kept:
     return Kept(
         evidence=evidence,
         held_fit=held_final,
-        held_calm=held_calm,
+        held_calm=held_calm.fit,
         structure=[one for one in structure if one.name not in unsure],
         structure_gain=held_gains([held_calm, on_held[0]])[0],
         gains=gains if coloured else [None, *gains],
