@@ -37,6 +37,7 @@ from problems.faults.everyday import ROWS
 from problems.faults.fault import DataFault, with_fault
 from problems.faults.flights import HealthyFlight, flights
 from problems.faults.score import OUTCOMES, RIGHT, score, score_causes
+from problems.faults.visible import as_it_shows
 
 HEAD: tuple[str, ...] = ("seed", "flight", "kind", "target", "value", "records", "outcome", "said")
 DIAGNOSED_HZ = 25.0  # to which records are thinned for a whole diagnosis
@@ -90,9 +91,9 @@ def outcome(
         if whole:
             found = diagnose(flight.aircraft, records)
             said = [*(one.sentence for one in found.data), *(one.sentence for one in found.causes)]
-            scored = score_causes(
-                fault, found.data, found.causes, found.verdict, besides, [one.what for one in found.not_judged]
-            )
+            not_judged = [one.what for one in found.not_judged]
+            shows = None if fault is None else as_it_shows(fault, healthy, records, found.detectable)
+            scored = score_causes(fault, found.data, found.causes, found.verdict, shows, besides, not_judged)
             if fault is None:
                 besides |= {(one.kind, one.target) for one in found.causes}
             return scored, " ".join(said)

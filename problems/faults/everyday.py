@@ -47,7 +47,7 @@ class Row:
     def outcome(self, found: Diagnosis) -> str:
         """One of `score.OUTCOMES`."""
         if self.fault is not None:
-            return score_causes(self.fault, found.data, found.causes, found.verdict)
+            return score_causes(self.fault, found.data, found.causes, found.verdict, self.fault)
         return "found" if self.right(found) else "wrong"
 
     def refused(self, error: CasidError) -> str:

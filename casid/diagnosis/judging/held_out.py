@@ -128,8 +128,8 @@ def best_on_held(
     """The best model of all records, the largest of equals, and its fit on the held-out ones.
 
     spare  of each step, what it gains on the fitted records beyond what it must, in 2 ln L. By the chain rule of
-           probability that and the gain on the held-out ones, which may hardly move what a cause is about, add up to the
-           evidence of all records.
+           probability that and the gain on the held-out ones add up to the evidence of all records; these may hardly
+           move what a cause is about.
 
     Either the first steps, or all, without those of them that lost on the held-out records and are no help beside the
     others either.
@@ -139,14 +139,14 @@ def best_on_held(
     found = []
     for n in {steps_to_keep(both), len(both)}:
         final, there, kept = steps[n], on_held[n], sum(spare[:n])
-        for before, after, gain, more in zip(steps[:n], steps[1 : n + 1], gains, spare, strict=False):
-            new = {a.name for a in after.attached} - {a.name for a in before.attached}
-            if gain is None or gain >= 0.0 or not new:
+        for i in sorted(range(n), key=lambda i: both[i] or 0.0):  # for the worst may be why another lost
+            new = {a.name for a in steps[i + 1].attached} - {a.name for a in steps[i].attached}
+            if (gains[i] or 0.0) >= 0.0 or not new:
                 continue
             others = without(final, new)
             held_others = predicted_on(held, others)
-            if held_others.deviance + more <= there.deviance:
-                final, there, kept = others, held_others, kept - more
+            if held_others.deviance + spare[i] <= there.deviance:
+                final, there, kept = others, held_others, kept - spare[i]
         found.append((there.deviance - kept, -n, final, there.fit))
     *_, final, held_final = min(found, key=lambda one: one[:2])
     return final, held_final

@@ -28,7 +28,7 @@ def _evidence(rng: np.random.Generator, apart: float):
     gram, slope = sum(c.T @ c for c in columns), sum(c.T @ white[:, r] for r, c in enumerate(columns))
     sums = SimpleNamespace(slope=slope, information=lambda _: gram)
     fit = SimpleNamespace(white=white[..., None], slots=[SimpleNamespace(name="a"), SimpleNamespace(name="b")])
-    return SimpleNamespace(by_record=tuple(columns), fit=fit, scales={}, _sums=sums)
+    return SimpleNamespace(by_record=tuple(columns), fit=fit, scales={}, sums=sums)
 
 
 def test_it_is_that_of_regressions_without_each_record() -> None:

@@ -1,0 +1,34 @@
+"""How likely held-out records are. Truth: the chain rule, p(held-out | fitted) = p(all) / p(fitted)."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnosis_flights import flights, rough_file
+
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.judging.held_out import judge_on
+from casid.diagnosis.judging.predicted import predicted
+
+
+def _marginal(evidence: Evidence) -> float:
+    """-2 ln p(readings), derivatives integrated out, up to what does not depend on the readings."""
+    return evidence.deviance + float(np.linalg.slogdet(evidence.sums.gram)[1])
+
+
+def test_it_is_what_the_records_add_to_the_evidence_of_all(monkeypatch) -> None:
+    """Only the beginning of a record is fitted, so that little is known of the rudder, and another is held out. By the
+    values of the fit alone that is less likely, for they are not known as well as that takes them to be."""
+    monkeypatch.setattr("casid.diagnosis.judging.predicted.weigh", lambda fit: weigh(fit, discrepancy=False))
+    whole, held_out = flights(seed=5, count=2)
+    seen = [whole.between(0.0, 9.0)]
+    noise = prepare(rough_file(), [whole, held_out]).noise()
+    before, after = (
+        weigh(fit(prepare(rough_file(), records), (), noise, iterations=20), discrepancy=False)
+        for records in (seen, [*seen, held_out])
+    )
+    by_values = judge_on([held_out], before.fit)
+    expected = _marginal(after) - _marginal(before)
+    found = predicted(by_values, before.fit).deviance
+    assert abs(found - expected) < 0.1 * abs(by_values.data_deviance - expected)
