@@ -61,6 +61,7 @@ class Effect:
     reads        it shows in these channels alone: one of them must be measured
     covered_by   a channel whose own effect of this kind includes this one, when it is measured
     kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
+    grounded     believed only when kinematics see it: free derivatives of the forces read nearly the same
     by_record    it may be in some records and not in others: instruments and loading change between flights
     relative     free derivatives imitate it when it is in all records: only differences between records show
     shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because
@@ -106,6 +107,7 @@ class Effect:
     reads: tuple[str, ...] = ()
     covered_by: str | None = None
     kinematic: bool = False
+    grounded: bool = False
     by_record: bool = False
     relative: bool = False
     shows_as: str | None = None

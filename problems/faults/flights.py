@@ -47,10 +47,14 @@ _OWN: Mapping[str, frozenset[tuple[str, str]]] = {
         | {("sensor_delay", target) for target in ("p", "psi")}
         | {("accelerometer_position", "y")}
     ),
-    "hfb320": frozenset({("turbulence", ""), *((kind, target) for kind in _LATE for target in ("alpha", "air_data"))}),
+    "hfb320": frozenset(
+        {("turbulence", ""), *(("gust", axis) for axis in "xyz")}  # air that moves, all the time or where it moves most
+        | {(kind, target) for kind in _LATE for target in ("alpha", "air_data")}
+    ),
     "totter": frozenset(
         {("input_delay", "delta_a"), ("actuator_lag", "delta_a"), ("sensor_scale", "beta"), ("sensor_scale", "r")}
-        | {(kind, "beta") for kind in _LATE}
+        | {(kind, target) for kind in _LATE for target in ("beta", "p")}
+        | {("sensor_scale", "p"), ("sensor_scale", "phi")}
     ),
     "tu144": frozenset(
         {("input_delay", "delta_e"), ("actuator_lag", "delta_e"), ("sensor_scale", "theta"), ("sensor_scale", "alpha")}

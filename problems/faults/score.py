@@ -69,9 +69,9 @@ def score_causes(
 ) -> str:
     """One of OUTCOMES of a whole diagnosis: a fault may be told as a finding of the data or as a cause.
 
-    `shows` is the fault in the records that it shows in; where it shows in none, nothing need be said. `besides` are kind
-    and target of causes that the same flight has without the fault: a real one has its own. `not_judged` is what was
-    said to be so; a fault there is refused where nothing is named.
+    `shows` is the fault in the records that it shows in; where it shows in none, nothing need be said. `besides` are
+    kind and target of causes that the same flight has without the fault: a real one has its own. `not_judged` is what
+    was said to be so; a fault there is refused where nothing is named.
     """
     own = [one for one in causes if (one.kind, one.target) in besides]
     causes = [one for one in causes if one not in own or fault and any(_is(fault, *p, not_judged) for p in _all(one))]

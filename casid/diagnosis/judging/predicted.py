@@ -51,7 +51,8 @@ def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]
     nothing of has its prior."""
     names, before = _names(there), _names(known)
     both = [name for name in names if name in before]
-    at, of = np.array([names.index(n) for n in both], dtype=int), np.array([before.index(n) for n in both], dtype=int)
+    at: np.ndarray = np.array([names.index(name) for name in both], dtype=int)
+    of: np.ndarray = np.array([before.index(name) for name in both], dtype=int)
     unit = (
         np.r_[np.ones(len(known.fit.slots)), known.factors][of]
         / np.r_[np.ones(len(there.fit.slots)), there.factors][at]
@@ -61,9 +62,9 @@ def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]
     mean = np.zeros(len(names))
     mean[at] = known.newton[of] * unit
     information = np.zeros((len(names), len(names)))
-    others = np.setdiff1d(np.arange(len(names)), at)
-    information[np.ix_(others, others)] = prior[np.ix_(others, others)]
-    information[np.ix_(at, at)] = scaled_inverse(known.covariance[np.ix_(of, of)] * unit[:, None] * unit)
+    others = np.array([i for i, name in enumerate(names) if name not in before], dtype=int)
+    information[others[:, None], others] = prior[others[:, None], others]
+    information[at[:, None], at] = scaled_inverse(known.covariance[of[:, None], of] * unit[:, None] * unit)
     return mean, information
 
 

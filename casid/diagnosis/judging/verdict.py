@@ -22,6 +22,7 @@ from casid.diagnosis.naming.explaining import mostly_gone
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
+from casid.diagnosis.naming.structure import is_induced_drag, is_usual
 from casid.diagnosis.naming.trials import clear_gain, matters, required_gain
 from casid.model import station
 from casid.model.aircraft import Aircraft
@@ -54,18 +55,21 @@ def causes_of(
     required    gain that a term of the structure must exceed where the air is turbulent
     left        inputs that are missing in the fitted records
 
-    What is expected of some aircraft, and was named, is minor unless it is equivalent to another cause.
+    What is expected of some aircraft, and was named, is minor unless it is equivalent to another cause; what every
+    aircraft has, unless it is unusually large.
     """
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
-    causes, minor, superseded, expected, small = [], [], [], [], []
+    causes, minor, superseded, expected, small, later = [], [], [], [], [], []
     if turbulence.named:
         (causes if final.noise.coloured else minor).append(
             turbulence_cause(turbulence, final.flight.aircraft, held_gains[0])
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.leader.candidate.name
-        if name in there and is_sure(evidence, name, _concerned(evidence, name)) and _still_matters(final, name):
+        if name in there and is_usual(round_.leader.effect):
+            later.append((name, held))
+        elif name in there and is_sure(evidence, name, _concerned(evidence, name)) and _still_matters(final, name):
             alone = round_.leader.effect.expected and not round_.equivalents
             group = expected if alone else causes
             group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held))
@@ -86,10 +90,11 @@ def causes_of(
     missing = {m.station: m.gain for m in left}
     unexplained = still_missing(evidence, left, causes, required)
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
-    put_in_before, structure_gain = structure
-    for one in put_in_before:
-        left_there = np.inf if unexplained else missing.get(station.coefficient(one.effect.target), 0.0)
-        put_in = _expected(one.name, evidence, structure_gain, required, left_there, strongest)
+    usual = [(one.name, structure[1]) for one in structure[0]] + later
+    for name, held in usual:
+        target = next(one.effect.target for one in final.attached if one.name == name)
+        left_there = np.inf if unexplained else missing.get(station.coefficient(target), 0.0)
+        put_in = _expected(name, evidence, held, required, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
@@ -198,7 +203,8 @@ def _expected(
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     notable = by.structure * (by.structure_with_others if strongest > statistic else 1.0)
     clear = statistic > required and matters(share, statistic, clear_gain(evidence.fit)) and is_sure(evidence, name)
-    meaningful = share > notable and clear and not one.nuisance and (held is None or held >= 0.0)
+    usual = one.nuisance or is_induced_drag(effect, value, fit)
+    meaningful = share > notable and clear and not usual and (held is None or held >= 0.0)
     meaningful = meaningful and mostly_gone(statistic, left, criteria.doubt)
     return Cause(
         kind=effect.kind,

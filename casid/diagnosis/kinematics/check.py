@@ -35,6 +35,11 @@ class KinematicCheck:
         return self.predicted > self.criteria.seen
 
     @property
+    def seen(self) -> bool:
+        """Whether it shows in them at all, and as it should."""
+        return self.predicted > self.criteria.faintly_seen and self.achieved > 0.0
+
+    @property
     def refuted(self) -> bool:
         """Whether they clearly do not find it, or find less than half of the little that they should see."""
         by = self.criteria

@@ -32,6 +32,22 @@ _UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
 SKEWED = (*_UNIT, *_ATTITUDES)  # what may come milliseconds late without being at fault
 
 
+def is_usual(effect: Effect) -> bool:
+    """Whether an effect is structure that every aircraft has."""
+    return effect.regressor is not None and effect.regressor in _EXPECTED.get(effect.target, ())
+
+
+def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
+    """Whether a drag of alpha^2 is no more than lift induces: CL_alpha^2 / (pi A e), aspect ratio A, Oswald's factor e
+    at the lowest that wings have."""
+    if (effect.target, effect.regressor) != ("CD", "alpha^2"):
+        return False
+    aircraft = fit.flight.aircraft
+    lift = fit.derivatives.get("CL_alpha", aircraft.derivatives.get("CL_alpha", 0.0))
+    aspect = aircraft.area / aircraft.moment_length_pitch**2
+    return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.structure.oswald)
+
+
 def demanded_structure(base: FlightFit) -> list[Attached]:
     """Expected terms that the aircraft file lacks and that improve the fitted baseline significantly, ready to be
     fitted."""

@@ -284,6 +284,7 @@ def accelerometer_position(axis: str) -> Effect:
         target=axis,
         reads=("ax", "ay", "az"),
         kinematic=True,
+        grounded=True,  # it reads angular accelerations, which depend on what forces depend on
         station="wind",
         change=change,
         meaningful=0.1,

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from diagnosis_flights import NOISE, flights
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming.size import meaningful_share, plausible
-from casid.model.causes import actuator_lag, input_delay, rate_limit, sensor_bias, sensor_lag, structural_mode
+from casid.diagnosis.naming.structure import is_induced_drag
+from casid.model.causes import (
+    actuator_lag,
+    aero_term,
+    input_delay,
+    rate_limit,
+    sensor_bias,
+    sensor_lag,
+    structural_mode,
+)
 from casid.model.effect import Effect
 from problems.do328 import do328
 
@@ -64,3 +75,13 @@ def test_a_structural_mode_is_lightly_damped(damping: float, possible: bool) -> 
     """What does not ring is none: half gone after one cycle, it looks like a lag of the reading."""
     values = {"value": 0.015, "frequency_hz": 4.3, "damping": damping}
     assert plausible(Attached(effect=structural_mode("p"), values=values)) == possible
+
+
+def test_drag_that_lift_induces_is_no_fault() -> None:
+    """Truth: CL_alpha^2 / (pi A e), by hand: 25 / (pi 9 0.5) = 1.77 for a lift slope of 5 and an aspect ratio of 9."""
+    aircraft = SimpleNamespace(area=36.0, moment_length_pitch=2.0, derivatives={"CL_alpha": 5.0})
+    fit = SimpleNamespace(flight=SimpleNamespace(aircraft=aircraft), derivatives={}, criteria=Criteria())
+    polar = aero_term("CD", "alpha^2")
+    found = [is_induced_drag(polar, value, fit) for value in (1.7, 1.8, -0.1)]  # pyright: ignore
+    assert found == [True, False, False]
+    assert not is_induced_drag(aero_term("CD", "beta^2"), 0.1, fit)  # pyright: ignore
