@@ -58,7 +58,7 @@ def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]
         / np.r_[np.ones(len(there.fit.slots)), there.factors][at]
     )
     scale = np.array([known.scales.get(c, 1.0) for c, _ in there.terms])
-    prior = block_diag(np.diag(there.fit.prior_weight), there.small_information / scale[:, None] / scale)
+    prior = np.asarray(block_diag(np.diag(there.fit.prior_weight), there.small_information / scale[:, None] / scale))
     mean = np.zeros(len(names))
     mean[at] = known.newton[of] * unit
     information = np.zeros((len(names), len(names)))

@@ -39,7 +39,7 @@ def test_it_is_that_of_regressions_without_each_record() -> None:
         A = np.vstack([evidence.by_record[r] for r in kept])
         y = np.concatenate([evidence.fit.white[:, r, 0] for r in kept])
         sizes.append(np.linalg.lstsq(A, y, rcond=None)[0][1])
-    expected = np.sqrt(4.0 / 5.0 * np.sum((sizes - np.mean(sizes)) ** 2))
+    expected = np.sqrt(4.0 / 5.0 * np.sum((np.array(sizes) - np.mean(sizes)) ** 2))
     assert jackknife(evidence, "b", range(5)) == pytest.approx(expected, rel=1e-9)  # pyright: ignore
 
 
