@@ -123,10 +123,14 @@ class Response:
         return [*found, *self._file_signs(plain, noise)]
 
     def likelihood(self, records: Sequence[Read]) -> float:
-        """Log marginal likelihood of the file, as far as the records tell of it, with the noise that is left."""
+        """Log marginal likelihood of the file's derivatives, as far as the records tell of them, with the noise that is
+        left. What no derivatives explain is taken off: a missing jump, or a thrust line, is no evidence for them."""
         there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
         plain = [self._parts(record, Reading(), there) for record in records]
-        return self._evidence(plain, self._noise(plain), self._criteria.minor)
+        noise = self._noise(plain)
+        sums = {c: _together(plain, c) for c in noise}
+        unexplained = sum(0.5 * s.samples * s.left / noise[c] ** 2 for c, s in sums.items())
+        return self._evidence(plain, noise, self._criteria.minor) + unexplained
 
     def _in_records(self, plain: Sequence[Parts], other: Sequence[Parts], noise: Mapping[str, float]) -> list[float]:
         """Gain of other parts in the set of records that gains most, shared among them: all, or grown one by one."""
