@@ -14,6 +14,8 @@ import numpy as np
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.model.station import Station
 
+_TOGETHER = 32  # columns that are copied and in work at a time: whole tiles of the compiled filter
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Entrances:
@@ -26,18 +28,19 @@ class Entrances:
     def of(cls, evidence: Evidence, stations: Sequence[str]) -> Entrances:
         """Of disturbances of the model and of readings."""
         fit = evidence.fit
-        (N, R, ny), k = fit.white.shape, len(evidence.newton)
-        columns = np.empty((R, N, ny, k + 1))
-        for r, flat in enumerate(evidence.by_record):
-            columns[r, ..., :k] = flat.reshape(N, ny, k)
-        columns[..., k] = fit.white.swapaxes(0, 1)
+        (N, R, _), k = fit.white.shape, len(evidence.newton)
         entering = [name for name in stations if Station.at(name).kind != "reading"]
         index = [fit.model.disturbances.index(name) for name in entering]
-        by_disturbance, by_output = fit.filter.entrances(index, columns, read=len(entering) < len(stations))
-        found = dict(zip(entering, by_disturbance, strict=True))
-        for name in set(stations) - set(entering):
-            channel = fit.model.outputs.index(Station.at(name).name)
-            found[name] = by_output[channel] * fit.linear.seen[:, :, channel].T[..., None]
+        channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
+        found = {name: np.empty((R, N, k + 1)) for name in stations}
+        for first in range(0, k + 1, _TOGETHER):
+            some = slice(first, min(first + _TOGETHER, k + 1))
+            by_disturbance, by_output = fit.filter.entrances(index, _columns(evidence, some), read=bool(channels))
+            for name, one in zip(entering, by_disturbance, strict=True):
+                found[name][..., some] = one
+            for name, channel in channels.items():
+                seen = fit.linear.seen[:, :, channel].T[..., None]
+                np.multiply(by_output[channel], seen, out=found[name][..., some])
         return cls(by_station=found)
 
     def products(self, station: str, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -45,3 +48,15 @@ class Entrances:
         is fitted and with the innovations."""
         both = self.by_station[station].swapaxes(1, 2) @ series.swapaxes(0, 1)
         return both[:, :-1], both[:, -1]
+
+
+def _columns(evidence: Evidence, some: slice) -> np.ndarray:
+    """(R, N, ny, their number) some of the fitted slots and small terms, after which the innovations come last."""
+    fit, k = evidence.fit, len(evidence.newton)
+    (N, R, ny), fitted = fit.white.shape, min(some.stop, k) - some.start
+    columns = np.empty((R, N, ny, some.stop - some.start))
+    for r, flat in enumerate(evidence.by_record):
+        columns[r, ..., :fitted] = flat[:, some.start : some.start + fitted].reshape(N, ny, fitted)
+    if some.stop > k:
+        columns[..., -1] = fit.white.swapaxes(0, 1)
+    return columns
