@@ -73,6 +73,7 @@ class MissingInputNumerics:
 class ScreeningNumerics:
     """Of the ranking of all causes at once."""
 
+    columns: int = number(32, "columns that go back through the filter at a time: whole tiles of the compiled one")
     starts: int = number(4, "records from which sets of records grow")
     onset_step: float = number(1.0, "time between the onsets that are tried", unit="s")
     fine_up_to: float = number(30.0, "length of a record up to which onsets are that near", unit="s")

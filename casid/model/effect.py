@@ -61,7 +61,7 @@ class Effect:
     reads        it shows in these channels alone: one of them must be measured
     covered_by   a channel whose own effect of this kind includes this one, when it is measured
     kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
-    grounded     believed only when kinematics see it: free derivatives of the forces read nearly the same
+    grounded     believed only when kinematics see it: what a file lacks of the forces reads the same
     by_record    it may be in some records and not in others: instruments and loading change between flights
     relative     free derivatives imitate it when it is in all records: only differences between records show
     shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because

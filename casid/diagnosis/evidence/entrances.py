@@ -14,8 +14,6 @@ import numpy as np
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.model.station import Station
 
-_TOGETHER = 32  # columns that are copied and in work at a time: whole tiles of the compiled filter
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Entrances:
@@ -33,8 +31,9 @@ class Entrances:
         index = [fit.model.disturbances.index(name) for name in entering]
         channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
         found = {name: np.empty((R, N, k + 1)) for name in stations}
-        for first in range(0, k + 1, _TOGETHER):
-            some = slice(first, min(first + _TOGETHER, k + 1))
+        together = fit.criteria.numerics.screening.columns
+        for first in range(0, k + 1, together):
+            some = slice(first, min(first + together, k + 1))
             by_disturbance, by_output = fit.filter.entrances(index, _columns(evidence, some), read=bool(channels))
             for name, one in zip(entering, by_disturbance, strict=True):
                 found[name][..., some] = one

@@ -87,7 +87,7 @@ class Trial:
 
     @property
     def refuted(self) -> bool:
-        """Whether kinematics contradict it, or do not see what they alone could tell from forces."""
+        """Whether kinematics contradict it, or do not see what they alone tell from forces."""
         return self.given_up or self.check.refuted or (self.effect.grounded and not self.check.seen)
 
     @property

@@ -284,7 +284,7 @@ def accelerometer_position(axis: str) -> Effect:
         target=axis,
         reads=("ax", "ay", "az"),
         kinematic=True,
-        grounded=True,  # it reads angular accelerations, which depend on what forces depend on
+        grounded=axis == "x",  # the lift or side force of a tail turns the aircraft as well: that much of it reads so
         station="wind",
         change=change,
         meaningful=0.1,

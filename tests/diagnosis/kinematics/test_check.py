@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from diagnosis_flights import flights, rough_file, trial_of
 
@@ -155,9 +157,11 @@ def test_held_out_kinematics_judge_a_vane_whatever_is_wrong_with_the_aerodynamic
     ("predicted", "achieved", "refuted"), [(2.5, 8.2, True), (42.0, 39.0, False), (42.0, -5.0, True)]
 )
 def test_an_accelerometers_place_that_kinematics_do_not_see_is_no_cause(predicted, achieved, refuted) -> None:
-    """Truth: it reads x qdot, and qdot is what alpha, q and elevator make: so is a lift of these. A real flight whose
-    file had no lift of q put it 4.7 m behind, with a drop of the deviance of 3332, of which kinematics promise 2.5."""
+    """Truth: a lift L of the tail, l behind, makes qdot = L l / Iyy and L / m = qdot Iyy / (m l), as read Iyy / (m l)
+    behind: metres. A real flight whose file had no lift of the elevator put it 4.7 m behind, with a drop of the
+    deviance of 3332, of which kinematics promise 2.5. Ailerons make no side force: its height is another matter."""
     check = KinematicCheck(predicted=predicted, achieved=achieved)
     place = Attached(effect=accelerometer_position("x"), values={"value": -4.7})
     assert trial_of(place, gain=3332.0, check=check).refuted == refuted
+    assert not trial_of(replace(place, effect=accelerometer_position("z")), check=KinematicCheck()).refuted
     assert not trial_of(Attached(effect=sensor_bias("q"), values={"value": 0.1}), check=KinematicCheck()).refuted
