@@ -115,7 +115,7 @@ class StructureCriteria:
     )
     ridge: float = number(1e-3, "ridge on the prior of terms that are nearly the sum of others")
     demanded: float = number(50.0, "gain of an expected term or small offset that is put in beforehand", unit=_GAIN)
-    oswald: float = number(0.5, "Oswald's factor of a wing at least", "derived: 0.7 to 0.9 is usual (Raymer, 12.6)")
+    oswald: float = number(0.5, "Oswald's factor of a wing at least", "chosen: below the usual 0.7 to 0.85")
     sure: float = number(3.0, "spreads by which a value must differ from zero", "derived: 3 sigmas")
     confidence: float = number(1.96, "1-sigmas of an interval that holds the value", "derived: 95 %, Gaussian")
     certain: float = number(
