@@ -44,9 +44,8 @@ class CompilableProgramme:
             return
         self._source = self._source or self._written()
         library = cached_library(self._source, _FLAGS)
-        if library is None and self._spent < _COMPILE_PER_BYTE["given" if "hess_lag" in self._given else "exact"] * len(
-            self._source
-        ):
+        hessian = "given" if "hess_lag" in self._given else "exact"
+        if library is None and self._spent < _COMPILE_PER_BYTE[hessian] * len(self._source):
             return
         library = library or compile_library(self._source, _FLAGS)
         if library is not None:

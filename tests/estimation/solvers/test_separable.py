@@ -13,6 +13,7 @@ from casid.estimation import CombinedError, Ipopt, MultipleShooting, Problem, so
 POSED = {
     "noise estimated": ({}, MultipleShooting(interval=20)),
     "one segment": ({}, MultipleShooting(interval=200)),
+    "two steps a sample": ({}, MultipleShooting(interval=20, substeps=2)),
     "own values per record": ({"free": ["Z*"], "per_record": ["M*"]}, MultipleShooting(interval=7)),
     "equations too": ({"cost": CombinedError()}, MultipleShooting(interval=20)),
     "process noise": ({"noise": NOISE}, MultipleShooting(interval=20, process_noise={"q": 0.01})),
