@@ -67,7 +67,7 @@ class Diagnosis:
     kinematic
         Instrument and air causes scored with forces left free, empty when not available.
     detectable
-        Cause name -> smallest size that these records would show.
+        Cause name -> smallest size that these records would show; infinite for what derivatives imitate at any size.
     seconds
         Wall time per stage.
     explanations
@@ -221,7 +221,7 @@ class Diagnosis:
                 "before": {m.station: m.gain for m in self.missing_before},
                 "after": {m.station: m.gain for m in self.missing_after},
             },
-            "smallest_detectable": dict(self.detectable),
+            "smallest_detectable": {n: v if math.isfinite(v) else None for n, v in self.detectable.items()},
             "seconds": dict(self.seconds),
         }
 

@@ -26,6 +26,8 @@ from typing import Any
 from casid.errors import InputError, unknown
 
 VARIABLES = ("alpha", "beta", "p", "q", "r", "delta_e", "delta_a", "delta_r", "mach", "alphadot", "betadot", "V", "Tc")
+# of the motion in the plane of symmetry, and out of it
+IN_PLANE, OUT_OF_PLANE = ("alpha", "q", "delta_e", "alphadot"), ("beta", "p", "r", "delta_a", "delta_r", "betadot")
 COEFFICIENTS = ("CL", "CD", "CY", "CX", "CZ", "Cl", "Cm", "Cn")
 _PURE_NUMBERS = ("mach", "V", "Tc")
 _MAX_POWER = 9
@@ -86,6 +88,11 @@ class Term:
 
     def __str__(self) -> str:
         return self.name
+
+    @property
+    def variables(self) -> frozenset[str]:
+        """Names of the factors."""
+        return frozenset(variable for variable, _ in self.factors)
 
     @property
     def degree(self) -> int:

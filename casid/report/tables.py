@@ -173,7 +173,7 @@ def _why(trial: Trial, winner: Trial | None, equivalent: bool, criteria: Criteri
 def unseen(diagnosis: Diagnosis) -> ReportTable:
     """Smallest effect of every kind that these records would have shown; what would have to be larger than anything
     plausible cannot be seen in them."""
-    effects = {c.name: c.attached.effect for r in diagnosis.rounds for c in r.candidates}
+    effects = {effect.name: effect for effect in diagnosis.bare.flight.effects}
     seen: dict[str, list[str]] = {}
     blind: dict[str, list[str]] = {}
     for name, size in diagnosis.detectable.items():

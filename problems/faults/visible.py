@@ -38,7 +38,7 @@ def as_it_shows(
         shows = tuple(name for name in fault.records if _changes(*pairs[name], fault.channels))
         return replace(fault, records=shows) if shows else None
     name = f"{fault.kind}({fault.target}{':' + fault.term if fault.term else ''})"
-    least = detectable.get(name, 0.0)
+    least = detectable.get(name, detectable.get(fault.kind, 0.0))
     return fault if fault.value is None or abs(fault.value) >= least else None
 
 

@@ -7,36 +7,25 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.ready import as_updated, has, hides_noise, moves, sigma_of, that_have, with_all
 from casid.diagnosis.flight.redundant import RATE_OF, is_derived
-from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_points, make_batch
-from casid.model import operators
+from casid.diagnosis.flight.regressors import Regressors
+from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
-from casid.model.path import (
-    AIR_STATES,
-    STATES,
-    SignalPath,
-    aerodynamic_parameters,
-    air_data_station,
-    disturbance_names,
-    given_series,
-    surface_station,
-    wind_station,
-)
+from casid.model.path import aerodynamic_parameters
 from casid.model.station import Station, control
 from casid.model.system import Model
-from casid.model.terms import Term, parse_term
-from casid.native.compiler import BUILDING, Compilable
-from casid.records.noise import density_sigma, high_band_holds, mean_over, motion_edge, pooled_sigma, quiet_windows
+from casid.model.terms import IN_PLANE, OUT_OF_PLANE, Term, parse_term
+from casid.native.compiler import BUILDING
+from casid.records.noise import density_sigma, high_band_holds, motion_edge, pooled_sigma
 from casid.records.record import Record
 from casid.records.thinning import spaced
 from casid.signals import SURFACES
@@ -105,10 +94,20 @@ class Flight:
     @property
     def effects(self) -> list[Effect]:
         """Every deterministic effect that these records can show."""
-        size = self.criteria.size
-        every = (possible(e, self.aircraft, size) for e in catalogue(self.aircraft, self.outputs))
+        every = (possible(e, self.aircraft, self.criteria) for e in catalogue(self.aircraft, self.outputs))
         known = [e for e in every if e.target not in self.unknown and not e.kind.startswith(self.unknown)]
-        return [e for e in known if e.regressor is None or "[" not in e.regressor or e.name in self._stretches]
+        told = [e for e in known if e.regressor is None or not self._still & parse_term(e.regressor).variables]
+        return [e for e in told if e.regressor is None or "[" not in e.regressor or e.name in self._stretches]
+
+    @cached_property
+    def _still(self) -> frozenset[str]:
+        """Variables of terms that tell nothing of them: those of axes that are not judged, and angles that do not move.
+        A product with one that stands still is that of the others, which symmetry may forbid."""
+        angles = ("alpha", "beta", *SURFACES)
+        moves = {a: [record[a] for record in self.records if a in record] for a in angles}
+        rest = {a for a, x in moves.items() if x and np.nanstd(np.concatenate(x)) < self.criteria.prior.resting}
+        out_of_axes = {"longitudinal": OUT_OF_PLANE, "lateral": IN_PLANE}.get(self.axes, ())
+        return frozenset({*rest, *out_of_axes})
 
     @cached_property
     def _stretches(self) -> frozenset[str]:
@@ -302,88 +301,3 @@ def prepare(
         doubted=doubted,
         criteria=criteria,
     )
-
-
-class Regressors:
-    """The aerodynamic regressors of an aircraft along trajectories, by name, its inputs, and what its own aerodynamics
-    make of them (`given_series`)."""
-
-    def __init__(self, flight: Flight, model: Model) -> None:
-        named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
-        moving = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
-        air = [AIR_STATES[axis][0] for axis in flight.turning]
-        path = SignalPath(
-            aircraft=flight.aircraft,
-            state={s: named[s] for s in (*STATES, *air) if s in named},
-            inputs=named,
-            parameter={},
-            turning={axis: sign for axis, sign in flight.turning.items() if AIR_STATES[axis][0] in named},
-            disturbance={d: moving.get(d, ca.SX(0)) for d in disturbance_names(flight.aircraft.force_axes)},
-        )
-        for station in (surface_station, wind_station, air_data_station):
-            station(path)
-        rows = path.regressor | given_series(path)
-        self.names = tuple(rows)
-        self._inputs, self._states, self._sigma = model.inputs, model.states, flight.input_sigma
-        self._batch = make_batch(model, flight.records)
-        self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
-        expressions = ca.vertcat(*rows.values(), path.air["V"])
-        self._function = Compilable(ca.Function("regressors", [model.x, model.u, model.w], [expressions]))
-        self._measured, self._disturbances = flight.measured(model), len(model.disturbances)
-        self._windows = {name: self._quiet(i, name) for i, name in enumerate(self._inputs)}
-        quiet = self.inputs({})
-        self.recorded = {name: quiet[..., i] for i, name in enumerate(self._inputs)}
-
-    def _quiet(self, i: int, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each record the windows over which an input may be averaged."""
-        sigma, samples = self._sigma.get(control(name), 0.0), self._batch.live.sum(axis=0)
-        return [quiet_windows(self._batch.U[:n, j, i], sigma) for j, n in enumerate(samples)]
-
-    def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, R, nu) recorded inputs with the most likely `noise` (disturbance -> (N, R)) that the motion shows taken
-        into account, denoised.
-
-        Noise in a recorded input is noise in what is made of it, and would match the residual that it causes itself;
-        what is left of it beside the motion does not. More noise than there can be is a fault's, and counts the less
-        the more of it there is.
-        """
-        U, live = self._batch.U.copy(), self._batch.live
-        for i, name in enumerate(self._inputs):
-            if (station := control(name)) in noise:
-                power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
-                U[..., i] += noise[station] / np.maximum(power, 1.0)
-            for j, windows in enumerate(self._windows[name]):
-                samples = len(windows[0])
-                U[:samples, j, i] = mean_over(U[:samples, j, i], *windows)
-                U[samples:, j, i] = U[samples - 1, j, i]
-        return U
-
-    def variation(self, term: Term) -> float:
-        """Standard deviation of a term along the motion as it was measured."""
-        return float(np.std(self.measured(term)))
-
-    def measured(self, term: Term) -> np.ndarray:
-        """(samples,) a term along the motion as it was measured."""
-        live = self._batch.live
-        return np.broadcast_to(term.evaluate(self._as_measured), live.shape)[live]
-
-    @cached_property
-    def _as_measured(self) -> dict[str, np.ndarray]:
-        X = self._measured
-        return self.along(X, np.zeros((*X.shape[:2], self._disturbances)), self._batch.U)
-
-    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
-        """name -> (N, R): regressors of the trajectory X (N, R, nx) with `inputs` (N, R, nu) in moving air
-        (disturbances W (N, R, nw)), rates of the flow angles by differences included, and the inputs."""
-        values = at_points(self._function, X, inputs, W)[0][..., 0]
-        table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
-        table |= {name: values[..., i] for i, name in enumerate(self.names)}
-        motion = {name: X[..., i] for i, name in enumerate(self._states)}
-        table |= {name: motion[name] for name in ("phi", "theta") if name in motion}
-        if all(name in motion for name in operators.TURNING):
-            columns = zip(self._batch.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
-            table["turned"] = np.stack([operators.turned(*column) for column in columns], axis=1)
-        for angle, length in self._lengths.items():
-            rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._batch.t.T, strict=True)]
-            table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]
-        return table

@@ -15,7 +15,7 @@ from casid.diagnosis.judging.belief import Believed, believed
 from casid.diagnosis.judging.extension import extended_aircraft
 from casid.diagnosis.judging.kept import Kept, keep
 from casid.diagnosis.judging.left import beside_slow_noise, what_is_left
-from casid.diagnosis.judging.verdict import causes_of, smallest_detectable, verdict_of
+from casid.diagnosis.judging.verdict import causes_of, verdict_of
 from casid.diagnosis.kinematics.stage import KinematicFindings
 from casid.diagnosis.naming.baseline import Baseline, named
 from casid.diagnosis.naming.naming import Naming
@@ -78,7 +78,7 @@ def by_rules(
         unexplained=tuple(unexplained),
         kinematic=tuple(found.ranked),
         turbulence=begun.turbulence,
-        detectable=smallest_detectable(candidates, criteria.verdict),
+        detectable=naming.rounds[0].detectable,
         seconds=stages.seconds,
         explanations=belief.explanations,
         believed=belief.there,

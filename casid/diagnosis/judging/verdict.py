@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.criteria import VerdictCriteria
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, jackknife
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
-from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import Turbulence
@@ -382,15 +380,3 @@ def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
 
 def _gain(gain: float) -> str:
     return f"log likelihood ratio {0.5 * gain:.0f}"
-
-
-def smallest_detectable(candidates: Sequence[Candidate], criteria: VerdictCriteria) -> dict[str, float]:
-    """Name -> smallest size that these records would show, aerodynamic terms apart."""
-    return {
-        c.name: float(criteria.detectable * c.std)
-        for c in candidates
-        if not c.attached.effect.quasi_steady
-        and not c.attached.effect.members
-        and c.attached.effect.linear
-        and np.isfinite(c.std)
-    }

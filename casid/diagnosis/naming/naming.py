@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
@@ -117,7 +118,8 @@ def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Na
     prints = fingerprints(state.evidence, effects)
     # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it; and what
     # kinematics alone say of it does not drown in wrong aerodynamics
-    candidates = rank(Screen(state.evidence, exact=True), prints)
+    exactly = Screen(state.evidence, exact=True)
+    candidates = rank(exactly, prints)
     cautious = rank(Screen(state.evidence), prints)
     names = {e.name for e in effects}
     observed = [c for c in state.observed if c.name in names]
@@ -131,8 +133,10 @@ def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Na
     trials = small_first(in_order(trials, nameable), fits, criteria) if nameable else in_order(trials, ())
     best = trials[0] if nameable else None
     equivalents = equivalents_of(best, trials, criteria) if best is not None and best.meaningful else ()
+    first = not state.rounds  # later ones have less to look for
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
+        detectable=smallest_sizes(exactly, prints, candidates, criteria.verdict.detectable) if first else {},
         trials=tuple(trials),
         equivalents=equivalents,
         named=best is not None,

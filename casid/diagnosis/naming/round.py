@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -99,13 +100,17 @@ class Trial:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Round:
     """One round of naming: all candidates by predicted net gain, what was fitted of them, best first, which trials are
-    equivalent to the first, and why the first was not accepted, "" if it was."""
+    equivalent to the first, and why the first was not accepted, "" if it was.
+
+    detectable  name -> smallest size that would show; of the first round
+    """
 
     candidates: tuple[Candidate, ...]
     trials: tuple[Trial, ...]
     equivalents: tuple[Trial, ...]
     named: bool
     doubt: str = ""
+    detectable: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def leader(self) -> Trial:

@@ -11,13 +11,12 @@ from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
-from casid.model.terms import COEFFICIENTS, parse_term
+from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, parse_term
 from casid.signals import SURFACES
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _LATERAL = ("CY", "Cl", "Cn")
 _IN_THE_SLIPSTREAM = {"Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}  # of a propeller, a tail is the stronger with power
-_ASYMMETRIC = ("beta", "p", "r", "delta_a", "delta_r")
 
 
 def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
@@ -44,7 +43,7 @@ def _has_a_rate(term: str) -> bool:
 
 def _across_symmetry(coefficient: str, term: str) -> bool:
     """Whether the term acts between the motion in the plane of symmetry and the one out of it."""
-    odd = sum(power for variable, power in parse_term(term).factors if variable in _ASYMMETRIC) % 2 == 1
+    odd = sum(power for variable, power in parse_term(term).factors if variable in OUT_OF_PLANE) % 2 == 1
     return odd != (coefficient in _LATERAL)
 
 
