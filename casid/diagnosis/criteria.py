@@ -15,7 +15,7 @@ from casid.diagnosis.criterion import Criterion, Value, listed, number, overridd
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.flight.criteria import InputTimingCriteria, NoiseCriteria
-from casid.diagnosis.flight.typical import DerivativeSizes, UsualMotion
+from casid.diagnosis.flight.typical import DerivativeSizes
 from casid.diagnosis.numerics import Numerics
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.errors import InputError
@@ -201,12 +201,6 @@ class SizeCriteria:
         "chords by which a centre of gravity can be off",
         "derived: the range in which that of any aircraft may lie, which loading makes, is smaller",
     )
-    term: float = number(
-        3.0,
-        "times the largest part that a usual derivative makes of a coefficient in `motion`, which a term makes at most",
-        "derived: 3 sigmas of `prior.usual`",
-    )
-    motion: UsualMotion = UsualMotion()
     wind_along: float = number(20.0, "velocity of the air along x of which `share` matters", unit="m/s")
     wind_across: float = number(3.0, "velocity of the air along y or z of which `share` matters", unit="m/s")
 

@@ -94,7 +94,7 @@ class Flight:
     @property
     def effects(self) -> list[Effect]:
         """Every deterministic effect that these records can show."""
-        every = (possible(e, self.aircraft, self.criteria) for e in catalogue(self.aircraft, self.outputs))
+        every = (possible(e, self.aircraft, self.criteria.size) for e in catalogue(self.aircraft, self.outputs))
         known = [e for e in every if e.target not in self.unknown and not e.kind.startswith(self.unknown)]
         told = [e for e in known if e.regressor is None or not self._still & parse_term(e.regressor).variables]
         return [e for e in told if e.regressor is None or "[" not in e.regressor or e.name in self._stretches]

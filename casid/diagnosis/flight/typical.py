@@ -55,25 +55,3 @@ class DerivativeSizes:
     def of(self, derivative: str) -> float | None:
         """By its name, as "CL_alpha"; None of one that is not usual."""
         return getattr(self, derivative, None)
-
-
-_ANGLE = "chosen: most wings stall there, and fins"
-_DEFLECTION = "chosen: most surfaces go no further"
-
-
-@dataclass(frozen=True, kw_only=True)
-class UsualMotion:
-    """How far the variables of terms go on an aircraft that is flown to its limits. Rates as p b/2V, q c/2V, r b/2V."""
-
-    alpha: float = number(0.26, "of the angle of attack", _ANGLE, unit="rad")
-    beta: float = number(0.26, "of the sideslip angle", _ANGLE, unit="rad")
-    p: float = number(0.1, "of p b/2V", "derived: 0.09 is the helix angle that MIL-F-8785 asks of fighters")
-    q: float = number(0.03, "of q c/2V", "derived: a model glider of 50 N/m2 that pulls its largest lift has 0.026")
-    r: float = number(0.05, "of r b/2V", "chosen: half of what roll reaches")
-    delta_e: float = number(0.44, "of the elevator", _DEFLECTION, unit="rad")
-    delta_a: float = number(0.44, "of the ailerons", _DEFLECTION, unit="rad")
-    delta_r: float = number(0.44, "of the rudder", _DEFLECTION, unit="rad")
-
-    def of(self, variable: str) -> float | None:
-        """By the name of the variable; None of one whose range is not known."""
-        return getattr(self, variable, None)
