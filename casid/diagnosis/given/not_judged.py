@@ -11,6 +11,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.model.aircraft import Aircraft
+from casid.model.vocabulary import effect_title
 from casid.records.record import Record
 
 # what a person looks for: angular accelerations and altitude are extras
@@ -21,6 +22,7 @@ _EXPECTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "lateral": ("beta", "p", "r", "phi", "psi", "ay"),
     }
 )
+_OF_A_NUMBER = ("thrust_scale", "mass")  # one number is wrong throughout, as of an instrument
 _WIND: Mapping[str, str] = MappingProxyType({"V": "x", "alpha": "z", "beta": "y"})
 
 
@@ -57,6 +59,21 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
     undetermined = [name for name in flight.aircraft.derivatives if name in values and not values[name].determined]
     if undetermined:
         yield NotJudged(what=", ".join(undetermined), because="the records say less of them than the file")
+
+
+def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
+    """What the fitted records of a flight do not show: faults of instruments, of the record of thrust and of the mass
+    that are larger than anything plausible where they are `detectable`, and what hides in noise that was not read."""
+    beyond = [
+        effect_title(*effect.key)
+        for effect in flight.effects
+        if (effect.of_an_instrument or effect.kind in _OF_A_NUMBER) and detectable.get(effect.name, 0.0) > effect.limit
+    ]
+    if beyond:
+        yield NotJudged(what=_all_of(beyond), because="of any size that is plausible, derivatives make up for it")
+    if flight.noise_by_fit:
+        because = "these channels do not show their noise: what the model leaves of them is taken for it"
+        yield NotJudged(what=f"what is no more than the misfit of {_all_of(flight.doubted)}", because=because)
 
 
 def of_other_records(aircraft: Aircraft, records: Sequence[str]) -> Iterator[NotJudged]:

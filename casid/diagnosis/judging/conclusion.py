@@ -11,7 +11,7 @@ from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, impossible
-from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.given.not_judged import NotJudged, out_of_sight
 from casid.diagnosis.given.reach import Reach
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
@@ -28,7 +28,8 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
     data at fault > unexplained > partly explained > explained > values wrong > adequate
     """
     criteria, most = reach.flight.criteria.given, reach.flight.criteria.verdict.stated
-    against, open_ = reach.contradicted(found.aircraft, found.flight), reach.not_judged(found.flight)
+    against = reach.contradicted(found.aircraft, found.flight)
+    open_ = (*reach.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable))
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
     verdict, headline = found.verdict, found.headline
