@@ -41,7 +41,7 @@ _LATE = ("sensor_delay", "sensor_lag", "vane_position")
 # `problems/real`, or borne out by regressions outside the package, with what the data do not tell from it.
 _OWN: Mapping[str, frozenset[tuple[str, str]]] = {
     "attas": frozenset(
-        {(kind, target) for kind in _LATE for target in ("alpha", "beta", "air_data")}
+        {(kind, target) for kind in _LATE for target in ("V", "alpha", "beta", "air_data")}
         | {("sensor_scale", target) for target in ("p", "q", "r", "phi", "theta", "psi", "inertial", "attitude")}
         | {("sensor_bias", target) for target in "pqr"}
         | {("sensor_delay", target) for target in ("p", "psi")}
@@ -55,6 +55,7 @@ _OWN: Mapping[str, frozenset[tuple[str, str]]] = {
     "totter 014": frozenset({("sensor_scale", "p"), ("sensor_scale", "phi")}),
     "tu144": frozenset(
         {("input_delay", "delta_e"), ("actuator_lag", "delta_e"), ("sensor_scale", "theta"), ("sensor_scale", "alpha")}
+        | {("sensor_bias", "ax"), ("sensor_bias", "theta"), ("sensor_misalignment", "inertial")}
         | {(kind, target) for kind in _LATE for target in ("alpha", "air_data")}
     ),
 }

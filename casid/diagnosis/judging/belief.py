@@ -100,7 +100,7 @@ class _Scale:
     def of_trial(self, trial: Trial) -> float:
         """Of a cause that was fitted."""
         gained = trial.gain.total if trial.effect.regressor else trial.gain.net
-        return self.against_nothing(gained, required_gain(trial.effect, self.criteria))
+        return self.against_nothing(gained / trial.inflation, required_gain(trial.effect, self.criteria))
 
     def of_put_in(self, cause: Cause) -> float:
         """Of a cause that was in the model before others were named: moving air, or expected structure."""

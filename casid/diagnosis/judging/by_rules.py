@@ -19,6 +19,7 @@ from casid.diagnosis.judging.verdict import causes_of, verdict_of
 from casid.diagnosis.kinematics.stage import KinematicFindings
 from casid.diagnosis.naming.baseline import Baseline, named
 from casid.diagnosis.naming.naming import Naming
+from casid.diagnosis.naming.tempering import tempered
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft
@@ -36,6 +37,7 @@ def by_rules(
     """Name causes one after the other, by rules about what each gains, and judge the model that has them on `held`."""
     criteria, known = begun.calm.criteria, begun.calm.attached
     begun, naming = named(begun, found, known, stages.begin)
+    naming = tempered(naming)
     stages.begin("held-out records")
     kept = keep(held, begun, naming)
     stages.begin("missing inputs")

@@ -78,12 +78,13 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
         behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
     ways = [np.inf]
     if angle < by.unrelated:
-        ways.append(behind / equivalence(best.gain.raw, criteria))
+        ways.append(behind / (trial.inflation * equivalence(best.gain.raw, criteria)))
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
             # other small terms explain most of what a term does, and little is left of its gain to compare with
-            ways.append((best.gain.exact - trial.gain.exact) / equivalence(best.gain.exact, criteria))
+            behind_exactly = best.gain.exact - trial.gain.exact
+            ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
     if angle < by.alike:
-        spread = 2.0 * np.sqrt(best.gain.total) * angle
+        spread = 2.0 * np.sqrt(best.gain.total * trial.inflation) * angle
         ways.append(behind / max(by.alike_sigmas * spread, 1e-300))
     return float(min(ways))
 

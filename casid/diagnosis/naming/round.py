@@ -67,6 +67,9 @@ class Trial:
         (N, R) part of the gain that is made at each sample; empty when refuted at once.
     share
         Its size in units of the smallest that matters; `meaningful` when it matters and is plausible.
+    inflation
+        Factor by which its gain, or where another leads what it is behind that, counts for less than it seems beside
+        what the last model leaves (`naming.tempering`).
     check
         What kinematics say of it; `given_up` when they refuted it, or it could not fly, before it was fitted.
     """
@@ -79,6 +82,7 @@ class Trial:
     where: np.ndarray
     meaningful: bool
     share: float
+    inflation: float = 1.0
     check: KinematicCheck = KinematicCheck()
     given_up: bool = False
 
