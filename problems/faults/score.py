@@ -70,8 +70,8 @@ def score_causes(
     """One of OUTCOMES of a whole diagnosis: a fault may be told as a finding of the data or as a cause.
 
     `shows` is the fault in the records that it shows in; where it shows in none, nothing need be said. `besides` are
-    kind and target of causes that the same flight has without the fault, by name or in a set: a real one has its own. `not_judged` is what
-    was said to be so; a fault there is refused where nothing is named.
+    kind and target of causes that the same flight has without the fault, by name or in a set: a real one has some.
+    `not_judged` is what was said to be so; a fault there is refused where nothing is named.
     """
     own = [one for one in causes if any(pair in besides for pair in _all(one))]
     causes = [one for one in causes if one not in own or fault and any(_is(fault, *p, not_judged) for p in _all(one))]

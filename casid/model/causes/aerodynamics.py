@@ -15,18 +15,22 @@ from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, parse_term
 from casid.signals import SURFACES
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
+_TOGETHER = 2  # variables of one term
 _LATERAL = ("CY", "Cl", "Cn")
 _IN_THE_SLIPSTREAM = {"Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}  # of a propeller, a tail is the stronger with power
 
 
 def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
-    """Every polynomial and cross term of second and third order, every first-order term and Mach, on the six
-    coefficients, that the aircraft file does not have. But rates do not act across the plane of symmetry, such as yaw
-    rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no aerodynamics. And what a
-    slipstream does at the tail, which at a constant deflection looks like another thrust line."""
+    """Every polynomial and cross term of second and third order in two variables at most, every first-order term and
+    Mach, on the six coefficients, that the aircraft file does not have. What three variables make together, wind
+    tunnels do not measure, and there are as many of such terms as of all others. Rates do not act across the plane of
+    symmetry, such as yaw rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no
+    aerodynamics. And what a slipstream does at the tail, which at a constant deflection looks like another thrust line.
+    """
     terms = [*_VARIABLES, "mach"]
     for degree in (2, 3):
-        terms += [parse_term("*".join(v)).name for v in combinations_with_replacement(_VARIABLES, degree)]
+        products = combinations_with_replacement(_VARIABLES, degree)
+        terms += [parse_term("*".join(v)).name for v in products if len(set(v)) <= _TOGETHER]
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     coefficients = coefficient_names(aircraft.force_axes)
     return (
