@@ -45,6 +45,7 @@ _OWN: Mapping[str, frozenset[tuple[str, str]]] = {
         | {("sensor_scale", target) for target in ("p", "q", "r", "phi", "theta", "psi", "inertial", "attitude")}
         | {("sensor_bias", target) for target in "pqr"}
         | {("sensor_delay", target) for target in ("p", "psi")}
+        | {("accelerometer_position", "y")}
     ),
     "hfb320": frozenset({("turbulence", ""), *((kind, target) for kind in _LATE for target in ("alpha", "air_data"))}),
     "totter": frozenset(

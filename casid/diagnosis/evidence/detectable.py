@@ -40,7 +40,10 @@ def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> fl
         return None
     # between sizes that were tried it is taken as growing in proportion
     reached = np.array([size * sigmas / s if s > 0.0 else np.inf for size, s in zip(tried, shown, strict=True)])
-    return reached.min() if effect.linear else reached[np.argmin(np.abs(np.log(reached / tried)))]
+    if effect.linear:
+        return reached.min()
+    nearest = reached[np.argmin(np.abs(np.log(reached / tried)))]
+    return max(nearest, judge.criteria.screening.smallest_size * tried.min())  # below, a screening takes it for another
 
 
 def _sigmas(judge: Screen, one: Fingerprint, everywhere: np.ndarray) -> float:
