@@ -136,3 +136,17 @@ def test_what_a_missing_channel_costs_is_said(
     read = {c.target for c in (*found.causes, *found.minor) if c.kind.startswith(("sensor", "vane"))}
     assert not read & set(channels)
     assert (found.causes[0].kind, found.causes[0].term) == ("aero_term", "alpha^2")
+
+
+def test_what_would_have_to_be_implausibly_large_to_show_is_said_to_be_not_judged() -> None:
+    """A thrust that never moves is a level of drag, whatever its scale; one that moves shows."""
+    steady = [r.with_channels(thrust=np.full(len(r), THRUST)) for r in records()]
+    beyond = [
+        what
+        for what, because in lost(diagnose(aircraft_file(), steady, criteria=one_round())).items()
+        if because == "of any size that is plausible, derivatives make up for it"
+    ]
+    assert any("thrust scale" in what for what in beyond)
+    waves = [r.with_channels(thrust=THRUST * (1.0 + 0.3 * np.sin(0.5 * r.t))) for r in records()]
+    moved = lost(diagnose(aircraft_file(), waves, criteria=one_round()))
+    assert not any("thrust scale" in what for what in moved)
