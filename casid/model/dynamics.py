@@ -264,6 +264,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "flight_inputs")
     check_radians(record)
+    _check_complete(record)
     added: dict[str, np.ndarray] = {}
     notes: list[str] = []
     n = len(record)
@@ -297,8 +298,18 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
         columns = state_guess(aircraft, fixed)(record)
         added |= dict(zip(fixed, columns.T, strict=True))
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
-    added |= {name: _unwrapped(record[name]) for name in ("psi", "phi") if name in record}
+    added |= {name: _unwrapped(added.get(name, record[name])) for name in ("psi", "phi") if name in record}
     return record.with_channels(**added).with_notes(*notes)
+
+
+def _check_complete(record: Record) -> None:
+    """Inputs have no gaps: nothing says how they run there."""
+    for name in (*SURFACES, "thrust", "rho"):
+        if name in record and len(gaps := np.flatnonzero(np.isnan(record[name]))):
+            raise InputError(
+                f"record '{record.name}', t = {record.t[gaps[0]]:.6g} s: the sample of input {name} is missing (nan), "
+                f"{len(gaps)} in all; an input must be complete: fill the gaps, or cut the record there"
+            )
 
 
 def _unwrapped(angle: np.ndarray) -> np.ndarray:

@@ -280,6 +280,34 @@ def test_inputs_come_from_the_record_or_from_trim_and_are_named_when_they_cannot
         flight_inputs(replace(do328(), trim={"V": 144.0}), high)
     with pytest.raises(InputError, match="did you mean 'longitudinal'"):
         aircraft_model(do328(), axes="longitudnal")
+
+
+def with_a_gap(record: Record, name: str) -> Record:
+    values = record[name].copy() if name in record else np.zeros(len(record))
+    values[20:23] = np.nan
+    return record.with_channels(**{name: values})
+
+
+@pytest.mark.parametrize("name", ["delta_e", "thrust", "rho"])
+def test_a_gap_in_an_input_is_told_where_it_is(name):
+    t = np.arange(0.0, 5.0, 0.1)
+    record = Record(
+        name="m1", t=t, channels={name: np.ones(len(t)) for name in ("delta_e", "delta_a", "delta_r", "rho")}
+    )
+    with pytest.raises(InputError, match=f"'m1', t = 2 s: the sample of input {name} is missing .nan., 3 in all"):
+        flight_inputs(do328(), with_a_gap(record, name))
+
+
+@pytest.mark.parametrize("axes", ["longitudinal", "lateral"])
+@pytest.mark.parametrize("name", ["V", "alpha", "beta", "p", "q", "r", "phi", "theta"])
+def test_a_gap_in_a_measured_state_that_does_not_move_is_filled(name, axes):
+    """What a reduction takes from the record is an input of its model; a gap in phi once made it fall apart."""
+    t = np.arange(0.0, 5.0, 0.1)
+    states = {"V": 144.0, "alpha": 0.05, "beta": 0.0, "p": 0.0, "q": 0.0, "r": 0.0, "phi": 0.1, "theta": 0.05}
+    channels = {"delta_e": 0.0, "delta_a": 0.0, "delta_r": 0.0, "rho": 0.7} | states
+    record = Record(name="m1", t=t, channels={n: np.full(len(t), value) for n, value in channels.items()})
+    ready = flight_inputs(do328(), with_a_gap(record, name), axes)
+    assert np.isfinite(ready.matrix(aircraft_model(do328(), axes=axes).inputs)).all()
     with pytest.raises(InputError, match="unknown output"):
         aircraft_model(do328(), axes="lateral", outputs=["alpha"])
 
