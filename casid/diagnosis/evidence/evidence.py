@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import get_blas_funcs
@@ -55,6 +56,14 @@ class Evidence:
     def nonlinear(self) -> bool:
         """Whether a coefficient is more nonlinear than usual."""
         return max(self.scales.values(), default=1.0) > 1.0
+
+    @cached_property
+    def left(self) -> np.ndarray:
+        """(N, R, ny) whitened residual that slots and small terms leave."""
+        left = self.fit.white.copy()
+        for r, flat in enumerate(self.by_record):
+            left[:, r] -= (flat @ self.newton).reshape(left[:, r].shape)
+        return left
 
     @property
     def small_information(self) -> np.ndarray:
@@ -220,9 +229,8 @@ def scatter(evidence: Evidence, index: int) -> float:
     for r, flat in enumerate(evidence.by_record):
         samples = max(1, round(criteria.stretch / evidence.fit.flight.records[r].dt))
         along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
-        left = evidence.fit.white[:, r] - (flat @ evidence.newton).reshape(along.shape)
         first = np.arange(0, len(along), samples)
-        pulls.append(np.add.reduceat((along * left).sum(axis=1), first))
+        pulls.append(np.add.reduceat((along * evidence.left[:, r]).sum(axis=1), first))
         shares.append(np.add.reduceat((along**2).sum(axis=1), first))
     share = np.concatenate(shares)
     own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)

@@ -53,21 +53,17 @@ class _Left:
     """What a fit leaves of the readings, its small terms fitted too, by stretches of record."""
 
     def __init__(self, evidence: Evidence) -> None:
-        fit = evidence.fit
-        self._shape = fit.white.shape
-        self._left = np.zeros(self._shape)
+        self._left = evidence.left
         self._first: Sequence[np.ndarray] = [
-            np.arange(0, self._shape[0], max(1, round(evidence.criteria.structure.stretch / record.dt)))
-            for record in fit.flight.records
+            np.arange(0, len(self._left), max(1, round(evidence.criteria.structure.stretch / record.dt)))
+            for record in evidence.fit.flight.records
         ]
-        for r, flat in enumerate(evidence.by_record):
-            self._left[:, r] = fit.white[:, r] - (flat @ evidence.newton).reshape(self._left[:, r].shape)
 
     def inflation(self, direction: np.ndarray) -> float:
         """Variance of what is left along a direction of the readings, where white noise has one; one at least."""
         square = float(direction @ direction)
         if direction.size != self._left.size or square == 0.0:
             return 1.0
-        along = np.einsum("nrc,nrc->nr", direction.reshape(self._shape), self._left)
+        along = np.einsum("nrc,nrc->nr", direction.reshape(self._left.shape), self._left)
         sums = [np.add.reduceat(along[:, r], first) for r, first in enumerate(self._first)]
         return max(float(np.sum(np.concatenate(sums) ** 2)) / square, 1.0)

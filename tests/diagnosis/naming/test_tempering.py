@@ -22,9 +22,8 @@ def evidence(correlation: float, seed: int = 1) -> SimpleNamespace:
     white = rng.standard_normal((N, R, 2)) * np.sqrt(1.0 - correlation**2)
     left = lfilter([1.0], [1.0, -correlation], white, axis=0)
     records = [SimpleNamespace(dt=1.0 / RATE)] * R
-    fit = SimpleNamespace(white=left, flight=SimpleNamespace(records=records))
-    columns = [np.zeros((2 * N, 0))] * R
-    return SimpleNamespace(fit=fit, criteria=Criteria(), by_record=columns, newton=np.zeros(0))
+    fit = SimpleNamespace(flight=SimpleNamespace(records=records))
+    return SimpleNamespace(fit=fit, criteria=Criteria(), left=left)
 
 
 def inflation(correlation: float, direction: np.ndarray) -> float:
