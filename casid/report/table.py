@@ -27,4 +27,5 @@ class ReportTable:
     @property
     def kind(self) -> str:
         """Classes of the style sheet."""
-        return " ".join(word for word, true in (("numeric", self.numeric), ("many", len(self.head) > 3)) if true)
+        kinds = (("numeric", self.numeric), ("many", len(self.head) > 3), ("wide", len(self.head) > 7))
+        return " ".join(word for word, true in kinds if true)

@@ -28,7 +28,12 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
         Row(
             cells=(
                 cause_name(c.kind, c.target, c.term),
-                "\n".join([with_std(c.value, c.std, c.unit), *(f"{k}: {digits(v)}" for k, v in c.parameters.items())]),
+                "\n".join(
+                    [
+                        _in_one_line(with_std(c.value, c.std, c.unit)),
+                        *(f"{k}: {digits(v)}" for k, v in c.parameters.items()),
+                    ]
+                ),
                 _where(c),
                 "–" if c.probability is None else probability_in_words(c.probability),
                 digits(c.statistic),
@@ -49,6 +54,10 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
         "cannot be told apart from",
     )
     return ReportTable(head=head, rows=rows, caption="Named causes, strongest first")
+
+
+def _in_one_line(text: str) -> str:
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _where(cause: Cause) -> str:
