@@ -108,10 +108,12 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     except InputError:  # of that size it makes readings that no motion can have: they cannot judge it
         return KinematicCheck(criteria=without.criteria.kinematics)
     size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria.kinematics
-    if gain <= 0.0:
-        predicted = (size / found.std(one.name)) ** 2
-        return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
     part = found[one.name] / size
+    if gain <= 0.0:
+        # where it stays, its 1-sigma says nothing: the deviance may be as flat all the way to zero
+        stays = part > criteria.smallest_part
+        predicted = -gain / part**2 if stays else (size / found.std(one.name)) ** 2
+        return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
     predicted = gain / part**2
     return KinematicCheck(predicted=predicted, achieved=predicted * (2.0 * part - 1.0), criteria=criteria)
 

@@ -24,7 +24,7 @@ from casid.diagnosis.naming.explaining import doubt
 from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.naming.trials import is_same, required_gain, settled, try_cause, worth_trying
-from casid.model.effect import Effect
+from casid.model.effect import Effect, Values
 from casid.native.processors import side_by_side
 from casid.signals import SURFACES
 
@@ -128,7 +128,9 @@ def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Na
     chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, required)
     apart = criteria.events.apart
     chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
-    trials, fits, intervals = _tried(state, _with_look_alikes(chosen, effects), required)
+    trials, fits, intervals = _tried(
+        state, _with_look_alikes(chosen, effects, state.evidence.fit.batch.names), required
+    )
     nameable = [t for t in fits if t.meaningful]
     trials = small_first(in_order(trials, nameable), fits, criteria) if nameable else in_order(trials, ())
     best = trials[0] if nameable else None
@@ -194,16 +196,26 @@ def _left_behind(state: Naming) -> list[Candidate]:
     ][:1]
 
 
-def _with_look_alikes(candidates: Sequence[Candidate], effects: Sequence[Effect]) -> list[Candidate]:
+def _reversed(values: Values) -> Values:
+    return {**values, "value": -values["value"]}
+
+
+def _with_look_alikes(
+    candidates: Sequence[Candidate], effects: Sequence[Effect], records: Sequence[str]
+) -> list[Candidate]:
     """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
-    screening finds them. A shift of the centre of gravity moves the accelerometers the other way."""
+    screening finds them. A shift of the centre of gravity moves the accelerometers the other way. And what only shows
+    as a difference between records, the other way in all others: beside the difference, the level may show."""
     found, names = [], {c.name for c in candidates}
     for candidate in candidates:
         one = candidate.attached
         found.append(candidate)
+        if one.effect.relative and one.records:
+            others = tuple(name for name in records if name not in one.records)
+            found.append(replace(candidate, attached=replace(one, records=others, values=_reversed(one.values))))
         for effect in (e for e in effects if e.name not in names):
             if _look_alike(effect, one.effect):
-                alike = Attached(effect=effect, values={"value": -one.values["value"]}, records=one.records)
+                alike = Attached(effect=effect, values=_reversed({"value": one.values["value"]}), records=one.records)
                 found.append(replace(candidate, attached=alike))
     return found
 

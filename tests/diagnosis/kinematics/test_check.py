@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from diagnosis_flights import flights, rough_file, trial_of
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.flight.fit import fit
@@ -165,3 +167,29 @@ def test_an_accelerometers_place_that_kinematics_do_not_see_is_no_cause(predicte
     assert trial_of(place, gain=3332.0, check=check).refuted == refuted
     assert not trial_of(replace(place, effect=accelerometer_position("z")), check=KinematicCheck()).refuted
     assert not trial_of(Attached(effect=sensor_bias("q"), values={"value": 0.1}), check=KinematicCheck()).refuted
+
+
+@pytest.mark.parametrize(
+    ("ends", "deviance", "refuted"),
+    [
+        (0.078, 103.0, False),  # it stays where it was, hardly worse: the deviance is flat, whatever its tangent says
+        (0.078, 190.0, True),  # it stays, and is clearly worse
+        (0.001, 100.5, True),  # it goes all the way to zero, with a 1-sigma of a tenth of the size
+    ],
+)
+def test_a_size_at_which_kinematics_gain_nothing(
+    monkeypatch: pytest.MonkeyPatch, ends: float, deviance: float, refuted: bool
+) -> None:
+    """Truth: the drop of the deviance itself, 100 without the cause. A delay of ay of 0.07 s in one record was once
+    refuted by a tangent of 10 sigmas, where all delays from 0 to 0.08 s were within 4 of each other."""
+
+    class Found(dict):
+        def std(self, name: str) -> float:
+            return 0.007
+
+    late = Attached(effect=sensor_delay("ay"), values={"value": 0.072})
+    found = Found({late.name: ends})
+    found.deviance = deviance  # pyright: ignore
+    monkeypatch.setattr(kinematics, "again", lambda *_: found)
+    without = SimpleNamespace(attached=(), deviance=100.0, criteria=Criteria())
+    assert kinematic_check(SimpleNamespace(fit=without), late).refuted is refuted  # pyright: ignore

@@ -27,6 +27,7 @@ from casid.model.causes import (
     effectiveness_change,
     gust,
     input_delay,
+    mass,
     thrust_line,
 )
 from problems.do328 import do328
@@ -121,5 +122,18 @@ def test_what_is_gained_while_an_event_does_not_act_owes_it_no_more_than_any_oth
     event = trial(gust("z"), {"m1": 4.0}, gain=1e5)
     earlier = Round(candidates=(), trials=(event,), equivalents=(), named=True)
     state = SimpleNamespace(named=[earlier], evidence=SimpleNamespace(fit=fitted), criteria=fitted.criteria)
-    assert naming.price(trial(thrust_line(), {}, where=where), state, 40.0) == pytest.approx(price)
-    assert naming.price(trial(gust("y"), {"m2": 3.0}, where=where), state, 40.0) == pytest.approx(2000.0)
+    assert naming.price(trial(thrust_line(), {}, where=where), state, 40.0) == pytest.approx(price)  # pyright: ignore
+    assert naming.price(trial(gust("y"), {"m2": 3.0}, where=where), state, 40.0) == pytest.approx(2000.0)  # pyright: ignore
+
+
+def test_what_shows_as_a_difference_between_records_is_tried_in_the_others_too() -> None:
+    """Truth: a mass that is 1045 kg off in m1 and m3 is one 950 kg off in m2 to all free derivatives, and the thrust,
+    which is not free, tells which. Of the one alone, "thrust 9 % less than its record" was named beside it."""
+    light = trial_of(Attached(effect=mass(""), values={"value": -950.0}, records=("m2",))).candidate
+    late = trial_of(Attached(effect=input_delay("delta_e"), values={"value": 0.05}, records=("m2",))).candidate
+    offered = naming._with_look_alikes([light, late], [], ("m1", "m2", "m3"))
+    assert [(c.attached.effect.kind, c.attached.values["value"], c.attached.records) for c in offered] == [
+        ("mass", -950.0, ("m2",)),
+        ("mass", 950.0, ("m1", "m3")),
+        ("input_delay", 0.05, ("m2",)),
+    ]
