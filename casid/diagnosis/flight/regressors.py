@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from casid.filtering.innovations import at_points, make_batch
 from casid.model import operators
+from casid.model.aircraft import Aircraft
 from casid.model.path import (
     AIR_STATES,
     STATES,
@@ -26,16 +27,28 @@ from casid.model.system import Model
 from casid.model.terms import Term
 from casid.native.compiler import Compilable
 from casid.records.noise import mean_over, quiet_windows
+from casid.records.record import Record
 
-if TYPE_CHECKING:
-    from casid.diagnosis.flight.flight import Flight
+
+class Flown(Protocol):
+    """What regressors ask of a flight."""
+
+    @property
+    def aircraft(self) -> Aircraft: ...
+    @property
+    def records(self) -> Sequence[Record]: ...
+    @property
+    def turning(self) -> Mapping[str, float]: ...
+    @property
+    def input_sigma(self) -> Mapping[str, float]: ...
+    def measured(self, model: Model) -> np.ndarray: ...
 
 
 class Regressors:
     """The aerodynamic regressors of an aircraft along trajectories, by name, its inputs, and what its own aerodynamics
     make of them (`given_series`)."""
 
-    def __init__(self, flight: Flight, model: Model) -> None:
+    def __init__(self, flight: Flown, model: Model) -> None:
         named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
         moving = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
         air = [AIR_STATES[axis][0] for axis in flight.turning]

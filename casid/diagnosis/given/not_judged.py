@@ -22,7 +22,6 @@ _EXPECTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "lateral": ("beta", "p", "r", "phi", "psi", "ay"),
     }
 )
-_OF_A_NUMBER = ("thrust_scale", "mass")  # one number is wrong throughout, as of an instrument
 _WIND: Mapping[str, str] = MappingProxyType({"V": "x", "alpha": "z", "beta": "y"})
 
 
@@ -62,12 +61,12 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
 
 
 def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
-    """What the fitted records of a flight do not show: faults of instruments, of the record of thrust and of the mass
-    that are larger than anything plausible where they are `detectable`, and what hides in noise that was not read."""
+    """What the fitted records of a flight do not show. That is faults of instruments and of the record of thrust which
+    are larger than anything plausible where they are `detectable`; and what hides in noise that was not read."""
     beyond = [
         effect_title(*effect.key)
         for effect in flight.effects
-        if (effect.of_an_instrument or effect.kind in _OF_A_NUMBER) and detectable.get(effect.name, 0.0) > effect.limit
+        if (effect.of_an_instrument or effect.station == "surface") and detectable.get(effect.name, 0.0) > effect.limit
     ]
     if beyond:
         yield NotJudged(what=_all_of(beyond), because="of any size that is plausible, derivatives make up for it")

@@ -63,9 +63,11 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
 
 
 def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:
-    """Trials of another cause than the best one that might stand in its place; a variant of it is no other cause."""
+    """Trials of another cause than the best one that might stand in its place; a variant of it is no other cause, and
+    what must show in kinematics is none unless they confirm it."""
     key = best.effect.key
-    return [t for t in trials if t.effect.key != key and not t.refuted and (t.meaningful or _is_small(t))]
+    others = [t for t in trials if t.effect.key != key and not t.refuted and (t.meaningful or _is_small(t))]
+    return [t for t in others if t.check.confirmed or not t.effect.grounded]
 
 
 def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
