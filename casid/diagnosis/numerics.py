@@ -27,7 +27,6 @@ class FitNumerics:
     noise_fits: int = number(2, "fits by which the noise of doubted channels is found")
     noise_iterations: int = number(6, "iterations of each of them")
     noise_tolerance: float = number(10.0, "drop of the deviance at which each of them ends", unit="2 ln L")
-    noise_halvings: int = number(6, "times that their noise is halved in kinematics, at most")
     noise_level_fits: int = number(8, "fits by which the level of doubted channels is found, at most")
     colour_fits: int = number(3, "fits by which their colour is found, at most")
     noise_stays: float = number(0.03, "relative change of their noise that ends these fits")

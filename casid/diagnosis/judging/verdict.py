@@ -67,7 +67,7 @@ def causes_of(
         name = round_.leader.candidate.name
         if name in there and is_usual(round_.leader.effect):
             later.append((name, held))
-        elif name in there and _is_clear(evidence, round_.leader) and _still_matters(final, name):
+        elif name in there and is_sure(evidence, name, _concerned(evidence, name)) and _still_matters(final, name):
             alone = round_.leader.effect.expected and not round_.equivalents
             group = expected if alone else causes
             group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held))
@@ -101,18 +101,6 @@ def _concerned(evidence: Evidence, name: str) -> list[int]:
     """The numbers of the fitted records that a named cause is there in."""
     one = next(a for a in evidence.fit.attached if a.name == name)
     return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
-
-
-def _is_clear(evidence: Evidence, trial: Trial) -> bool:
-    """Whether a named cause is sure, and as clear by its honest 1-sigma as it must be by its gain. Of a right model the
-    square of a value over that is the gain (Wald); of one that leaves more than noise it is what the gain is worth."""
-    name = trial.candidate.name
-    if not is_sure(evidence, name, concerned := _concerned(evidence, name)):
-        return False
-    if name not in {slot.name for slot in evidence.fit.slots}:
-        return True
-    std = max(deviation(evidence, name), jackknife(evidence, name, concerned))
-    return evidence.fit[name] ** 2 > required_gain(trial.effect, evidence.criteria) * std**2
 
 
 def _still_matters(fit: FlightFit, name: str) -> bool:

@@ -174,21 +174,6 @@ def reconstruct(
     return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
 
 
-def at_their_noise(flight: Flight, calm: FlightFit) -> tuple[Flight, FlightFit]:
-    """A flight whose noise a model has left, with that as kinematics leave it, which no aerodynamics make larger: the
-    same part of all channels, by maximum likelihood in halves; and its reconstruction `calm` anew."""
-    if not flight.noise_by_fit:
-        return flight, calm
-    numerics, gains = flight.criteria.numerics.fit, flight.criteria.noise.slow_gain
-    for _ in range(numerics.noise_halvings):
-        quieter = replace(flight, sigma={name: 0.5 * sigma for name, sigma in flight.sigma.items()})
-        found = reconstruct(quieter, calm.attached, start=calm)
-        if found.deviance > calm.deviance - gains:
-            break
-        flight, calm = quieter, found
-    return flight, calm
-
-
 def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:
     """Noise with forces free, in `moving` air. Without colour: what is news to a filter whose forces are free is more
     than noise of its readings."""

@@ -49,7 +49,7 @@ def judge_kinematics(
             evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
         )
     of_the_file, nuisance = [one for one in known if one.effect.kinematic], list[Attached]()
-    flight, calm = kinematics.at_their_noise(flight, kinematics.reconstruct(flight, of_the_file))
+    calm = kinematics.reconstruct(flight, of_the_file)
     turbulent = kinematics.turbulence(flight, calm)
     if turbulent.named:
         turbulent = _with_faults(flight, turbulent, calm, _observable(flight, of_the_file))

@@ -1,7 +1,5 @@
 """Kinematics judge a lever arm by the angular acceleration that they find themselves, from noisy rates."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from diagnosis_flights import NOISE, flights
@@ -80,14 +78,3 @@ def test_without_aerodynamics_an_aircraft_flies_as_it_was_recorded_on_average() 
         assert np.mean(read[..., i][batch.live]) == pytest.approx(
             np.mean(batch.Z[..., i][batch.live]), abs=tolerance
         ), channel
-
-
-def test_noise_that_a_wrong_model_left_is_lowered_to_what_kinematics_leave() -> None:
-    """Truth: the noise that was flown, an eighth of what the readings were given."""
-    flight = prepare(do328(), flights(seed=5, count=2))
-    left = replace(flight, doubted=flight.outputs, sigma={name: 8.0 * sigma for name, sigma in flight.sigma.items()})
-    own, fitted = kinematics.at_their_noise(left, kinematics.reconstruct(left))
-    for name, sigma in own.sigma.items():
-        assert flight.sigma[name] / 2.5 < sigma < 2.5 * flight.sigma[name]
-    assert fitted.deviance < kinematics.reconstruct(left).deviance - 1000.0
-    assert kinematics.at_their_noise(flight, fitted) == (flight, fitted), "noise that was read stays as it is"
