@@ -107,9 +107,9 @@ def try_cause(
     begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
     try:
         fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
-    except InputError:  # of the predicted size it makes an aircraft that cannot fly the record
+        joint = weigh(fitted)
+    except (InputError, np.linalg.LinAlgError):  # it makes an aircraft that cannot fly the record, or hardly
         return _given_up(base, candidate), evidence, {}
-    joint = weigh(fitted)
     if attached.effect.timed:
         wider = further_records(joint, fitted.attached[-1])
         if len(wider.onsets) > len(attached.onsets):
