@@ -11,8 +11,10 @@ import numpy as np
 from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.errors import unknown
+from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
-from casid.model.dynamics import MOVING
+from casid.model.dynamics import MOVING, moved_coefficients
+from casid.model.terms import derivative_term
 from casid.records.record import Record
 
 _SURFACES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -31,11 +33,17 @@ class Axes:
     not_judged: tuple[NotJudged, ...] = ()
 
 
-def axes_that_tell(records: Sequence[Record], wanted: str | None = None, criteria: GivenCriteria | None = None) -> Axes:
+def axes_that_tell(
+    records: Sequence[Record],
+    wanted: str | None = None,
+    criteria: GivenCriteria | None = None,
+    aircraft: Aircraft | None = None,
+) -> Axes:
     """The axes that surfaces and motion of the records can tell of, or those that are `wanted`.
 
     Where surfaces and flow angle of an axis move little beside the other's, small couplings and the air make as much of
-    its motion as its surfaces do.
+    its motion as its surfaces do. And axes of which the `aircraft` file has no aerodynamics at all are no part of the
+    simulation.
 
     Raises InputError for axes that there are not, and when the surfaces feed no model.
     """
@@ -52,11 +60,22 @@ def axes_that_tell(records: Sequence[Record], wanted: str | None = None, criteri
     if fed != "full":
         missing = [s for s in _SURFACES[_OTHER[fed]] if not all(s in record for record in records)]
         return Axes(name=fed, not_judged=_motions(_OTHER[fed], f"no channel {' and '.join(missing)}"))
+    for absent, modelled in _OTHER.items():
+        if aircraft is not None and _has_aerodynamics(aircraft, modelled) and not _has_aerodynamics(aircraft, absent):
+            coefficients = ", ".join(moved_coefficients(aircraft, absent))
+            return Axes(name=modelled, not_judged=_motions(absent, f"the aircraft file has nothing of {coefficients}"))
     for resting, moving in _OTHER.items():
         share = _share(records, resting, moving)
         if share < still:
             return Axes(name=moving, not_judged=_motions(resting, _rests(records, resting, share)))
     return Axes(name="full")
+
+
+def _has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
+    """Whether the file says anything of the coefficients that act on an axis; what a function says is not looked at."""
+    given = {derivative_term(name)[0] for name in aircraft.derivatives} | set(aircraft.terms)
+    given |= {table.coefficient for table in aircraft.tables}
+    return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
 
 
 def _rests(records: Sequence[Record], resting: str, share: float) -> str:

@@ -54,7 +54,7 @@ def reach_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     Raises InputError for axes that there are not, and for records that cannot feed them.
     """
     fitted, held = records
-    judged = axes_that_tell(fitted, axes, criteria.given)
+    judged = axes_that_tell(fitted, axes, criteria.given, aircraft)
     powered, no_thrust = with_thrust(aircraft, fitted, judged.name)
     unseen, _ = with_thrust(aircraft, held, judged.name)
     flight = prepare(aircraft, powered, criteria, judged.name)

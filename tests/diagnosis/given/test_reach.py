@@ -94,6 +94,17 @@ def test_without_a_flow_angle_rates_tell_what_hardly_moves(names: tuple[str, ...
     assert axes_that_tell([record.without(lacks) for record in records()]).name == "full"
 
 
+def test_axes_of_which_the_file_has_no_aerodynamics_are_no_part_of_the_simulation() -> None:
+    """A longitudinal simulation flown in rough air rolls as much as it pitches; that it lacks CY is no finding."""
+    file, axis = aircraft_file(), {True: ("longitudinal", "lateral"), False: ("lateral", "longitudinal")}
+    for symmetric, (modelled, absent) in axis.items():
+        own = {name: v for name, v in file.derivatives.items() if (name[:2] not in LATERAL) is symmetric}
+        found = axes_that_tell(records(), aircraft=replace(file, derivatives=own, terms={}))
+        assert (found.name, [one.what for one in found.not_judged]) == (modelled, [f"{absent} motion"])
+        assert found.not_judged[0].because.startswith("the aircraft file has nothing of ")
+    assert axes_that_tell(records(), aircraft=file).name == "full"
+
+
 def test_a_surface_that_stands_still_is_not_fitted() -> None:
     still = [record.with_channels(delta_r=np.full(len(record), 0.01)) for record in records()]
     found = diagnose(aircraft_file(), still, criteria=one_round())
