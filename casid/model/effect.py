@@ -28,7 +28,7 @@ from casid.model.operators import folded
 from casid.model.path import SignalPath
 from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, parse_term
-from casid.signals import unit_of
+from casid.signals import SURFACES, unit_of
 
 Values = Mapping[str, float]
 Symbols = Mapping[str, Any]  # the same as CasADi expressions
@@ -176,6 +176,11 @@ class Effect:
     def of_an_instrument(self) -> bool:
         """Whether an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
         return self.kinematic and not self.timed and not self.stochastic
+
+    @property
+    def of_a_surface(self) -> bool:
+        """Whether it lies between a record and its control surface throughout a record, as a lag or a play does."""
+        return self.series is not None and self.target in SURFACES and not self.timed
 
     def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
         """By its name in the register of causes, as functions cannot be pickled, with what differs from there."""

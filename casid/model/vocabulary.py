@@ -82,7 +82,9 @@ def effect_sentence(kind: str, target: str | None, term: str | None, value: floa
     value = value if sentence == entry.sentence else abs(value)
     percent = f"{_digits(100.0 * value)} %"
     first, told = _of_a_table((target or "").split("+")[0], term)
-    return sentence.format(label=label, term=told, size=_size(value, unit), percent=percent, target=first)
+    comes = "come" if label.endswith("s") else "comes"
+    words = {"label": label, "comes": comes, "term": told, "size": _size(value, unit), "percent": percent}
+    return sentence.format(target=first, **words)
 
 
 def effect_title(kind: str, target: str | None, term: str | None) -> str:

@@ -132,7 +132,8 @@ def test_angles_are_told_in_degrees_and_shares_in_percent():
     for value, which in ((0.7, "0.7 m to the right "), (-0.7, "0.7 m to the left ")):
         assert which in effect_sentence("thrust_asymmetry", None, None, value)
     for value, which in ((0.05, "0.05 s late."), (-0.05, "0.05 s early.")):
-        assert effect_sentence("sensor_delay", "alpha", None, value).endswith(which)
+        assert effect_sentence("sensor_delay", "alpha", None, value).endswith(f"attack comes {which}")
+        assert effect_sentence("sensor_delay", "surfaces", None, value).endswith(f"surfaces come {which}")
 
 
 @pytest.mark.parametrize(

@@ -13,19 +13,20 @@ from casid.diagnosis.naming.size import plausible
 
 
 def can_be_named(trial: Trial, required: float) -> bool:
-    """Whether a trial gains more than is `required`, and matters or is an instrument's fault that does not."""
+    """Whether a trial gains more than is `required`, and matters or is a fault of hardware that does not."""
     gained = trial.gain.total if trial.effect.regressor else trial.gain.net
     return gained > required and (trial.meaningful or _is_small(trial)) and not trial.refuted
 
 
 def _is_small(trial: Trial) -> bool:
-    """Whether it is a fault of an instrument that is too small to matter."""
-    return trial.effect.of_an_instrument and trial.share < 1.0 and plausible(trial.candidate.attached)
+    """Whether it is a fault of an instrument, or between a record and its surface, that is too small to matter."""
+    of_hardware = trial.effect.of_an_instrument or trial.effect.of_a_surface
+    return of_hardware and trial.share < 1.0 and plausible(trial.candidate.attached)
 
 
 def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Criteria) -> list[Trial]:
-    """`trials` in their order, but first a fault of an instrument that is too small to matter, where it explains
-    clearly more than what can be named. Left out, it would make a cause of something else."""
+    """`trials` in their order, but first a fault of hardware that is too small to matter, where it explains clearly more
+    than what can be named. Left out, it would make a cause of something else."""
     first = trials[0]
     small = max((t for t in fits if not t.meaningful), key=lambda t: t.gain.total, default=first)
     if small.gain.total <= first.gain.total + equivalence(first.gain.raw, criteria):
@@ -54,7 +55,7 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
 
     The gains of two causes whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of
     2 sqrt(gain) sin x. Where the fingerprints have nothing in common both may be true, however near the gains. A fault
-    of an instrument may be too small to matter and explain as much as one elsewhere that is not.
+    of hardware may be too small to matter and explain as much as one elsewhere that is not.
 
     What kinematics put second and confirm, and the whole model puts first, is in dispute between the two, as a lag
     beside a scale error is with a delay.

@@ -160,7 +160,7 @@ def _slow_reading(
     targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
     unit="s",
     quantity="delay",
-    sentence="The measured {label} comes {size} [late|early].",
+    sentence="The measured {label} {comes} {size} [late|early].",
 )
 def sensor_delay(target: str) -> Effect:
     return _late_surfaces() if target == "surfaces" else _slow_reading("sensor_delay", target, operators.delay)

@@ -27,7 +27,9 @@ from casid.diagnosis.naming.trials import try_cause
 from casid.model.causes import (
     actuator_lag,
     aero_term,
+    clock_drift,
     dead_zone,
+    gust,
     input_delay,
     sensor_bias,
     sensor_delay,
@@ -139,6 +141,18 @@ def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: fl
     scale = trial_of(steep, 1000.0)
     assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)
     assert small_first([scale, delay, term], [delay, scale], Criteria())[0].candidate.name == first
+
+
+def test_a_late_aileron_too_small_to_matter_goes_before_a_slow_clock_that_it_looks_like() -> None:
+    """Of the records of the Twin Otter: the aileron, 17 ms late, would else be a drift of the clock of all surfaces."""
+    late, slow = (
+        trial_of(Attached(effect=effect, values={"value": value}), gain)
+        for effect, value, gain in ((input_delay("delta_a"), 0.017, 420.0), (clock_drift("surfaces"), 0.002, 250.0))
+    )
+    late = replace(late, meaningful=False, share=0.7)
+    assert late.effect.of_a_surface and not gust("z").of_a_surface and not sensor_delay("p").of_a_surface
+    assert can_be_named(late, 40.0) and not can_be_named(replace(late, share=1.5), 40.0)
+    assert small_first([slow], [late, slow], Criteria())[0] is late
 
 
 @pytest.mark.parametrize(("ahead", "together"), [(-7.0, True), (7.0, False)])
