@@ -25,8 +25,8 @@ def _is_small(trial: Trial) -> bool:
 
 
 def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Criteria) -> list[Trial]:
-    """`trials` in their order, but first a fault of hardware that is too small to matter, where it explains clearly more
-    than what can be named. Left out, it would make a cause of something else."""
+    """`trials` in their order, but first a fault of hardware that is too small to matter, where it explains clearly
+    more than what can be named. Left out, it would make a cause of something else."""
     first = trials[0]
     small = max((t for t in fits if not t.meaningful), key=lambda t: t.gain.total, default=first)
     if small.gain.total <= first.gain.total + equivalence(first.gain.raw, criteria):
