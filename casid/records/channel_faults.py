@@ -269,11 +269,16 @@ def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tupl
 
 def _improbable(many: np.ndarray, samples: int, repeats: float, chance: float) -> float:
     """Length from which a run is less probable than `chance` when samples repeat by themselves with a probability of
-    `repeats`; of `many` runs together each may be shorter."""
-    needed = 1.0 + (math.log(samples) - math.log(chance)) / -math.log(repeats)
+    `repeats`; of `many` runs together each may be shorter. Long runs by chance are a Poisson process: n of them, of
+    which m are expected, have a probability of m^n / n! at most."""
+
+    def least(count: int) -> float:
+        each = (math.log(chance) + math.lgamma(count + 1)) / count  # the logarithm of m
+        return 1.0 + (math.log(samples) - each) / -math.log(repeats)
+
+    needed = least(1)
     for count, one in enumerate(sorted(many.tolist(), reverse=True), start=1):
-        least = 1.0 + (math.log(samples) - math.log(chance) / count) / -math.log(repeats)
-        needed = min(needed, one) if one >= least else needed
+        needed = min(needed, one) if one >= least(count) else needed
     return needed
 
 
