@@ -1,0 +1,1 @@
+"""Frequency responses of flights and models, coherence, and estimation in the frequency domain."""
