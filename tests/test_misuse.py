@@ -92,7 +92,6 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: arrays(units={"alpha": "degs"}), "unknown unit 'degs'"),
     (lambda o: arrays(units={"alfa": "deg"}), "did you mean 'alpha'"),
     (lambda o: cs.Record.from_arrays("m1", T[:9], {"delta_e": U[:9]}), "too short to identify anything"),
-    (lambda o: cs.Record.from_arrays("m1", T, {"alpha": U}), "no control surface"),
     (lambda o: cs.Record.from_frame({"t": T}), "takes a pandas DataFrame"),
     (lambda o: cs.Record.from_frame(frame(alpha=["a"] * len(T))), "column 'alpha' is of str"),
     (lambda o: cs.Record.from_frame(frame().drop(columns="t")), "no column 't'"),
@@ -264,6 +263,17 @@ def test_functions_of_numpy_take_symbols_without_a_word() -> None:
     model = toy(dynamics=lambda s: {"x": s.v, "v": -s.a * np.sin(s.x) + s.b * s.u})
     flown = cs.simulate(model, pushed(), [0.1, 0.0])
     assert flown.state("x")[1] == pytest.approx(0.1 - 0.5 * 0.04**2 * math.sin(0.1), rel=1e-4)
+
+
+def test_a_data_frame_of_any_system_is_a_record(tmp_path: Path) -> None:
+    """Few samples, no control surface, names that mean something else of an aircraft: the numbers as they are."""
+    pendulum = pd.DataFrame({"t": T[:9], "angle": U[:9], "v": T[:9], "torque [N]": U[:9]})
+    record = cs.Record.from_frame(pendulum, name="swing", hold="held")
+    assert list(record.channels) == ["angle", "v", "torque"] and len(record) == 9 and not record.notes
+    np.testing.assert_array_equal(record["angle"], U[:9])
+    again = cs.Record.from_arrays("swing", T[:9], {"V": U[:9], "torque": U[:9]})
+    np.testing.assert_array_equal(again["V"], U[:9])
+    assert "system other than an aircraft, with V of its own" in again.notes[0]
 
 
 def test_a_record_of_memory_is_that_of_a_file(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.arguments import an, given, names, number, numbers_by_name
+from casid.arguments import an, given, names, number, numbers_by_name, table_of
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.estimation.cost import RangeWeights
@@ -50,6 +50,20 @@ def check_records(model: Model, records: tuple[Record, ...], simulated: bool) ->
                 )
     if simulated and not any(np.isfinite(r[n]).any() for r in records for n in model.outputs if n in r):
         raise EstimationError(f"Problem: no record has a sample of any output of the model {model.outputs}")
+
+
+def with_measured_states(model: Model, records: tuple[Record, ...], measured: Mapping[str, str]) -> tuple[Record, ...]:
+    """The records with each state's measurement under the state's own name too; InputError for a name that is none."""
+    where = "Problem: measured"
+    for state, channel in table_of(measured, where, "{'al': 'alpha_vane'}").items():
+        if state not in model.states:
+            raise unknown("state", str(state), model.states, where)
+        for record in records:
+            if channel not in record:
+                raise unknown("channel", str(channel), record.channels, f"{where}: record '{record.name}'")
+    if not measured:
+        return records
+    return tuple(r.with_channels(**{state: r[channel] for state, channel in measured.items()}) for r in records)
 
 
 def _missing_input(model: Model, record: Record, name: str) -> InputError:

@@ -172,7 +172,7 @@ def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarr
     if value.trajectory is not None:
         flat = value.trajectory.y.reshape(-1, value.trajectory.y.shape[2])
         for record, sample in zip(problem.records, objective.layout.sample, strict=True):
-            measured[record.name].append(problem.measured(record))
+            measured[record.name].append(problem.outputs_of(record))
             predicted[record.name].append(flat[sample])
     if objective.equations is not None and value.equations is not None:
         for record, target, residual in zip(

@@ -21,6 +21,7 @@ from casid.estimation.checks import (
     check_of_records,
     check_records,
     check_start,
+    with_measured_states,
 )
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
@@ -67,6 +68,9 @@ class Problem:
         Use `model.prior_std` about the nominal values, for the free parameters that have one.
     constraints
         From `parameter`, `linear`, `path`.
+    measured
+        State -> channel of the records that measures it, where that has another name than the state. Equation error and
+        combined error take their states from there; it is also the first guess of the simulated states.
     feedback
         Digital control law in the loop: the records' inputs are then the commands that it adds to.
 
@@ -91,11 +95,12 @@ class Problem:
     prior: bool = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
+    measured: Mapping[str, str] = field(default_factory=dict)
     feedback: SampledFeedback | None = None
 
     def __post_init__(self) -> None:
         check_model(self.model)
-        records = given_records(self.records, "Problem")
+        records = with_measured_states(self.model, given_records(self.records, "Problem"), self.measured)
         object.__setattr__(self, "records", records)
         object.__setattr__(self, "free", check_names("free", self.free))
         object.__setattr__(self, "per_record", check_names("per_record", self.per_record))
@@ -252,7 +257,7 @@ class Problem:
         shape = (len(self.records), len(states))
         return np.reshape(values, shape), np.reshape(stds, shape).astype(float)
 
-    def measured(self, record: Record) -> np.ndarray:
+    def outputs_of(self, record: Record) -> np.ndarray:
         """(N, outputs) measured outputs, NaN where missing."""
         missing = np.full(len(record), np.nan)
         columns = [record.channels.get(name, missing) for name in self.model.outputs]

@@ -35,8 +35,9 @@ def require(record: Record, channels: Iterable[str], why: str) -> None:
     )
 
 
-def check_time(t: np.ndarray, place: Place, column: str, source: str) -> None:
-    """Time must be complete, strictly increasing, and long enough to identify something from; else InputError."""
+def check_time(t: np.ndarray, place: Place, column: str, source: str, *, aircraft: bool = True) -> None:
+    """Time must be complete, strictly increasing and, of an aircraft, long enough to identify something from; else
+    InputError."""
     missing = np.flatnonzero(np.isnan(t))
     if len(missing):
         raise InputError(f"{place(missing[0])}, {column}: the time stamp is missing; fill it in or remove the row")
@@ -48,7 +49,7 @@ def check_time(t: np.ndarray, place: Place, column: str, source: str) -> None:
             f"{place(row)}, {column}: time {fault}, {t[row]:.10g} s after {t[row - 1]:.10g} s; "
             "remove the row, or split the file there"
         )
-    if len(t) < MIN_SAMPLES or t[-1] - t[0] < MIN_DURATION:
+    if aircraft and (len(t) < MIN_SAMPLES or t[-1] - t[0] < MIN_DURATION):
         raise InputError(
             f"{source}: {len(t)} samples in {t[-1] - t[0]:.4g} s are too short to identify anything; expected at least "
             f"{MIN_SAMPLES} samples and {MIN_DURATION:.0f} s (time is in s: write the header as 't [ms]' if it is not)"

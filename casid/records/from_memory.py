@@ -14,6 +14,7 @@ from casid.records.columns import split_header
 from casid.records.readers import record_of_table
 from casid.records.record import Record
 from casid.records.table import RawTable
+from casid.signals import CHANNELS, SURFACES
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -64,7 +65,17 @@ def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, s
             raise InputError(f"{where}: units: '{channel}' is {given(unit)}; expected a unit in quotes, like 'deg'")
     headers = [_header(*bare[header], units, where) for header in columns]
     table = RawTable(source=where, names=tuple(headers), values=np.stack(list(columns.values()), axis=1), hold=hold)
-    return record_of_table(table, name, ColumnMap())
+    names = [name for name, _ in bare.values()]
+    # without a control surface it is no aircraft's record: names mean what the user's own model says
+    own = () if any(name in SURFACES for name in names) else tuple(n for n in names if n != "t")
+    record = record_of_table(table, name, ColumnMap(), own)
+    familiar = [n for n in own if n in CHANNELS]
+    if not familiar:
+        return record
+    return record.with_notes(
+        f"no control surface: taken as the record of a system other than an aircraft, with {', '.join(familiar)} of its "
+        "own"
+    )
 
 
 def _header(name: str, written: str, units: Mapping[str, str], where: str) -> str:

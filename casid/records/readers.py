@@ -55,7 +55,7 @@ def read_record(
     `{"alpha": "ALCG:deg"}` says which column of a foreign file is which channel. `t` and at least one surface must be
     there. An empty cell or nan in a measured output is a missing sample; columns that casid does not know are kept.
     `record.notes` holds remarks. Of a system that is no aircraft, `own` names the channels: they are taken under these
-    names, whatever they would mean of an aircraft, and no surface is asked for.
+    names, whatever they would mean of an aircraft, and neither a surface nor a length is asked for.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def record_of_table(table: RawTable, record_name: str, column_map: ColumnMap, ow
     t, counted = from_first(channels.pop("t"))
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
-    check_time(t, table.place, columns.places["t"], table.source)
+    check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
     for name in list(channels):
         if name in CHANNELS and name not in own:
             check_channel(name, channels[name], table.place, columns.places[name])

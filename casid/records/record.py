@@ -82,7 +82,8 @@ class Record:
         """A record of arrays (N,), with every check that a file gets.
 
         `units` says by channel which unit it is in, "deg" or "kt"; SI where it says nothing. A name may carry its unit
-        as a header does, "alpha [deg]". `notes` has what a person should know.
+        as a header does, "alpha [deg]". `notes` has what a person should know. A record without a control surface is
+        taken as that of a system other than an aircraft: its names are the user's own, and it may be of any length.
 
         Raises
         ------

@@ -119,7 +119,7 @@ def _simulator(problem: Problem) -> Callable[[np.ndarray, np.ndarray], list[np.n
             def slope(t: float, x: np.ndarray, p: np.ndarray = p) -> np.ndarray:
                 return f(x, [t] if timed else [], p).full()[:, 0]
 
-            z = problem.measured(record)
+            z = problem.outputs_of(record)
             motion = solve_ivp(
                 slope, (record.t[0], record.t[-1]), begin, "LSODA", record.t, rtol=_TOLERANCE, atol=_TOLERANCE
             )

@@ -76,7 +76,7 @@ class Objective:
         return full_noise(independent, given, names, layout.seen, layout.pattern, layout.z)
 
     def _measured_outputs(self) -> np.ndarray:
-        return np.concatenate([self.problem.measured(record) for record in self.problem.records])
+        return np.concatenate([self.problem.outputs_of(record) for record in self.problem.records])
 
     @property
     def channel_names(self) -> tuple[str, ...]:

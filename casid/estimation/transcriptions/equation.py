@@ -123,7 +123,7 @@ class EquationPart:
         if self.problem.model.states:
             return np.stack([_channel(record, name) for name in names], axis=1)
         inputs = [record[name][:, None] for name in self.problem.model.inputs]
-        return np.concatenate([*inputs, self.problem.measured(record)], axis=1)
+        return np.concatenate([*inputs, self.problem.outputs_of(record)], axis=1)
 
     def _check_parameters(self, jacobian: ca.SX) -> None:
         used = set(jacobian.sparsity().get_col())
