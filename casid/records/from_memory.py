@@ -73,8 +73,8 @@ def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, s
     if not familiar:
         return record
     return record.with_notes(
-        f"no control surface: taken as the record of a system other than an aircraft, with {', '.join(familiar)} of its "
-        "own"
+        f"no control surface: taken as the record of a system other than an aircraft, with {', '.join(familiar)} of "
+        "its own"
     )
 
 
