@@ -39,6 +39,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.steps import cached, output_function, sample_derivatives, step_function
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.estimation.uncertainty import prior_information, score_pieces
+from casid.model.splines import cubic_inputs
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 from casid.records.noise import pooled_sigma
@@ -80,6 +81,8 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
         raise EstimationError(
             f"input_noise_errors: the fit minimised {type(problem.cost).__name__}; only OutputError is propagated"
         )
+    for name in cubic_inputs(problem.model, problem.records)[:1]:
+        raise InputError(f"input_noise_errors: input '{name}' is cubic between samples; write hold='linear'")
     for name, value in sigma.items():
         if name not in problem.model.inputs:
             raise unknown("input", name, problem.model.inputs, "input_noise_errors")

@@ -14,6 +14,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.estimation.working import along_splines
 
 _DEFAULT_METHOD = MultipleShooting()
 
@@ -57,8 +58,8 @@ def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
     Raises numpy.linalg.LinAlgError when a record's states are not determined, EstimationError for a problem that is
     solved in other coordinates.
     """
-    problem = fit.problem
-    check_plain(problem, "identifiability and input noise")
+    check_plain(fit.problem, "identifiability and input noise")
+    problem = along_splines(fit.problem)
     if method.substeps is None:
         method = replace(method, substeps=fit.substeps)
     objective = build_objective(problem, method)

@@ -226,7 +226,7 @@ def _trajectory(
     U, count = record.matrix(model.inputs), len(record)
     x0 = _start(applied, r) if start is None else start
     run = cached(model, ("run", count), lambda: step_function(model).mapaccum("run", count - 1))
-    after = U[:-1] if record.hold == "held" else U[1:]
+    after = record.following(model.inputs)
     states = np.vstack([x0[None], run(x0, U[:-1].T, after.T, np.diff(record.t)[None], p).full().T])
     read = cached(model, ("read", count), lambda: output_function(model).map(count))
     return states, read(states.T, U.T, np.repeat(p[:, None], count, 1)).full().T
@@ -237,7 +237,7 @@ def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: n
     model, record = applied.model, applied.records[r]
     states, _ = _trajectory(applied, r, p, start)
     U, count, n = record.matrix(model.inputs), len(record), len(model.states)
-    after = np.vstack([U[1:], U[-1:]])
+    after = np.vstack([record.following(model.inputs), U[-1:]])
     derivatives = cached(model, ("columns", tuple(free), count), lambda: sample_derivatives(model, free, ()).map(count))
     steps = np.r_[np.diff(record.t), 0.0][None]
     found = derivatives(states.T, U.T, after.T, steps, np.repeat(p[:, None], count, 1))

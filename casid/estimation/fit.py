@@ -13,6 +13,7 @@ import numpy as np
 
 from casid.errors import unknown
 from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
+from casid.estimation.jumps import jump_remarks
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import remarks
 from casid.estimation.starts import Starts
@@ -200,8 +201,9 @@ class Fit:
     @cached_property
     def remarks(self) -> tuple[str, ...]:
         """What a person should know besides the status, a sentence each: a channel whose mean explains it better, a
-        parameter three a-priori deviations from the file or of the opposite sign."""
-        return remarks(
+        parameter three a-priori deviations from the file or of the opposite sign, an input that jumps between samples
+        and would explain the data better held."""
+        found = remarks(
             self.problem,
             self.channels,
             self.parameters,
@@ -209,6 +211,13 @@ class Fit:
             misfit=self.cost - self.prior_cost,
             many_starts=self.starts is not None,
         )
+        linear = self.uncertainty.linear
+        if not self.converged or linear is None:
+            return found
+        return (*found, *jump_remarks(self.uncertainty.objective, linear.point.theta))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"remarks": self.remarks}  # what they are made of is not kept
 
     def plot(self, record: str | None = None) -> Any:
         """Measured and predicted channels of a record, by name; default the first.

@@ -27,6 +27,7 @@ from casid.estimation.constraints import Constraint, LinearConstraint, PathConst
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
 from casid.estimation.initial_state import InitialState
 from casid.model.feedback import SampledFeedback
+from casid.model.splines import cubic_inputs
 from casid.model.system import Model
 from casid.records.given import given_records
 from casid.records.record import Record
@@ -351,6 +352,10 @@ def _check_combination(problem: Problem) -> None:
         raise EstimationError(
             "Problem: a control law in the loop was made for the model as it is; it takes no `initial` of the model, "
             "no noise per sample and no log"
+        )
+    if problem.feedback is not None and cubic_inputs(model, problem.records):
+        raise EstimationError(
+            "Problem: a control law holds what it commands; its inputs cannot be cubic between samples"
         )
     if model.initial and both:
         raise EstimationError(

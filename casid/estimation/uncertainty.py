@@ -156,6 +156,11 @@ class Rescaled:
         """As it was solved."""
         return self.of.value
 
+    @property
+    def linear(self) -> Linearised | None:
+        """As it was solved."""
+        return self.of.linear
+
 
 def uncertainty(
     objective: Objective, value: ObjectiveValue, linear: Linearised | None, limit_multipliers: np.ndarray

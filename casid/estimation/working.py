@@ -2,7 +2,8 @@
 
 Solvers know a model of free parameters, one noise level per channel, and initial states that are free or numbers. So a
 parameter that is estimated by its logarithm enters as exp(p); an output with a noise per sample is divided by that, an
-input of the model. And a state whose initial value is a formula is counted from there, where it begins at zero.
+input of the model. A state whose initial value is a formula is counted from there, where it begins at zero. And an
+input that is cubic between its samples is a polynomial in the time since the last one.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.uncertainty import Rescaled
+from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, unguessed_states
 from casid.records.record import Record
 
@@ -98,13 +100,22 @@ def working(problem: Problem) -> Working:
     """The problem in the coordinates that solvers know, with a guess of every state. `Problem` has checked that they
     can take it."""
     model, with_initial = problem.model, bool(problem.model.initial) and problem.simulated
-    inner = problem
+    inner = along_splines(problem)
     if problem.logarithmic or with_initial or problem.sigma_channels:
-        inner = _in_other_coordinates(problem, with_initial)
+        inner = _in_other_coordinates(inner, with_initial)
     missing = unguessed_states(model, problem.records) if problem.simulated and problem.feedback is None else []
     if missing:
         inner = with_guess(problem, inner)
     return Working(posed=problem, problem=inner)
+
+
+def along_splines(problem: Problem) -> Problem:
+    """The problem with cubic inputs as polynomials of their samples; itself where there are none."""
+    names = cubic_inputs(problem.model, problem.records) if problem.simulated else ()
+    if not names:
+        return problem
+    model = cached(problem.model, ("splines", names), lambda: with_splines(problem.model, names))
+    return replace(problem, model=model, records=[splined(record, names) for record in problem.records])
 
 
 def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:

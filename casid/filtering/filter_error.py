@@ -22,6 +22,7 @@ from casid.arguments import an
 from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem, check_plain
+from casid.estimation.working import along_splines
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
@@ -215,6 +216,8 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
             raise unknown("disturbance", name, model.disturbances, "filter_error: process_noise")
         if not (tau >= 0.0 and math.isfinite(tau)):
             raise EstimationError(f"filter_error: correlation time of '{name}' is {tau} s; expected 0 (white) or more")
+    problem = along_splines(problem)
+    model = problem.model
     batch = make_batch(model, problem.records)
     unseen = [o for i, o in enumerate(model.outputs) if not np.isfinite(batch.Z[..., i]).any()]
     if unseen:

@@ -18,7 +18,9 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from casid.errors import InputError
 from casid.filtering.kernel import filter_kernel
+from casid.model.splines import cubic_inputs
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 from casid.records.record import Record
@@ -52,8 +54,8 @@ class NoiseModel:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Batch:
     """Records side by side, padded to the longest: t (N, R), dt (N-1, R), U (N, R, nu), Z (N, R, ny) with NaN where a
-    sample is missing, live (N, R) true inside the record. held (R,) says how inputs run between samples: 0 linearly, 1
-    held until the next, -1 as the next from the beginning, and shares of these."""
+    sample is missing, live (N, R) true inside the record. held (R, nu) says how inputs run between samples: 0 linearly,
+    1 held until the next, -1 as the next from the beginning, and shares of these."""
 
     names: tuple[str, ...]
     t: np.ndarray
@@ -69,20 +71,28 @@ class Batch:
 
     def held_at(self, model: Model) -> np.ndarray:
         """(R, nw) the same of disturbances: those of recorded inputs run as these do, and all others linearly."""
-        recorded = [name.startswith("d_") and name[2:] in model.inputs for name in model.disturbances]
-        return self.held[:, None] * np.array(recorded, dtype=float)
+        found = np.zeros((len(self.held), len(model.disturbances)))
+        for j, name in enumerate(model.disturbances):
+            if name.startswith("d_") and name[2:] in model.inputs:
+                found[:, j] = self.held[:, model.inputs.index(name[2:])]
+        return found
 
     def ends(self, series: np.ndarray, held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(N-1, R, n) values of (N, R, n) inputs, or of disturbances that are `held_at`, at the beginning and at the
         end of each interval."""
-        share, change = self.held[None, :, None] if held is None else held[None], series[1:] - series[:-1]
+        share, change = (self.held if held is None else held)[None], series[1:] - series[:-1]
         first = np.where(share < 0.0, series[:-1] - share * change, series[:-1])
         last = np.where(share > 0.0, series[1:] - share * change, series[1:])
         return first, np.where(share == 1.0, first, last)
 
 
 def make_batch(model: Model, records: Sequence[Record]) -> Batch:
-    """Stack records for a model; an output that a record does not have is missing throughout."""
+    """Stack records for a model; an output that a record does not have is missing throughout.
+
+    Raises InputError for inputs that are cubic between samples.
+    """
+    for name in cubic_inputs(model, records)[:1]:
+        raise InputError(f"input '{name}' is cubic between samples, which is not taken here; write hold='linear'")
     N, R = max(len(r) for r in records), len(records)
     t, U = np.zeros((N, R)), np.zeros((N, R, len(model.inputs)))
     Z, live = np.full((N, R, len(model.outputs)), np.nan), np.zeros((N, R), dtype=bool)
@@ -95,7 +105,8 @@ def make_batch(model: Model, records: Sequence[Record]) -> Batch:
         for i, name in enumerate(model.outputs):
             if name in record:
                 Z[:n, j, i] = record[name]
-    held = np.array([1.0 if record.hold == "held" else 0.0 for record in records])
+    held = np.array([[float(record.hold_of(name) == "held") for name in model.inputs] for record in records])
+    held = held.reshape(R, len(model.inputs))
     return Batch(names=tuple(r.name for r in records), t=t, dt=np.diff(t, axis=0), U=U, Z=Z, live=live, held=held)
 
 

@@ -111,7 +111,7 @@ def _tiled(batch: Batch, count: int) -> Batch:
         U=np.tile(batch.U, (1, count, 1)),
         Z=np.tile(batch.Z, (1, count, 1)),
         live=np.tile(batch.live, (1, count)),
-        held=np.tile(batch.held, count),
+        held=np.tile(batch.held, (count, 1)),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from casid.arguments import an, given, listed, number, numbers_by_name, one_of, table_of, whole
 from casid.errors import InputError, unknown
 from casid.model.expressions import origin
+from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model
 from casid.records.given import given_record
 from casid.records.record import Record
@@ -64,7 +65,7 @@ def simulate(
     substeps: int = 1,
     integrator: str = "runge-kutta",
 ) -> Simulation:
-    """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs linear or held as the record says.
+    """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs run between samples as the record says.
 
     Or by CVODES of SUNDIALS: implicit, of variable order and step, to 1e-11 of a state. It is slower, and owes nothing
     to the steps that an estimation takes: what a fit's own parameters and initial state give by it checks the fit.
@@ -98,13 +99,19 @@ def simulate(
     by_cvodes = one_of(integrator, INTEGRATORS, "simulate: integrator") == "cvodes"
     n = len(record)
     _check_inputs(model, record)
+    curved = cubic_inputs(model, [record])
+    if curved:
+        inner, along = with_splines(model, curved), splined(record, curved)
+        found = simulate(inner, along, start, values, disturbances, substeps, integrator)
+        return Simulation(model=model, record=record, states=found.states, outputs=found.outputs)
     U = record.matrix(model.inputs)
     W = np.zeros((n, len(model.disturbances)))
     for name, series in table_of(disturbances or {}, "simulate: disturbances", "{'gust_z': series}").items():
         W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)
     p = model.nominal_vector(numbers_by_name(values or {}, "simulate: values"))
     UW = np.hstack([U, W])
-    after = UW[:-1] if record.hold == "held" else UW[1:]
+    held = [record.hold_of(name) == "held" for name in (*model.inputs, *model.disturbances)]
+    after = np.where(np.array(held, dtype=bool), UW[:-1], UW[1:])
     if by_cvodes:
         states = _by_cvodes(model, start, np.hstack([UW[:-1], after, np.diff(record.t)[:, None]]), p)
     else:

@@ -20,19 +20,22 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def record_of_arrays(name: str, t: Any, channels: Mapping[str, Any], units: Mapping[str, str], hold: str) -> Record:
+Hold = str | Mapping[str, str]
+
+
+def record_of_arrays(name: str, t: Any, channels: Mapping[str, Any], units: Mapping[str, str], hold: Hold) -> Record:
     """The record of a time and of channels, (N,) each; see `Record.from_arrays`."""
     where = f"record '{name}'"
     if not isinstance(channels, Mapping):
         raise InputError(f"{where}: channels is {given(channels)}; expected a table like {{'alpha': alpha}}")
     if "t" in channels:
         raise InputError(f"{where}: 't' is given twice, as the time and as a channel; leave one out")
-    plain = Record(name=name, t=t, channels={f"_{k}": v for k, v in channels.items()}, hold=hold)  # shapes and kinds
+    plain = Record(name=name, t=t, channels={f"_{k}": v for k, v in channels.items()})  # shapes and kinds
     columns = {"t": plain.t} | {k: plain[f"_{k}"] for k in channels}
     return _checked(name, columns, units, hold)
 
 
-def record_of_frame(name: str, frame: DataFrame, units: Mapping[str, str], hold: str) -> Record:
+def record_of_frame(name: str, frame: DataFrame, units: Mapping[str, str], hold: Hold) -> Record:
     """The record of a data frame; see `Record.from_frame`."""
     where = f"record '{name}'"
     if not hasattr(frame, "columns") or not hasattr(frame, "index"):
@@ -53,7 +56,7 @@ def record_of_frame(name: str, frame: DataFrame, units: Mapping[str, str], hold:
     return _checked(name, columns, units, hold)
 
 
-def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], hold: str) -> Record:
+def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], hold: Hold) -> Record:
     where = f"record '{name}'"
     if not isinstance(units, Mapping):
         raise InputError(f"{where}: units is {given(units)}; expected a table like {{'alpha': 'deg'}}")

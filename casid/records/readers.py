@@ -126,10 +126,14 @@ def write_record(record: Record, path: str | Path) -> None:
     for name in record.channels:
         if name in ("", "t") or split_header(name) != (name, "") or not name.isprintable():
             raise InputError(f"record '{record.name}': channel '{name}' cannot stand in a header; rename it")
+        if not isinstance(record.hold, str) and name in record.hold and set("=,") & set(name):
+            raise InputError(
+                f"record '{record.name}': a file cannot say how '{name}' is held; rename it without = and ,"
+            )
     columns = [["" if np.isnan(v) else repr(v) for v in record[name].tolist()] for name in ("t", *record.channels)]
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         if record.hold != "linear":
-            file.write(f"# hold: {record.hold}\n")
+            file.write(f"# hold: {record.hold_in_words}\n")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("t", *record.channels))
         writer.writerows(zip(*columns, strict=True))

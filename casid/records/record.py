@@ -18,6 +18,8 @@ from casid.signals import RADIAN_LIMITS, label_of, unit_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_HOLDS = ("linear", "held", "cubic")
+_ALSO = {"zoh": "held", "foh": "linear"}  # as control engineers call them
 _TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, or hang upside down
 
 
@@ -34,8 +36,9 @@ class Record:
     channels
         Name -> (N,) samples in SI units; NaN marks a missing sample of a measured output.
     hold
-        How inputs run between samples: "linear" (sampled continuous signal) or "held" (output of a digital control law,
-        constant over the sample that follows).
+        How inputs run between samples: "linear" (sampled continuous signal), "held" or "zoh" (output of a digital
+        control law, constant over the sample interval that follows) or "cubic" (smooth signal: the spline through all
+        samples). One of these for all channels, or a table of channels, {"u": "held"}; the others are then linear.
     source
         Where it came from, for messages.
     notes
@@ -50,7 +53,7 @@ class Record:
     name: str
     t: np.ndarray
     channels: Mapping[str, np.ndarray]
-    hold: str = "linear"
+    hold: str | Mapping[str, str] = "linear"
     source: str = ""
     notes: tuple[str, ...] = field(default=())
 
@@ -63,8 +66,7 @@ class Record:
         if not isinstance(self.channels, Mapping):
             raise InputError(f"{where}: channels is {given(self.channels)}; expected a table like {{'alpha': alpha}}")
         channels = {name: _channel(name, values, t, where) for name, values in self.channels.items()}
-        if self.hold not in ("linear", "held"):
-            raise unknown("hold", str(self.hold), ("linear", "held"), where)
+        object.__setattr__(self, "hold", _checked_hold(self.hold, channels, where))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "channels", MappingProxyType(channels))
         check_radians(self, least=2.0 * np.pi)  # of any system; `flight_inputs` knows that it is an aircraft
@@ -77,7 +79,7 @@ class Record:
         channels: Mapping[str, np.ndarray],
         *,
         units: Mapping[str, str] | None = None,
-        hold: str = "linear",
+        hold: str | Mapping[str, str] = "linear",
     ) -> Record:
         """A record of arrays (N,), with every check that a file gets.
 
@@ -96,7 +98,12 @@ class Record:
 
     @classmethod
     def from_frame(
-        cls, frame: DataFrame, *, name: str = "frame", units: Mapping[str, str] | None = None, hold: str = "linear"
+        cls,
+        frame: DataFrame,
+        *,
+        name: str = "frame",
+        units: Mapping[str, str] | None = None,
+        hold: str | Mapping[str, str] = "linear",
     ) -> Record:
         """A record of a pandas data frame: its columns are the channels, `t` among them or as the name of the index.
 
@@ -121,15 +128,39 @@ class Record:
 
     def __repr__(self) -> str:
         span = f"{len(self)} samples, {self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no samples"
-        held = "" if self.hold == "linear" else f"; inputs {self.hold}"
+        held = "" if self.hold == "linear" else f"; inputs {self.hold_in_words}"
         notes = f"; {len(self.notes)} notes" if self.notes else ""
         return f"<Record '{self.name}': {span}{held}{notes}; channels {listed(self.channels, 25)}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"channels": dict(self.channels)}  # a read-only view cannot be pickled
+        # a read-only view cannot be pickled
+        return self.__dict__ | {"channels": dict(self.channels), "hold": _unlocked(self.hold)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, channels=MappingProxyType(state["channels"]))
+        hold = state["hold"]
+        hold = hold if isinstance(hold, str) else MappingProxyType(hold)
+        self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold)
+
+    def hold_of(self, channel: str) -> str:
+        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
+        if channel == "t":
+            return "linear"
+        return self.hold if isinstance(self.hold, str) else self.hold.get(channel, "linear")
+
+    @property
+    def hold_in_words(self) -> str:
+        """The hold as a file has it: one word, or "delta_e = held, thrust = cubic"."""
+        if isinstance(self.hold, str):
+            return self.hold
+        return ", ".join(f"{name} = {how}" for name, how in self.hold.items())
+
+    def following(self, names: Iterable[str]) -> np.ndarray:
+        """(N-1, channels) values at the end of each sample interval: those of the next sample, or of this one where a
+        channel is held."""
+        names = argument_names(names, "Record.following: names")
+        values = self.matrix(names)
+        held = np.array([self.hold_of(name) == "held" for name in names], dtype=bool)
+        return np.where(held, values[:-1], values[1:])
 
     @property
     def dt(self) -> float:
@@ -181,6 +212,27 @@ class Record:
         other = object.__new__(Record)
         other.__setstate__({f.name: getattr(self, f.name) for f in fields(self)} | changes)
         return other
+
+
+def _checked_hold(hold: Any, channels: Mapping[str, np.ndarray], where: str) -> str | Mapping[str, str]:
+    """The hold in its own words, a table read-only."""
+    if not isinstance(hold, Mapping):
+        return _hold_word(hold, where)
+    for name in hold:
+        if name not in channels:
+            raise unknown("channel", str(name), channels, f"{where}: hold")
+    return MappingProxyType({name: _hold_word(how, f"{where}: '{name}'") for name, how in hold.items()})
+
+
+def _hold_word(how: Any, where: str) -> str:
+    word = _ALSO.get(how, how) if isinstance(how, str) else how
+    if word not in _HOLDS:
+        raise unknown("hold", str(how), (*_HOLDS, *_ALSO), where)
+    return word
+
+
+def _unlocked(hold: str | Mapping[str, str]) -> str | dict[str, str]:
+    return hold if isinstance(hold, str) else dict(hold)
 
 
 def _samples(values: Any, what: str) -> np.ndarray:

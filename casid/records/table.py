@@ -21,7 +21,7 @@ from casid.records.plain_numbers import plain_numbers
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan|[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
 _DECIMAL_COMMA, _DECIMAL_POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
 _SEPARATOR = re.compile(r"sep=.\s*", re.IGNORECASE)
-_HOLD = re.compile(r"#\s*hold\s*:\s*(\w+)\s*")
+_HOLD = re.compile(r"#\s*hold\s*:\s*(\w+|[^=]+=.*)\s*")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,7 +33,7 @@ class RawTable:
     values    (N, columns), NaN where a cell is empty or no number
     lines     (N,) line of each row in a text file, or None
     text      column -> (row, cell) of the first cell that is no number
-    hold      what a comment `# hold: held` says, or ""
+    hold      what a comment `# hold: held` says, or `# hold: u = held, v = cubic` of single channels; "" without
     """
 
     source: str
@@ -41,7 +41,7 @@ class RawTable:
     values: np.ndarray
     lines: np.ndarray | None = None
     text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
-    hold: str = ""
+    hold: str | Mapping[str, str] = ""
 
     def place(self, row: int) -> str:
         """File and row, counted from 1 without the header, for a message."""
@@ -123,25 +123,36 @@ def _raw(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def _content(path: Path, raw: bytes) -> tuple[str, int, str]:
+def _content(path: Path, raw: bytes) -> tuple[str, int, str | dict[str, str]]:
     """Text of a file without the comment lines on top, their number, and what they say about `hold`."""
     try:
         content = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8") from None
-    skipped, start, hold = 0, 0, ""
+    skipped, start = 0, 0
+    hold: str | dict[str, str] = ""
     if _SEPARATOR.fullmatch(content.partition("\n")[0]):
         skipped, start = 1, content.find("\n") + 1
     while content.startswith("#", start) or content.startswith("%", start):
         end = content.find("\n", start)
         end = len(content) if end < 0 else end + 1
         said = _HOLD.fullmatch(content[start:end].strip())
-        hold = said[1] if said else hold
+        hold = _hold(said[1].strip()) if said else hold
         skipped, start = skipped + 1, end
     return content[start:], skipped, hold
 
 
-def _table(path: Path, rows: Iterator[tuple[int, list[str]]], hold: str, *, exact: bool) -> RawTable:
+def _hold(said: str) -> str | dict[str, str]:
+    """One word of all channels, or "u = held, v = cubic"."""
+    if "=" not in said:
+        return said
+    parts = (part.partition("=") for part in said.split(","))
+    return {name.strip(): how.strip() for name, _, how in parts}
+
+
+def _table(
+    path: Path, rows: Iterator[tuple[int, list[str]]], hold: str | Mapping[str, str], *, exact: bool
+) -> RawTable:
     full = ((line, cells) for line, cells in rows if len(cells) > 1 or "".join(cells).strip())
     line, head = next(full, (0, []))
     if not head:

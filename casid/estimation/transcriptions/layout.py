@@ -130,14 +130,10 @@ def _inputs(model: Model, record: Record, substeps: int) -> tuple[np.ndarray, np
     """Inputs at the start and at the end of every step; time itself never stands still."""
     u = record.matrix(model.inputs)
     straight = _refined(u, substeps)
-    following = np.concatenate([straight[1:], straight[-1:]])
-    if record.hold == "linear":
-        return straight, following
     held = np.concatenate([np.repeat(u[:-1], substeps, axis=0), u[-1:]])
-    time = [i for i, name in enumerate(model.inputs) if name == "t"]
-    before, after = held, held.copy()
-    before[:, time], after[:, time] = straight[:, time], following[:, time]
-    return before, after
+    is_held = np.array([record.hold_of(name) == "held" for name in model.inputs], dtype=bool)
+    following = np.concatenate([straight[1:], straight[-1:]])
+    return np.where(is_held, held, straight), np.where(is_held, held, following)
 
 
 def _patterns(present: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
