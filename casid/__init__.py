@@ -88,6 +88,14 @@ _ROOMS = {
         "identifiability",
         "profile",
     ),
+    "casid.acceptance.handbook": (
+        "Handbook",
+        "modes",
+    ),
+    "casid.acceptance.theil": (
+        "Theil",
+        "theil",
+    ),
     "casid.design": (
         "Experiment",
         "InputDesign",

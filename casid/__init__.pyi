@@ -1,3 +1,5 @@
+from casid.acceptance.handbook import Handbook, modes
+from casid.acceptance.theil import Theil, theil
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.diagnosis.data.check import DataFindings as DataFindings
@@ -70,6 +72,7 @@ __all__ = [
     "Finding",
     "Fit",
     "GaussNewton",
+    "Handbook",
     "Identifiability",
     "Inertia",
     "InitialState",
@@ -96,6 +99,7 @@ __all__ = [
     "SystemCause",
     "SystemDiagnosis",
     "Table",
+    "Theil",
     "Trim",
     "aircraft_model",
     "bootstrap",
@@ -110,6 +114,7 @@ __all__ = [
     "identifiability",
     "linear",
     "load",
+    "modes",
     "outside",
     "parameter",
     "path",
@@ -120,6 +125,7 @@ __all__ = [
     "solve",
     "standard_3211",
     "table",
+    "theil",
     "trim",
     "write_record",
     "write_report",

@@ -18,6 +18,7 @@ VIEWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "fit.frame": ("casid.report.fit_view", "frame"),
         "fit.latex": ("casid.report.fit_view", "latex"),
         "fit.html": ("casid.report.fit_view", "html"),
+        "modes.plot": ("casid.report.modes_figures", "plot"),
         "budget.plot": ("casid.report.budget_figures", "plot"),
         "diagnosis.frame": ("casid.report.diagnosis_view", "frame"),
         "diagnosis.html": ("casid.report.diagnosis_view", "html"),

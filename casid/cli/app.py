@@ -16,6 +16,7 @@ COMMANDS = {
     "simulate": "casid.cli.simulate:simulate",
     "identifiability": "casid.cli.identifiability:identifiability",
     "design": "casid.cli.design:design",
+    "modes": "casid.cli.modes:modes",
     "convert": "casid.cli.convert:convert",
     "new-aircraft": "casid.cli.new_aircraft:new_aircraft",
     "demo": "casid.cli.diagnose:demo",

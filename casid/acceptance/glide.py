@@ -1,0 +1,91 @@
+"""Best glide: the steady flight without thrust whose path is flattest, and its deviations.
+
+At the optimum the slope of the climb angle by airspeed vanishes. With multipliers l of the equations of steady flight
+R(z, V, p) = 0 this is R_z' l = (d climb_angle / dz), R_V' l = 0: further equations, solved together with R, so that the
+implicit function theorem gives the deviations of the best speed, too.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import minimize_scalar, root
+
+from casid.acceptance.parameters import Known
+from casid.acceptance.steady import SETTINGS, Implicit, Solved, SteadyFlight
+from casid.errors import InputError
+
+GLIDE = ("alpha", "delta_e", "climb_angle")
+_HELD = tuple(name for name in SETTINGS if name not in GLIDE)
+_RANGE = (0.4, 2.5)  # of the speed of the flight point: where the best glide is looked for
+_SMALL = 1e-6  # residual that counts as none
+_EDGE = 0.01  # of a speed: an optimum nearer to the end of the range is none
+
+Quantities = dict[str, tuple[float, np.ndarray, str]]
+
+
+def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quantities, tuple[str, ...]]:
+    """Name -> value, derivatives by the parameters and unit; and what is to be said where there is none."""
+    try:
+        V, at = _search(flight, known, level)
+    except InputError as error:
+        return {}, (f"no best glide: {error}",)
+    flattest = flight.once(("glide",), lambda: _Flattest(flight))
+    z, held = flight.at(GLIDE, at)
+    held = [value for name, value in zip(_HELD, held, strict=True) if name != "V"]
+    found = root(
+        lambda y: flattest.residual(y, held, known.values)[0].full()[:, 0],
+        np.r_[z, V, flattest.multipliers(z, V, held, known.values)],
+        jac=lambda y: flattest.residual(y, held, known.values)[1].full(),
+        tol=1e-12,
+    )
+    if not np.abs(found.fun).max() < _SMALL:
+        return {}, (f"no best glide: {' '.join(found.message.split())}",)
+    value, slope = flattest.quantities(found.x, held, known.values)
+    units = {"best_glide_speed": "m/s", "best_glide_ratio": "1", "best_glide_sink_rate": "m/s"}
+    return {n: (float(v), d, unit) for (n, unit), v, d in zip(units.items(), value, slope, strict=True)}, ()
+
+
+class _Flattest:
+    """The equations of the flattest glide."""
+
+    def __init__(self, flight: SteadyFlight) -> None:
+        equations = flight.equations(GLIDE)
+        z, R, V = equations.unknown, equations.residual, flight.setting["V"]
+        m = ca.SX.sym("multiplier", z.shape[0])
+        towards = ca.DM.zeros(z.shape)
+        towards[GLIDE.index("climb_angle")] = 1.0
+        whole = ca.vertcat(R, ca.jacobian(R, z).T @ m - towards, ca.jacobian(R, V).T @ m)
+        unknown = ca.vertcat(z, V, m)
+        held = ca.vertcat(*(flight.setting[name] for name in _HELD if name != "V"))
+        climb = z[GLIDE.index("climb_angle")]
+        told = ca.vertcat(V, -1.0 / ca.tan(climb), -V * ca.sin(climb))
+        self._towards = towards.full()[:, 0]
+        self._slope = ca.Function("slope", [z, V, held, flight.p], [ca.jacobian(R, z)])
+        self.residual = ca.Function("glide", [unknown, held, flight.p], [whole, ca.jacobian(whole, unknown)])
+        self.quantities = Implicit(unknown=unknown, residual=whole, held=held, p=flight.p, quantities=told)
+
+    def multipliers(self, z: np.ndarray, V: float, held: list[float], p: np.ndarray) -> np.ndarray:
+        """Of a glide that need not be the flattest."""
+        return np.linalg.solve(self._slope(z, V, held, p).full().T, self._towards)
+
+
+def _search(flight: SteadyFlight, known: Known, level: Solved) -> tuple[float, Solved]:
+    """Speed and flight of the flattest glide. Raises InputError where there is none within the range."""
+    base = level.values
+
+    def glide(V: float) -> Solved:
+        return flight.solve(GLIDE, {"V": V, "rho": base["rho"], "thrust": 0.0}, known.values)
+
+    def steepness(V: float) -> float:
+        try:
+            return -glide(V).values["climb_angle"]
+        except InputError:
+            return np.pi
+
+    low, high = (share * base["V"] for share in _RANGE)
+    found = minimize_scalar(steepness, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * base["V"]})
+    V = float(found.x)
+    if not 0.0 < found.fun < 1.0 or min(V - low, high - V) < _EDGE * base["V"]:
+        raise InputError(f"none between {low:.3g} and {high:.3g} m/s; look at the drag of the file")
+    return V, glide(V)

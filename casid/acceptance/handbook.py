@@ -1,0 +1,320 @@
+"""Handbook numbers of an aircraft file at a flight point, with the deviations that its parameters leave them.
+
+Modes, static and manoeuvre margins, lift over drag, best glide and trim curves. Deviations are those of the delta
+method with exact derivatives: std(F)^2 = F_p P F_p' for the covariance P of the parameters, the change of trim
+included. Theil's coefficients of records stand in `theil`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
+from casid.acceptance.glide import best_glide
+from casid.acceptance.parameters import Known, known_by_file, known_by_fit
+from casid.acceptance.steady import Implicit, SteadyFlight
+from casid.arguments import number
+from casid.errors import InputError
+from casid.estimation.fit import Fit
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import standard_density
+from casid.model.given import given_aircraft
+from casid.native.threads import single_threaded
+from casid.views import brief, view
+
+LEVEL = ("alpha", "delta_e", "thrust")
+_CURVE = 21  # speeds of the trim curves
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A value, its 1-sigma (NaN where nothing is known of the parameters) and its unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mode:
+    """A mode of motion: its eigenvalue [rad/s] and what follows from it, `numbers` by name (`natural_frequency`,
+    `damping_ratio`, `period`, `time_constant`, `time_to_half` or `time_to_double`)."""
+
+    name: str
+    eigenvalue: complex
+    eigenvalue_std: tuple[float, float]
+    participation: Mapping[str, float]
+    numbers: Mapping[str, Number]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrimCurves:
+    """Level flight at several speeds V (n,) [m/s]: alpha, delta_e [rad] and thrust [N], each (n,), and their 1-sigma.
+    NaN where there is no steady flight."""
+
+    V: np.ndarray
+    values: Mapping[str, np.ndarray]
+    std: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Handbook:
+    """What `modes` finds.
+
+    Attributes
+    ----------
+    aircraft
+        Name of the aircraft.
+    flight
+        The flight point: V, rho, climb_angle, alpha, delta_e, thrust (SI, radians).
+    modes
+        Name -> Mode.
+    numbers
+        Name -> Number: the trim, lift and drag; static and manoeuvre margin, stick fixed, as parts of the length of
+        pitching moments; the neutral point as a distance behind the centre of gravity [m]; the elevator by load factor
+        in a pull-up [rad per g]; best glide.
+    trim_curves
+        Level flight over speed.
+    notes
+        What could not be had, or was left out, a sentence each.
+    """
+
+    aircraft: str
+    flight: Mapping[str, float]
+    modes: Mapping[str, Mode]
+    numbers: Mapping[str, Number]
+    trim_curves: TrimCurves
+    notes: tuple[str, ...]
+
+    __repr__ = brief
+
+    def plot(self) -> Any:
+        """Eigenvalues with their 2-sigma ellipses and trim curves with their 2-sigma bands, a matplotlib figure."""
+        return view("modes.plot")({self.aircraft: self})
+
+    def __str__(self) -> str:
+        lines = [f"{self.aircraft}: V = {self.flight['V']:.4g} m/s, rho = {self.flight['rho']:.4g} kg/m3"]
+        for label, value in rows(self):
+            lines.append(f"{label:32}  {value.value:12.5g} +- {value.std:<10.3g} {value.unit}")
+        return "\n".join([*lines, *(f"! {note}" for note in self.notes)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and texts; a number that does not exist is None."""
+        curves = self.trim_curves
+        return {
+            "aircraft": self.aircraft,
+            "flight": dict(self.flight),
+            "modes": {
+                name: {
+                    "eigenvalue": [mode.eigenvalue.real, mode.eigenvalue.imag],
+                    "participation": dict(mode.participation),
+                    **{key: _plain(one) for key, one in mode.numbers.items()},
+                }
+                for name, mode in self.modes.items()
+            },
+            "numbers": {name: _plain(one) for name, one in self.numbers.items()},
+            "trim_curves": {
+                "V": curves.V.tolist(),
+                **{n: {"value": _list(y), "std": _list(curves.std[n])} for n, y in curves.values.items()},
+            },
+            "notes": list(self.notes),
+        }
+
+
+def rows(found: Handbook) -> list[tuple[str, Number]]:
+    """(label, number) of all modes and numbers, in the order in which they are told."""
+    of_modes = [
+        (f"{name}: {key.replace('_', ' ')}", one)
+        for name, mode in found.modes.items()
+        for key, one in mode.numbers.items()
+    ]
+    return of_modes + [(key.replace("_", " "), one) for key, one in found.numbers.items()]
+
+
+@single_threaded()
+def modes(
+    aircraft: Aircraft | str | Path,
+    *,
+    V: float | None = None,
+    altitude: float | None = None,
+    rho: float | None = None,
+    climb_angle: float = 0.0,
+    fit: Fit | None = None,
+    speeds: Sequence[float] | None = None,
+) -> Handbook:
+    """Modes of motion, margins, lift over drag, best glide and trim curves of an aircraft, with their deviations.
+
+    The aircraft flies straight and steadily at constant thrust, stick fixed, and is linearised there exactly. Effects
+    of the file that are always in force (mass, centre of gravity, further terms) take part; what lies between a record
+    and a surface or in an instrument changes none of these numbers.
+
+    Parameters
+    ----------
+    aircraft
+        The aircraft, or the name of its file.
+    V, altitude, rho
+        Airspeed [m/s]; altitude [m] (standard atmosphere) or density [kg/m3]; by default those of [trim].
+    climb_angle
+        Of the flight path [rad].
+    fit
+        An estimate of this aircraft's parameters: its values replace those of the file, and its corrected covariance
+        that of the file (`relative_uncertainty`, and the deviations of effects).
+    speeds
+        Airspeeds of the trim curves [m/s]; by default 0.7 to 1.4 V.
+
+    Returns
+    -------
+    Handbook
+
+    Raises
+    ------
+    InputError
+        For a flight point that the file does not say, or at which there is no steady flight.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> demo = "casid/cli/demo/aircraft.toml"
+    >>> found = cs.modes(demo)
+    >>> list(found.modes)
+    ['short period', 'phugoid', 'dutch roll', 'roll', 'spiral']
+    """
+    file = given_aircraft(aircraft, "modes")
+    flight = SteadyFlight(file)
+    known = known_by_file(flight) if fit is None else known_by_fit(flight, fit)
+    return handbook(flight, known, flight_point(file, V, altitude, rho) | {"climb_angle": float(climb_angle)}, speeds)
+
+
+def handbook(
+    flight: SteadyFlight, known: Known, point: Mapping[str, float], speeds: Sequence[float] | None = None
+) -> Handbook:
+    """The handbook of a steady flight and what is known of its parameters; `point`: V, rho, climb_angle."""
+    solved = flight.solve(LEVEL, point, known.values)
+    n = len(flight.moving)
+    along, units = flight.once(("handbook",), lambda: _matrix_and_numbers(flight))
+    value, slope = along(*flight.at(LEVEL, solved), known.values)
+    matrix, slopes = (part[: n * n].reshape((n, n, -1), order="F") for part in (value, slope))
+    told, silent = by_plane(matrix[..., 0], slopes, flight.moving)
+    numbers = {
+        name: Number(value=float(v), std=known.std(d), unit=units[name])
+        for name, v, d in zip(units, value[n * n :], slope[n * n :], strict=True)
+    }
+    glide, without = best_glide(flight, known, solved)
+    if not numbers["CD"].value > 0.0:
+        del numbers["lift_over_drag"]
+        without = (*without, "the drag of the file at this point is not positive: no lift over drag is told")
+    numbers |= {name: Number(value=v, std=known.std(d), unit=unit) for name, (v, d, unit) in glide.items()}
+    V = np.linspace(0.7, 1.4, _CURVE) * point["V"] if speeds is None else np.array(speeds, dtype=float)
+    return Handbook(
+        aircraft=flight.aircraft.name,
+        flight=solved.values,
+        modes={name: _told(name, mode, known) for name, mode in named(told).items()},
+        numbers=numbers,
+        trim_curves=_curves(flight, known, point, V),
+        notes=(*_notes(flight, silent, known), *without),
+    )
+
+
+def _plain(one: Number) -> dict[str, Any]:
+    return {"value": one.value, "std": one.std if np.isfinite(one.std) else None, "unit": one.unit}
+
+
+def _list(values: np.ndarray) -> list[float | None]:
+    return [float(v) if np.isfinite(v) else None for v in values]
+
+
+def flight_point(aircraft: Aircraft, V: float | None, altitude: float | None, rho: float | None) -> dict[str, float]:
+    """V and rho as they were asked for, or as [trim] has them."""
+    speed = aircraft.trim.get("V") if V is None else V
+    if altitude is None and rho is None:
+        rho, altitude = aircraft.trim.get("rho"), aircraft.trim.get("altitude")
+    if speed is None or (rho is None and altitude is None):
+        raise InputError(f"modes: '{aircraft.name}' has no V, or neither altitude nor rho, under [trim]; give them")
+    density = float(standard_density(np.array(altitude))) if rho is None else number(rho, "modes: rho", positive=True)
+    return {"V": number(speed, "modes: V", positive=True), "rho": density}
+
+
+def _matrix_and_numbers(flight: SteadyFlight) -> tuple[Implicit, dict[str, str]]:
+    """The system matrix, column by column, and the static numbers in steady flight, and the units of these."""
+    m = flight.model
+    index = [m.states.index(name) for name in flight.moving]
+    matrix = flight.here(ca.jacobian(m.f, m.x)[index, index])
+    expressions, units = _expressions(flight)
+    return flight.along(LEVEL, ca.vertcat(ca.vec(matrix), *expressions.values())), units
+
+
+def _expressions(flight: SteadyFlight) -> tuple[dict[str, ca.SX], dict[str, str]]:
+    """Expressions of the static numbers, and their units.
+
+    Lift and drag by the balance of forces; margins as the distance by which the centre of gravity may move back until
+    the moment of a change of lift vanishes (Etkin and Reid, Dynamics of Flight, 3rd ed., 2.3 and 3.1).
+    """
+    s, a = flight.setting, flight.aircraft
+    W, length = flight.mass * a.gravity, a.moment_length_pitch
+    qS = 0.5 * s["rho"] * s["V"] ** 2 * a.area
+    lift_by_alpha, moment_by_alpha = (flight.here(one) for one in flight.slopes("alpha"))
+    lift_by_q, moment_by_q = (flight.here(one) for one in flight.slopes("q"))
+    lift_by_e, moment_by_e = (flight.here(one) for one in flight.slopes("delta_e"))
+    margin = -moment_by_alpha / lift_by_alpha
+    q_per_g = a.gravity / s["V"]  # pitch rate of a pull-up by load factor
+    # normal force by angle of attack and elevator, thrust included, in units of qS
+    normal = lift_by_alpha + s["thrust"] * ca.cos(s["alpha"]) / qS
+    needed = W / qS - lift_by_q * q_per_g
+    alpha_per_g = needed / normal
+    manoeuvre = -(moment_by_alpha * alpha_per_g + moment_by_q * q_per_g) * qS / W
+    determinant = normal * moment_by_e - lift_by_e * moment_by_alpha
+    elevator = (-normal * moment_by_q * q_per_g - moment_by_alpha * needed) / determinant
+    told = {
+        "alpha": (s["alpha"], "rad"),
+        "delta_e": (s["delta_e"], "rad"),
+        "thrust": (s["thrust"], "N"),
+        "CL": (flight.lift / qS, "1"),
+        "CD": (flight.drag / qS, "1"),
+        "lift_over_drag": (flight.lift / flight.drag, "1"),
+        "static_margin": (margin, "1"),
+        "neutral_point": (margin * length, "m"),
+        "manoeuvre_margin": (manoeuvre, "1"),
+        "elevator_per_g": (elevator, "rad"),
+    }
+    return {name: one for name, (one, _) in told.items()}, {name: unit for name, (_, unit) in told.items()}
+
+
+def _told(name: str, mode: Eigenmode, known: Known) -> Mode:
+    numbers = {key: Number(value=v, std=known.std(d), unit=unit) for key, (v, d, unit) in mode.numbers().items()}
+    return Mode(
+        name=name,
+        eigenvalue=mode.eigenvalue,
+        eigenvalue_std=(known.std(np.real(mode.derivatives)), known.std(np.imag(mode.derivatives))),
+        participation=mode.participation,
+        numbers=numbers,
+    )
+
+
+def _curves(flight: SteadyFlight, known: Known, point: Mapping[str, float], V: np.ndarray) -> TrimCurves:
+    values = {name: np.full(len(V), np.nan) for name in LEVEL}
+    std = {name: np.full(len(V), np.nan) for name in LEVEL}
+    along = flight.once(("curves",), lambda: flight.along(LEVEL, ca.vertcat(*(flight.setting[n] for n in LEVEL))))
+    for k, speed in enumerate(V):
+        try:
+            solved = flight.solve(LEVEL, {**point, "V": float(speed)}, known.values)
+        except InputError:
+            continue
+        found, slopes = along(*flight.at(LEVEL, solved), known.values)
+        for i, name in enumerate(LEVEL):
+            values[name][k], std[name][k] = found[i], known.std(slopes[i])
+    return TrimCurves(V=V, values=values, std=std)
+
+
+def _notes(flight: SteadyFlight, silent: Sequence[str], known: Known) -> list[str]:
+    """What is to be said of the flight: planes without aerodynamics, effects that were left out."""
+    notes = [*known.notes, *(f"the file has no {plane} aerodynamics: no {plane} modes are told" for plane in silent)]
+    if flight.left_out:
+        names = ", ".join(sorted({e.kind for e in flight.left_out}))
+        notes.append(f"effects of single records, or that set in at a time, are left out: {names}")
+    return notes

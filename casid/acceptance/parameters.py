@@ -1,0 +1,95 @@
+"""What is known of the parameters of an aircraft: their values and the covariance of their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from casid.acceptance.steady import SteadyFlight
+from casid.errors import InputError
+from casid.estimation.fit import Fit
+from casid.model.effects import effect_of
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Known:
+    """(parameters,) values of a model's parameters, and (parameters, parameters) covariance of their errors; None where
+    nothing is said of them."""
+
+    values: np.ndarray
+    covariance: np.ndarray | None
+    notes: tuple[str, ...] = ()
+
+    def std(self, slope: np.ndarray) -> float:
+        """1-sigma of a quantity with these derivatives by the parameters; NaN where nothing is known."""
+        if self.covariance is None:
+            return float("nan")
+        return float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
+
+
+def known_by_file(flight: SteadyFlight) -> Known:
+    """As the file says: `relative_uncertainty` of its derivatives, the 1-sigmas of its effects, all independent."""
+    model = flight.model
+    std = dict(model.prior_std) | {effect_of(e).name: e.std for e in flight.aircraft.effects if e.std > 0.0}
+    by_name = np.array([std.get(name, 0.0) for name in model.parameters])
+    values = np.asarray(model.nominal_vector(), dtype=float)
+    return Known(values=values, covariance=np.diag(by_name**2) if by_name.any() else None)
+
+
+def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
+    """As an estimate says, with its corrected covariance."""
+    return known_by_estimate(flight, fit.values, fit.covariance_corrected)
+
+
+def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covariance: np.ndarray) -> Known:
+    """Estimated values by name, with the covariance in their order; what was not estimated is exact.
+
+    Raises
+    ------
+    InputError
+        When none of the estimates is a parameter of this aircraft.
+    """
+    model = flight.model
+    names: Sequence[str] = list(values)
+    shared = [name for name in names if name in model.parameters]
+    if not shared:
+        raise InputError(
+            f"modes: none of the estimates ({', '.join(names[:3])}, ...) is a parameter of '{flight.aircraft.name}'; "
+            "give the aircraft that was estimated"
+        )
+    of, at = [names.index(n) for n in shared], [model.parameters.index(n) for n in shared]
+    whole = np.zeros((len(model.parameters), len(model.parameters)))
+    whole[np.ix_(at, at)] = np.asarray(covariance)[np.ix_(of, of)]
+    known = np.asarray(model.nominal_vector({name: values[name] for name in shared}), dtype=float)
+    notes = () if np.isfinite(whole).all() else ("an estimate has no finite deviation: none is told",)
+    return Known(values=known, covariance=whole if np.isfinite(whole).all() else None, notes=notes)
+
+
+def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: str) -> Known:
+    """As an estimate.json says; `where` names it in errors.
+
+    Raises
+    ------
+    InputError
+        When it is none.
+    """
+    try:
+        parameters, correlation = document["parameters"], document["correlation"]
+        values = {name: float(one["value"]) for name, one in parameters.items()}
+        std = np.array([_number(parameters[name]["std_corrected"]) for name in correlation["names"]])
+        matrix = np.array([[_number(value) for value in row] for row in correlation["matrix"]])
+        covariance = matrix * std[:, None] * std
+        ordered = {name: values[name] for name in correlation["names"]}
+    except (KeyError, TypeError, ValueError, IndexError):
+        raise InputError(
+            f"{where}: is no estimate.json of `casid estimate`; expected parameters and correlation"
+        ) from None
+    return known_by_estimate(flight, ordered, covariance)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)

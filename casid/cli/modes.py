@@ -1,0 +1,111 @@
+"""`casid modes`: handbook numbers of aircraft files, with the deviations that their parameters leave."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from casid.acceptance.handbook import Handbook, flight_point, handbook
+from casid.acceptance.parameters import known_by_document, known_by_file
+from casid.acceptance.steady import SteadyFlight
+from casid.acceptance.theil import Theil, theil
+from casid.cli.options import AsJson, Files, Folder, Maps, records_of, say_idle_effects
+from casid.cli.simulate import fleet
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.modes_page import text_table, theil_text, write_modes
+
+
+def modes(
+    *aircraft: Annotated[Path, Parameter(name="AIRCRAFT")],
+    estimate: Path | None = None,
+    record: Files | None = None,
+    V: Annotated[float | None, Parameter(name="--V")] = None,
+    altitude: float | None = None,
+    climb_deg: float = 0.0,
+    maps: Maps | None = None,
+    out: Folder = Path("out/modes"),
+    as_json: AsJson = False,
+) -> None:
+    """Modes, static and manoeuvre margins, lift over drag, best glide and trim curves, with intervals.
+
+    Several aircraft files, such as an original and its extended one, stand side by side, all at the flight point of the
+    first. Writes DIR/modes.html, DIR/modes.json and DIR/modes_figures.
+
+    Parameters
+    ----------
+    aircraft
+        Aircraft files (TOML).
+    estimate
+        An estimate.json of `casid estimate` of the first file: one more column, with its covariance.
+    record
+        Flight records: Theil's coefficients of the files, flown open loop, and their parts.
+    V
+        Airspeed [m/s]; default: that of [trim].
+    altitude
+        Altitude [m], standard atmosphere; default: that of [trim].
+    climb_deg
+        Climb angle [deg].
+    maps
+        Column map of the records: alpha=ALCG:deg, or a TOML file.
+    out
+        Folder for the results.
+    as_json
+        Print modes.json and nothing else.
+    """
+    if not aircraft:
+        raise InputError("AIRCRAFT is missing; expected: modes AIRCRAFT ... [--estimate FILE] [--record FILE ...]")
+    files = fleet(aircraft)
+    first = next(iter(files))
+    point = flight_point(files[first], V, altitude, None) | {"climb_angle": math.radians(climb_deg)}
+    read = records_of(record or [], maps or []) if record else []
+    made_with = provenance(0)
+    with whole_folder(out) as folder:
+        found: dict[str, Handbook] = {}
+        for label, one in files.items():
+            flight = SteadyFlight(one)
+            found[label] = handbook(flight, known_by_file(flight), point)
+            if label == first and estimate is not None:
+                known = known_by_document(flight, _document(estimate), str(estimate))
+                found[f"{label}, estimated"] = handbook(flight, known, point)
+        compared = _theil(files, read) if read else {}
+        text = json.dumps(document(found, compared), indent=1)
+        (folder / "modes.json").write_text(text + "\n", encoding="utf-8")
+        write_modes(found, compared, folder)
+        write_provenance(made_with, folder / "run.json")
+    print(text if as_json else text_table(found) + theil_text(compared))
+
+
+def document(found: dict[str, Handbook], compared: dict[str, dict[str, dict[str, Theil]]]) -> dict[str, Any]:
+    """The content of modes.json."""
+    return {
+        "schema": "casid.modes/1",
+        "aircraft": {label: one.to_dict() for label, one in found.items()},
+        "theil": {
+            record: {label: {c: asdict(t) for c, t in channels.items()} for label, channels in by_label.items()}
+            for record, by_label in compared.items()
+        },
+    }
+
+
+def _theil(files: dict[str, Aircraft], read: Sequence[Any]) -> dict[str, dict[str, dict[str, Theil]]]:
+    """Record -> label -> channel -> Theil."""
+    for one in files.values():
+        say_idle_effects(one, read)
+    by_label = {label: theil(one, read) for label, one in files.items()}
+    return {r.name: {label: by_record[r.name] for label, by_record in by_label.items()} for r in read}
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as JSON: {getattr(error, 'strerror', None) or error}") from None
+    return found if isinstance(found, dict) else {}
