@@ -104,6 +104,20 @@ _ROOMS = {
         "design_input",
         "standard_3211",
     ),
+    "casid.frequency.mismatch": (
+        "Mismatch",
+        "MismatchEnvelope",
+        "ResponseComparison",
+        "compare_responses",
+    ),
+    "casid.frequency.model_response": (
+        "LinearModel",
+        "linear_model",
+    ),
+    "casid.frequency.response": (
+        "FrequencyResponse",
+        "frequency_response",
+    ),
     "casid.diagnosis.data.check": (
         "DataFindings",
         "check",

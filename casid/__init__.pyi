@@ -35,6 +35,9 @@ from casid.estimation import (
     solve,
 )
 from casid.filtering.filter_error import FilterFit, filter_error
+from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
+from casid.frequency.model_response import LinearModel, linear_model
+from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
@@ -71,6 +74,7 @@ __all__ = [
     "FilterFit",
     "Finding",
     "Fit",
+    "FrequencyResponse",
     "GaussNewton",
     "Handbook",
     "Identifiability",
@@ -80,7 +84,10 @@ __all__ = [
     "InputError",
     "Ipopt",
     "Library",
+    "LinearModel",
     "Minimum",
+    "Mismatch",
+    "MismatchEnvelope",
     "Model",
     "MultipleShooting",
     "Multisine",
@@ -90,6 +97,7 @@ __all__ = [
     "ProfileInterval",
     "RangeWeights",
     "Record",
+    "ResponseComparison",
     "SampledFeedback",
     "Simulation",
     "SingleShooting",
@@ -104,6 +112,7 @@ __all__ = [
     "aircraft_model",
     "bootstrap",
     "check",
+    "compare_responses",
     "define_model",
     "define_regression",
     "design_input",
@@ -111,8 +120,10 @@ __all__ = [
     "filter_error",
     "flight_inputs",
     "fmu_model",
+    "frequency_response",
     "identifiability",
     "linear",
+    "linear_model",
     "load",
     "modes",
     "outside",

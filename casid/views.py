@@ -20,6 +20,9 @@ VIEWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "fit.html": ("casid.report.fit_view", "html"),
         "modes.plot": ("casid.report.modes_figures", "plot"),
         "budget.plot": ("casid.report.budget_figures", "plot"),
+        "response.plot": ("casid.report.bode_figures", "plot_response"),
+        "response.frame": ("casid.report.bode_figures", "frame"),
+        "comparison.plot": ("casid.report.bode_figures", "plot_comparison"),
         "diagnosis.frame": ("casid.report.diagnosis_view", "frame"),
         "diagnosis.html": ("casid.report.diagnosis_view", "html"),
     }

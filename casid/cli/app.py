@@ -14,6 +14,7 @@ COMMANDS = {
     "check": "casid.cli.check:check",
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",
+    "response": "casid.cli.response:response",
     "identifiability": "casid.cli.identifiability:identifiability",
     "design": "casid.cli.design:design",
     "modes": "casid.cli.modes:modes",

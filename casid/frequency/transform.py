@@ -223,9 +223,9 @@ def stretches(record: Record, channels: Sequence[str], omega_max: float) -> list
     there = np.isfinite(matrix).all(axis=1)
     if len(record) < 2 or there.sum() < 2:
         return []
-    dt = record.dt
-    _frequencies(np.array([omega_max]), dt)
     t, values = record.t[there], matrix[there]
+    dt = float(np.median(np.diff(t)))  # of a channel that has one sample in several rows, that of its samples
+    _frequencies(np.array([omega_max]), dt)
     longest = max(_GAP * dt, 2.0 * np.pi / omega_max / _POINTS_PER_PERIOD * (1.0 + 1e-9))
     ends = np.flatnonzero(np.diff(t) > longest) + 1
     parts = zip(np.split(t, ends), np.split(values, ends), strict=True)

@@ -42,6 +42,7 @@ class Applied:
     model: Model
     records: tuple[Record, ...]
     turbulence: float
+    _timed: tuple[EffectValue, ...]
     _undone: tuple[EffectValue, ...]
 
     @property
@@ -50,6 +51,29 @@ class Applied:
         effects = [effect_of(e) for e in self.aircraft.effects if e.value != 0.0]
         lags = [e.name for e in effects if e.instrument is not None and e.name in self.model.parameters]
         return (*(e.name for e in effects if e.change is not None and not e.in_equations), *lags)
+
+    def transfer(self, name: str, omega: np.ndarray) -> np.ndarray:
+        """(frequencies,) what effects of all records that are no part of the model make of an input or of a reading,
+        at frequencies omega [rad/s]: lags and delays, where these are linear (`not_linear`)."""
+        s = 1j * np.asarray(omega, dtype=float)
+        total = np.ones(len(s), dtype=complex)
+        for value in self._throughout:
+            effect = effect_of(value)
+            if effect.transfer is not None and name in group_channels(effect.target):
+                factor = effect.transfer(s, values_of(value, effect))
+                total = total + factor - 1.0 if value in self._timed else total * factor
+        return total
+
+    @property
+    def not_linear(self) -> tuple[str, ...]:
+        """Effects of all records that `transfer` leaves out: they have no transfer function."""
+        return tuple(e.name for e in map(effect_of, self._throughout) if e.transfer is None)
+
+    @property
+    def _throughout(self) -> list[EffectValue]:
+        """Effects that are no part of the model, of all records."""
+        both = (*self._timed, *self._undone)
+        return [value for value in both if all(_concerns(value, record.name) for record in self.records)]
 
     def readings(self, record: Record, outputs: np.ndarray) -> np.ndarray:
         """(N, outputs) what the instruments of this aircraft read when the model's outputs are `outputs`."""
@@ -128,6 +152,7 @@ def apply_effects(
         model=model,
         records=tuple(ready),
         turbulence=max(turbulence, default=0.0),
+        _timed=tuple(timed),
         _undone=tuple(undone),
     )
 

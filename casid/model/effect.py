@@ -85,6 +85,8 @@ class Effect:
     instrument   (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
     undo         inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds
                  does not depend on the reading it is added to, and is subtracted
+    transfer     (s, values) -> transfer function of a linear one: of the surface that acts over its record by `series`,
+                 or of what is read over what is true by `output`; s is complex, (frequencies,) [1/s]
     into_tables  (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it:
                  an extended file then has it there, and not as an effect
     """
@@ -130,6 +132,7 @@ class Effect:
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     instrument: Callable[[Any, Any, Symbols], Any] | None = None
+    transfer: Callable[[np.ndarray, Values], np.ndarray] | None = None
     into_tables: Callable[[tuple[Table, ...], float], tuple[Table, ...] | None] | None = None
 
     @property

@@ -23,6 +23,11 @@ def delay(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
     return np.interp(t - tau, t, y)
 
 
+def delay_transfer(s: np.ndarray, tau: float) -> np.ndarray:
+    """Transfer function of `delay`."""
+    return np.exp(-s * tau)
+
+
 def earlier(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
     """y(t + tau), linear between samples; missing (NaN) where a neighbour is, and beyond the series."""
     wanted = t + tau
@@ -46,6 +51,11 @@ def lag(t: np.ndarray, y: np.ndarray, time_constant: float) -> np.ndarray:
     for k, (a, b0, b1) in enumerate(zip(*_lag_coefficients(dt, T), strict=True)):
         out[k + 1] = a * out[k] + b0 * y[k] + b1 * y[k + 1]
     return out
+
+
+def lag_transfer(s: np.ndarray, time_constant: float) -> np.ndarray:
+    """Transfer function of `lag`."""
+    return 1.0 / (1.0 + abs(time_constant) * s)
 
 
 def _lag_coefficients(dt, T):

@@ -24,10 +24,15 @@ def _surface_operator(
     *,
     unsigned: tuple[str, ...] = ("value",),
     noise: Callable[[float, float, Values], tuple[float, float]] | None = None,
+    transfer: Callable[[np.ndarray, float], np.ndarray] | None = None,
 ) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
         return {station.control(surface): operate(t, recorded, values["value"]) - recorded}
+
+    def response(s: np.ndarray, values: Values) -> np.ndarray:
+        assert transfer is not None
+        return transfer(s, values["value"])
 
     return Effect(
         kind=kind,
@@ -39,6 +44,7 @@ def _surface_operator(
         meaningful=meaningful,
         limit=limit,
         noise=noise,
+        transfer=response if transfer else None,
     )
 
 
@@ -55,7 +61,8 @@ def actuator_lag(surface: str) -> Effect:
         return sigma * float(np.sqrt(np.tanh(dt / (2.0 * T)))), T
 
     sizes = (0.03, 0.06, 0.12, 0.25, 0.5)
-    return _surface_operator("actuator_lag", surface, sizes, operators.lag, 0.01, 1.0, noise=noise)
+    late = operators.lag_transfer
+    return _surface_operator("actuator_lag", surface, sizes, operators.lag, 0.01, 1.0, noise=noise, transfer=late)
 
 
 @cause(
@@ -66,9 +73,8 @@ def actuator_lag(surface: str) -> Effect:
     sentence="The {label} follows its command {size} [late|early].",
 )
 def input_delay(surface: str) -> Effect:
-    return _surface_operator(
-        "input_delay", surface, (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay, 0.01, 0.5, unsigned=()
-    )
+    sizes, late = (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay_transfer
+    return _surface_operator("input_delay", surface, sizes, operators.delay, 0.01, 0.5, unsigned=(), transfer=late)
 
 
 @cause(
@@ -136,6 +142,9 @@ def effectiveness_change(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         return {station.control(surface): values["value"] * operators.step(t, values["onset"]) * known[surface]}
 
+    def from_the_onset_on(s: np.ndarray, values: Values) -> np.ndarray:
+        return np.full(len(s), 1.0 + values["value"], dtype=complex)
+
     return Effect(
         kind="effectiveness_change",
         target=surface,
@@ -143,6 +152,7 @@ def effectiveness_change(surface: str) -> Effect:
         recurring=True,
         either_sign=True,
         series=series,
+        transfer=from_the_onset_on,
         meaningful=0.03,
         limit=1.5,
     )

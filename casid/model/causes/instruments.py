@@ -128,13 +128,22 @@ def sensor_scale(target: str) -> Effect:
 
 
 def _slow_reading(
-    kind: str, target: str, operate: Callable, instrument: Callable | None = None, unsigned: tuple[str, ...] = ()
+    kind: str,
+    target: str,
+    operate: Callable,
+    transfer: Callable[[np.ndarray, float], np.ndarray],
+    instrument: Callable | None = None,
+    *,
+    unsigned: tuple[str, ...] = (),
 ) -> Effect:
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
         return {c: operate(t, readings[c], values["value"]) for c in group_channels(target) if c in readings}
 
     def undo(t: np.ndarray, read: Series, values: Values) -> dict[str, np.ndarray]:
         return {c: operators.earlier(t, read[c], values["value"]) for c in group_channels(target) if c in read}
+
+    def response(s: np.ndarray, values: Values) -> np.ndarray:
+        return transfer(s, values["value"])
 
     return Effect(
         kind=kind,
@@ -147,6 +156,7 @@ def _slow_reading(
         output=output,
         undo=undo,
         instrument=instrument,
+        transfer=response,
         unsigned=unsigned,
         meaningful=0.01,
         limit=1.0,
@@ -163,7 +173,9 @@ def _slow_reading(
     sentence="The measured {label} {comes} {size} [late|early].",
 )
 def sensor_delay(target: str) -> Effect:
-    return _late_surfaces() if target == "surfaces" else _slow_reading("sensor_delay", target, operators.delay)
+    if target == "surfaces":
+        return _late_surfaces()
+    return _slow_reading("sensor_delay", target, operators.delay, operators.delay_transfer)
 
 
 def _late_surfaces() -> Effect:
@@ -172,12 +184,16 @@ def _late_surfaces() -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         return {station.control(s): operators.delay(t, known[s], -values["value"]) - known[s] for s in SURFACES}
 
+    def ahead(s: np.ndarray, values: Values) -> np.ndarray:
+        return operators.delay_transfer(s, -values["value"])
+
     return Effect(
         kind="sensor_delay",
         target="surfaces",
         linear=False,
         grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)),
         series=series,
+        transfer=ahead,
         meaningful=0.01,
         limit=0.5,
         by_record=True,
@@ -196,7 +212,8 @@ def sensor_lag(target: str) -> Effect:
         return (true - read) / values["value"]
 
     # shorter than a sampling interval a lag cannot be told from a delay, and `undo` takes it for one
-    return _slow_reading("sensor_lag", target, operators.lag, instrument, ("value",))
+    late = operators.lag_transfer
+    return _slow_reading("sensor_lag", target, operators.lag, late, instrument, unsigned=("value",))
 
 
 _DRIVEN_BY = {
