@@ -96,6 +96,8 @@ _ROOMS = {
         "Theil",
         "theil",
     ),
+    "casid.frequency.output_error": ("FourierOutputError",),
+    "casid.frequency.regression": ("FourierEquationError",),
     "casid.design": (
         "Experiment",
         "InputDesign",

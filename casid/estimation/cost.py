@@ -16,7 +16,8 @@ class Cost(Protocol):
 
     Any object with these two numbers, not negative and not both zero, is a cost. A part that weighs nothing is not
     computed: without the output part nothing is simulated. A model without states has outputs only, which are its
-    equations: there the sum of both weights counts.
+    equations: there the sum of both weights counts. A cost that makes its equation part itself is an `OwnEquations`
+    besides (`casid.estimation.transcriptions.equation`).
     """
 
     @property

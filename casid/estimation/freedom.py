@@ -20,12 +20,14 @@ def freedom(objective: Objective, levels: Levels, parameters: float) -> float:
     noise was given, infinity where nothing is left of the samples.
 
     The unknowns are the `parameters` as far as the data and not a prior determine them. So are the initial states of
-    all records that some output shows and of which the caller knew no more than the scale. It is exact for one channel
-    (Draper and Smith, Applied Regression Analysis, ch. 1); several channels share the unknowns evenly.
+    all records that some output shows and of which the caller knew no more than the scale, and what the equations have
+    eliminated. It is exact for one channel (Draper and Smith, Applied Regression Analysis, ch. 1); several channels
+    share the unknowns evenly.
     """
     if levels.fixed:
         return 1.0
     unknown, samples = parameters + _initial_states(objective), levels.count
+    unknown += objective.equations.eliminated if objective.equations is not None else 0
     return samples / (samples - unknown) if samples > unknown + 1e-9 else math.inf
 
 

@@ -15,9 +15,10 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import one_of
+from casid.errors import EstimationError
 from casid.estimation.solvers.fixed_point import FixedPoint
 from casid.estimation.solvers.identified import lost
-from casid.estimation.solvers.nlp import Packing, Programme, build, data, point_from, variables
+from casid.estimation.solvers.nlp import Packing, Programme, build, data, is_programmable, point_from, variables
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.separable import separable_functions
@@ -58,8 +59,13 @@ class Ipopt:
         Raises
         ------
         EstimationError
-            For a transcription that has no form as a nonlinear programme.
+            For a transcription or a cost that has no form as a nonlinear programme.
         """
+        if not is_programmable(objective):
+            cost = type(objective.problem.cost).__name__
+            raise EstimationError(
+                f"solve: {cost} has no form as a nonlinear programme, which Ipopt needs; use Automatic()"
+            )
         begin = time.perf_counter()
         outcome = _minimise(objective, self)
         left = self.seconds - (time.perf_counter() - begin)

@@ -17,6 +17,7 @@ from casid.estimation.solvers.damped import DampedIteration
 from casid.estimation.solvers.gauss_newton import CREEPS, GaussNewton
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.ipopt import Ipopt
+from casid.estimation.solvers.nlp import is_programmable
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, NoiseState, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
@@ -83,7 +84,8 @@ class Automatic:
             return outcome
         outcome = _Newton(objective, self, outcome, begin + self.seconds).run()
         left = self.seconds - (time.perf_counter() - begin)
-        if objective.dynamics is None and left > 0.0 and not _found(objective, outcome):
+        programmable = objective.dynamics is None and is_programmable(objective)
+        if programmable and left > 0.0 and not _found(objective, outcome):
             # without states it is quick, and comes through valleys in which Newton's short steps do not end
             last = Ipopt(iterations=2 * _DAMPED * self.iterations, seconds=left).minimise(objective)
             outcome = last if last.status == "converged" else outcome

@@ -63,6 +63,11 @@ class Packing:
         return out
 
 
+def is_programmable(objective: Objective) -> bool:
+    """Whether the residuals have a form as expressions, which those of a cost with own equations do not have."""
+    return objective.equations is None or isinstance(objective.equations, EquationPart)
+
+
 def variables(objective: Objective, point: Point, scale: np.ndarray) -> dict[str, np.ndarray]:
     """Scaled variables at a point; time runs along the columns."""
     found = {"theta": (point.theta / scale)[:, None]}
@@ -103,7 +108,7 @@ def data(objective: Objective, noise: NoiseState, scale: np.ndarray, gain: float
         values |= {"centre": objective.centre.T, "initial_precision": objective.initial_precision.T}
         if noise.factor is not None:
             values["factor"] = noise.factor.transpose(1, 0, 2).reshape(len(objective.scale), -1)
-    if objective.equations is not None:
+    if isinstance(objective.equations, EquationPart):
         measured = np.concatenate(objective.equations.data)
         residual = np.concatenate(objective.equations.value(problem.start_parameters).residuals)
         # a missing signal takes no part, but must be a number
@@ -196,7 +201,7 @@ def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> 
             residuals.append(ca.vec(v["noise"]))
         constraints += [(defect, 0.0, 0.0), (motion.gap, 0.0, 0.0)]
         constraints += _paths(objective, motion.states, motion.y)
-    if objective.equations is not None:
+    if isinstance(objective.equations, EquationPart):
         residuals.append(_equations(objective, objective.equations, _free(objective, v, s), s))
     constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
     return ca.vertcat(*residuals), constraints

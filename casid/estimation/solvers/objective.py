@@ -19,7 +19,7 @@ from casid.estimation.solvers.levels import noise_levels
 from casid.estimation.solvers.point import Levels, Linearised, NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
-from casid.estimation.transcriptions.equation import EquationPart, EquationValue
+from casid.estimation.transcriptions.equation import EquationValue, equations_of
 
 _ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
@@ -32,7 +32,7 @@ class Objective:
     def __init__(self, problem: Problem, dynamics: Dynamics | None, begin: Point | None = None) -> None:
         self.problem, self.dynamics, self._begin = problem, dynamics, begin
         self.part, self.equation_share = problem.weights
-        self.equations = EquationPart(problem) if self.equation_share else None
+        self.equations = equations_of(problem) if self.equation_share else None
         n = len(problem.model.states)
         self.scale = problem.model.scale_vector()
         self.rows, self.lower, self.upper = problem.linear_rows

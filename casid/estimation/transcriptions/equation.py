@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -23,9 +24,57 @@ _SMOOTHING_SECONDS = 0.25  # half width of the smoothing polynomial: below the s
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EquationValue:
-    """residuals: per record (N, equations) prediction minus target, NaN where a signal is missing."""
+    """residuals: per record (rows, equations) prediction minus target, NaN where a signal is missing."""
 
     residuals: list[np.ndarray]
+
+
+class Equations(Protocol):
+    """The equation part of a cost: residuals that need no simulated trajectory.
+
+    A record has one row per sample, or whatever rows a cost of its own makes of it (`OwnEquations`).
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the equations, the columns."""
+        ...
+
+    @property
+    def targets(self) -> list[np.ndarray]:
+        """Per record (rows, equations) what the equations are to give; NaN where a signal is missing."""
+        ...
+
+    @property
+    def eliminated(self) -> int:
+        """Unknowns besides the parameters that the residuals are free of, at the price of a degree of freedom each."""
+        ...
+
+    def value(self, parameters: np.ndarray) -> EquationValue:
+        """Residuals at values (records, model parameters)."""
+        ...
+
+    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Rows of a record, and the derivatives (rows, equations, free) of the residuals there."""
+        ...
+
+
+@runtime_checkable
+class OwnEquations(Protocol):
+    """A cost whose equation part is not that of the model's equations sample by sample, but one that it makes itself.
+
+    The costs of the frequency domain are such: their residuals are Fourier transforms.
+    """
+
+    def equations(self, problem: Problem) -> Equations:
+        """The equation part of the cost. Raises EstimationError for a problem that it cannot take."""
+        ...
+
+
+def equations_of(problem: Problem) -> Equations:
+    """The equation part of the problem's cost. Raises EstimationError where it cannot be had."""
+    cost = problem.cost
+    return cost.equations(problem) if isinstance(cost, OwnEquations) else EquationPart(problem)
 
 
 def smoothed_derivative(t: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -75,7 +124,8 @@ def output_equations(model: Model) -> EquationForm:
     )
 
 
-def _channel(record: Record, name: str) -> np.ndarray:
+def recorded_or_differentiated(record: Record, name: str) -> np.ndarray:
+    """(N,) a channel; a derivative that is not recorded is that of its channel, smoothed. Raises EstimationError."""
     if name in record or name == "t":
         return record[name]
     base = name.removesuffix("dot")
@@ -91,13 +141,16 @@ def _channel(record: Record, name: str) -> np.ndarray:
 class EquationPart:
     """Residuals and Jacobians of the equations on the measured signals of all records.
 
-    `targets` are, per record (N, equations), what the equations are to give; NaN where any of their signals is missing.
+    `pieces`, each the number of a record and (samples, channels of the form), may stand for the whole records; they
+    take the place of records in all that this gives.
 
     Raises EstimationError at construction when a channel is not recorded or, for a pure equation-error cost, when a
     free parameter stands in no equation.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    eliminated = 0
+
+    def __init__(self, problem: Problem, pieces: Sequence[tuple[int, np.ndarray]] | None = None) -> None:
         self.problem, model = problem, problem.model
         form = equation_form(model)
         self.names = form.names
@@ -114,14 +167,17 @@ class EquationPart:
         self._target = compilable("target", form.target)
         self._jacobian = compilable("equation_jacobian", jacobian.T, *problem.free_index)
         self.residual = self._residual.symbolic
-        self.data = [self._signals(record, form.channels) for record in problem.records]
-        self._cuts = np.cumsum([len(record) for record in problem.records])[:-1]
+        if pieces is None:
+            pieces = [(r, self._signals(record, form.channels)) for r, record in enumerate(problem.records)]
+        self.data = [signals for _, signals in pieces]
+        self._record = np.array([r for r, _ in pieces])
+        self._cuts = np.cumsum([len(data) for data in self.data])[:-1]
         self.targets = self._targets(problem.start_parameters)
 
     def _signals(self, record: Record, names: tuple[str, ...]) -> np.ndarray:
         """(N, channels); without states a measured output that is not there is missing, as where it is simulated."""
         if self.problem.model.states:
-            return np.stack([_channel(record, name) for name in names], axis=1)
+            return np.stack([recorded_or_differentiated(record, name) for name in names], axis=1)
         inputs = [record[name][:, None] for name in self.problem.model.inputs]
         return np.concatenate([*inputs, self.problem.outputs_of(record)], axis=1)
 
@@ -141,7 +197,7 @@ class EquationPart:
     def _evaluate(self, kernel: Compilable, parameters: np.ndarray) -> list[np.ndarray]:
         """Per record (N * rows, columns) of the function's transposed result."""
         lengths = [len(data) for data in self.data]
-        values = np.repeat(parameters, lengths, axis=0)
+        values = np.repeat(parameters[self._record], lengths, axis=0)
         result = kernel.mapped(sum(lengths))(np.concatenate(self.data), values)[0].copy()
         return np.split(result, self._cuts * (len(result) // sum(lengths)))
 
@@ -157,7 +213,7 @@ class EquationPart:
     def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
         """Samples of a record and the derivatives (samples, equations, free) there in its free parameters, zero where
         a signal is missing; not all at once, which would take most of the memory."""
-        data, p = self.data[record], parameters[record]
+        data, p = self.data[record], parameters[self._record[record]]
         size = min(max(map(len, self.data)), _SLAB_SAMPLES)
         values = np.tile(p, (size, 1))
         derivatives, residuals = self._jacobian.mapped(size), self._residual.mapped(size)

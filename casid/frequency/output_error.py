@@ -1,0 +1,252 @@
+"""Output error in the frequency domain: measured transforms against those of the linear model, as a cost for `solve`.
+
+The model is linear about the mean of a record's measured motion. From one sample to the next it moves by
+
+    x' = F x + G u + H u',    y = C x + D u,
+
+exactly, for inputs on straight lines between samples (or held, H = 0). So the transforms over the N samples satisfy
+
+    (z I - F) X = (G + z H) U + z step,    Y = C X + D U,    z = exp(j omega dt),
+
+without simulation, initial states and biases, and for unstable aircraft as well (Klein and Morelli, Aircraft System
+Identification, AIAA 2006, ch. 7, with z in the place of j omega). The vector `step` is what states and inputs differ by
+between both ends of the record. It is unknown and eliminated, for every output by itself, by the projection of Golub
+and Pereyra (SIAM J. Numerical Analysis 10, 1973), with exact derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from casid.errors import EstimationError, unknown
+from casid.estimation.problem import Problem
+from casid.estimation.transcriptions.equation import EquationValue
+from casid.frequency.linear_model import LinearModel, entering, linearise
+from casid.frequency.regression import Piece, check_band, pieces_of, real_rows
+from casid.records.record import Record
+
+_SHOWN = 1e-9  # of the largest singular value: with a smaller one the output does not show a step in that direction
+
+
+@dataclass(frozen=True, kw_only=True)
+class FourierOutputError:
+    """Output error of the Fourier transforms in a band of frequencies: a cost for `Problem`.
+
+    The model is linear about the mean of each record's measured motion, so the motion has to be small enough for that.
+    Nothing is simulated: initial states and biases have no part, and every transcription gives the same fit. Inputs are
+    taken as `Record.hold` says, straight lines between samples or held.
+
+    Attributes
+    ----------
+    band
+        (low, high) [rad/s], well below the frequency of Nyquist.
+
+    Raises
+    ------
+    InputError
+        For what is no band.
+
+    Examples
+    --------
+    >>> problem = cs.Problem(model, records, free=["Cm_*"], cost=cs.FourierOutputError(band=(0.6, 9.0)))
+    >>> fit = cs.solve(problem)
+
+    References
+    ----------
+    Klein and Morelli, Aircraft System Identification: Theory and Practice, AIAA 2006, ch. 7.
+    """
+
+    band: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "band", check_band(self.band, "FourierOutputError"))
+
+    @property
+    def output_weight(self) -> float:
+        """No part of the cost: nothing is simulated in time."""
+        return 0.0
+
+    @property
+    def equation_weight(self) -> float:
+        """The whole cost."""
+        return 1.0
+
+    def equations(self, problem: Problem) -> FourierOutputs:
+        """The transformed outputs of a problem.
+
+        Raises
+        ------
+        EstimationError
+            For a model without states or that depends on time, a free parameter that does not enter the linear model,
+            and a band without a frequency.
+        """
+        return FourierOutputs(problem, self.band)
+
+
+class FourierOutputs:
+    """Transformed outputs of a problem: see `casid.estimation.transcriptions.equation.Equations`.
+
+    Rows of a record are those of its pieces one after the other, of each first the real parts at all frequencies.
+    """
+
+    def __init__(self, problem: Problem, band: tuple[float, float]) -> None:
+        _check(problem)
+        self._problem, self.names = problem, problem.model.outputs
+        self._pieces = [_transformed(problem, record, r, band) for r, record in enumerate(problem.records)]
+        self.targets = [np.concatenate([real_rows(one.outputs) for one in own]) for own in self._pieces]
+        start = problem.start_parameters
+        steps = [_Outputs(one, self._linear(one, start)).eliminated for own in self._pieces for one in own]
+        self.eliminated = sum(steps)
+
+    def value(self, parameters: np.ndarray) -> EquationValue:
+        """Residuals at values (records, model parameters)."""
+        return EquationValue(
+            residuals=[
+                np.concatenate([_Outputs(one, self._linear(one, parameters)).residuals for one in own])
+                for own in self._pieces
+            ]
+        )
+
+    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Rows of a record, and the derivatives (rows, outputs, free) of the residuals there."""
+        first = 0
+        for one in self._pieces[record]:
+            rows = _Outputs(one, self._linear(one, parameters)).derivatives
+            yield slice(first, first + len(rows)), rows
+            first += len(rows)
+
+    def _linear(self, one: _Transformed, parameters: np.ndarray) -> LinearModel:
+        model, free = self._problem.model, self._problem.free_index
+        return linearise(model, free, one.x, one.u, parameters[one.piece.record])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Transformed:
+    """A piece of a record: its mean states x (n,) and inputs u (m,), and the transforms of what is measured.
+
+    outputs (M, outputs), NaN where not measured; inputs (M, inputs). `hold` says how inputs run between samples.
+    """
+
+    piece: Piece
+    hold: str
+    x: np.ndarray
+    u: np.ndarray
+    outputs: np.ndarray
+    inputs: np.ndarray
+
+
+def _transformed(problem: Problem, record: Record, index: int, band: tuple[float, float]) -> list[_Transformed]:
+    """The pieces of a record with the transforms of its inputs and outputs."""
+    model = problem.model
+    for name in model.inputs:
+        if name not in record:
+            raise unknown("channel", name, record.channels, f"record '{record.name}': input of '{model.name}'")
+    measured = [name for name in model.outputs if name in record and np.isfinite(record[name]).any()]
+    guess = np.asarray(model.guess(record), dtype=float)
+    found = []
+    channels = [*model.inputs, *measured]
+    for piece in pieces_of(record, index, channels, band, "FourierOutputError"):
+        transform = piece.transform(piece.stretch.values)
+        inputs, outputs = (
+            transform[:, : len(model.inputs)],
+            np.full((len(piece.omega), len(model.outputs)), complex(np.nan, np.nan)),
+        )
+        outputs[:, [model.outputs.index(name) for name in measured]] = transform[:, len(model.inputs) :]
+        t, stretch = record.t, piece.stretch
+        within = (t >= stretch.t[0] - 0.5 * stretch.dt) & (t <= stretch.t[-1] + 0.5 * stretch.dt)
+        found.append(
+            _Transformed(
+                piece=piece,
+                hold=record.hold,
+                x=guess[within].mean(axis=0),
+                u=stretch.values[:, : len(model.inputs)].mean(axis=0),
+                outputs=outputs,
+                inputs=inputs,
+            )
+        )
+    return found
+
+
+class _Outputs:
+    """Modelled outputs of a piece: residuals (rows, outputs), NaN where not measured, and their derivatives (rows,
+    outputs, free), zero there. Both are free of the unknown step, output by output."""
+
+    def __init__(self, one: _Transformed, linear: LinearModel) -> None:
+        self._one, self._linear = one, linear
+        self._transition = linear.sampled(one.piece.stretch.dt, one.hold)
+        n, m = linear.states, len(one.u)
+        z = np.exp(1j * one.piece.omega * one.piece.stretch.dt)
+        resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - self._transition.matrix[:, :n])
+        inputs = np.concatenate([one.inputs, z[:, None] * one.inputs], axis=1)
+        states = np.einsum("kab,bc,kc->ka", resolvent, self._transition.matrix[:, n:], inputs, optimize=True)
+        self._motion = np.concatenate([states, inputs], axis=1)  # (M, n+2m)
+        self._measuring = linear.matrix[n:]  # (o, n+m)
+        self._error = self._motion[:, : n + m] @ self._measuring.T - one.outputs
+        self._resolvent, self._z, self._n, self._m = resolvent, z, n, m
+        self._present = np.flatnonzero(np.isfinite(one.outputs).all(axis=0)).tolist()
+
+    @cached_property
+    def _steps(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Output -> (rows, n) what unit steps of the states add to it, and the pseudo-inverse (n, rows) of that."""
+        return {o: (t, np.linalg.pinv(t, rcond=_SHOWN)) for o in self._present for t in [self._added(o)]}
+
+    def _added(self, o: int) -> np.ndarray:
+        return real_rows(self._measuring[o, : self._n] @ self._resolvent * self._z[:, None])
+
+    @property
+    def eliminated(self) -> int:
+        """How many unknowns the projections take."""
+        return sum(int(np.linalg.matrix_rank(t, tol=_SHOWN * np.linalg.norm(t, 2))) for t, _ in self._steps.values())
+
+    @cached_property
+    def residuals(self) -> np.ndarray:
+        """(rows, outputs) modelled minus measured."""
+        rows = real_rows(self._error)
+        for o, (added, inverse) in self._steps.items():
+            rows[:, o] -= added @ (inverse @ rows[:, o])
+        return rows
+
+    @property
+    def derivatives(self) -> np.ndarray:
+        """(rows, outputs, free) of the residuals."""
+        n, m, moved = self._n, self._m, self._transition.slopes
+        slopes = self._linear.slopes[:, n:]  # (f, o, n+m)
+        through = self._measuring[:, :n] @ self._resolvent  # (M, o, n)
+        plain = np.einsum("foc,kc->kof", slopes, self._motion[:, : n + m], optimize=True)
+        plain += np.einsum("koa,fac,kc->kof", through, moved, self._motion, optimize=True)
+        unit = self._resolvent * self._z[:, None, None]  # (M, n, n) states per unit step
+        rows, error = np.zeros((2 * len(plain), *plain.shape[1:])), real_rows(self._error)
+        for o, (added, inverse) in self._steps.items():
+            steps = np.einsum("fa,kab->kfb", slopes[:, o, :n], unit, optimize=True)
+            steps += np.einsum("ka,fac,kcb->kfb", through[:, o], moved[:, :, :n], unit, optimize=True)
+            dadded, step = real_rows(steps), -inverse @ error[:, o]
+            own = real_rows(plain[:, o]) + dadded @ step
+            own -= added @ (inverse @ own)
+            rows[:, o] = own - inverse.T @ np.einsum("kfb,k->bf", dadded, self.residuals[:, o])
+        return rows
+
+
+def _check(problem: Problem) -> None:
+    """Raise EstimationError for what has no transform of its own in the band."""
+    model = problem.model
+    if not model.states:
+        raise EstimationError(
+            f"FourierOutputError: model '{model.name}' has no states, only equations; use FourierEquationError"
+        )
+    if "t" in model.inputs:
+        raise EstimationError(
+            f"FourierOutputError: model '{model.name}' depends on time and has no frequency response; use OutputError"
+        )
+    names = problem.shared + problem.local
+    idle = [name for name, used in zip(names, entering(model, problem.free_index), strict=True) if not used]
+    idle = [name for name in idle if not (problem.prior and name in model.prior_std)]
+    if idle:
+        values = ", ".join(f"'{name}': {model.nominal[name]:g}" for name in idle)
+        raise EstimationError(
+            f"FourierOutputError: {', '.join(idle)} do not enter the linear model of '{model.name}', so a band of "
+            f"frequencies says nothing of them; fix them: fixed={{{values}}}"
+        )

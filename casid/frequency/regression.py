@@ -1,0 +1,268 @@
+"""Equation error in the frequency domain: the model's equations, Fourier transformed, as a cost for `solve`.
+
+The transform of a linear combination is that of its parts, so an equation y = sum of theta_i x_i holds between the
+transforms at every frequency (Klein and Morelli, Aircraft System Identification, AIAA 2006, ch. 7; Morelli, Real-time
+parameter estimation in the frequency domain, J. Guidance, Control, and Dynamics 23, 2000). A band of frequencies then
+takes the place of a filter: trim values and slow drifts have no part in it, nor has noise above it.
+
+Frequencies are the multiples of 2 pi / T of the stretch of duration T that is transformed. White noise of the samples
+is independent from one to the next there, so that real and imaginary parts are so many independent equations. They
+are scaled so that their noise has the 1-sigma of the samples' noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from casid.errors import EstimationError, InputError
+from casid.estimation.problem import Problem
+from casid.estimation.transcriptions.equation import (
+    EquationPart,
+    EquationValue,
+    equation_form,
+    recorded_or_differentiated,
+)
+from casid.frequency.transform import Stretch, chirp_z, stretches
+from casid.model.system import EquationForm
+from casid.records.record import Record
+
+
+def check_band(band: tuple[float, float], where: str) -> tuple[float, float]:
+    """(low, high) [rad/s], or an InputError that says what to write."""
+    try:
+        low, high = (float(edge) for edge in band)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: band is {band!r}; expected (low, high) in rad/s, like band=(0.6, 12.0)") from None
+    if not 0.0 <= low < high < np.inf:
+        raise InputError(f"{where}: band is ({low:g}, {high:g}); expected 0 <= low < high in rad/s")
+    return low, high
+
+
+@dataclass(frozen=True, kw_only=True)
+class FourierEquationError:
+    """Equation error of the Fourier transforms of all signals, in a band of frequencies: a cost for `Problem`.
+
+    The equations are those of `EquationError`: the coefficients of an aircraft, or the state equations with measured
+    states. Of a state whose derivative is not recorded the transform is multiplied by j omega, so that no sample is
+    differentiated; the step that it makes from the first sample to the last is an unknown, which is eliminated. A
+    derivative inside the coefficients of an aircraft is smoothed in time, as for `EquationError`.
+
+    Constants, such as `Cm_0` and biases, have no part in the band: fix them.
+
+    Attributes
+    ----------
+    band
+        (low, high) [rad/s].
+
+    Raises
+    ------
+    InputError
+        For what is no band.
+
+    Examples
+    --------
+    >>> cost = cs.FourierEquationError(band=(0.6, 9.0))
+    >>> problem = cs.Problem(model, records, free=["Cm_*"], fixed={"Cm_0": 0.1}, cost=cost)
+    >>> fit = cs.solve(problem)
+
+    References
+    ----------
+    Klein and Morelli, Aircraft System Identification: Theory and Practice, AIAA 2006, ch. 7.
+    """
+
+    band: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "band", check_band(self.band, "FourierEquationError"))
+
+    @property
+    def output_weight(self) -> float:
+        """No part of the cost: nothing is simulated."""
+        return 0.0
+
+    @property
+    def equation_weight(self) -> float:
+        """The whole cost."""
+        return 1.0
+
+    def equations(self, problem: Problem) -> FourierEquations:
+        """The transformed equations of a problem.
+
+        Raises
+        ------
+        EstimationError
+            For a free parameter that is a constant of the equations, and a band without a frequency.
+        """
+        return FourierEquations(problem, self.band)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Piece:
+    """A stretch of a record, and the frequencies at which it is transformed.
+
+    Attributes
+    ----------
+    record
+        Which record of the problem it is of.
+    stretch
+        Its samples.
+    omega
+        (frequencies,) [rad/s], multiples of 2 pi / (N dt).
+    """
+
+    record: int
+    stretch: Stretch
+    omega: np.ndarray
+
+    def transform(self, values: np.ndarray) -> np.ndarray:
+        """(frequencies, ...) of values (N, ...), scaled so that white noise keeps its 1-sigma in both parts."""
+        count = len(self.stretch.values)
+        flat = chirp_z(values.reshape(count, -1), self.stretch.dt, self.omega) * np.sqrt(2.0 / count)
+        return flat.reshape(len(self.omega), *values.shape[1:])
+
+    @property
+    def step(self) -> np.ndarray:
+        """(frequencies,) what j omega times the transform of a straight line through the stretch is short of."""
+        theta = self.omega * self.stretch.dt
+        return 1j * theta / (1.0 - np.exp(-1j * theta))
+
+
+def real_rows(values: np.ndarray) -> np.ndarray:
+    """(2 frequencies, ...) real parts, then imaginary parts, of (frequencies, ...)."""
+    return np.concatenate([np.real(values), np.imag(values)])
+
+
+def pieces_of(
+    record: Record, index: int, channels: Sequence[str], band: tuple[float, float], where: str
+) -> list[Piece]:
+    """The stretches of a record that have a frequency in the band. Raises EstimationError where none has."""
+    found = []
+    for one in stretches(record, channels, band[1]):
+        first = 2.0 * np.pi / (len(one.values) * one.dt)
+        low, high = max(1, int(np.ceil(band[0] / first - 1e-9))), int(np.floor(band[1] / first + 1e-9))
+        high = min(high, (len(one.values) - 1) // 2)  # at Nyquist's frequency there is no imaginary part
+        if high >= low:
+            found.append(Piece(record=index, stretch=one, omega=first * np.arange(low, high + 1)))
+    if not found:
+        raise EstimationError(
+            f"{where}: record '{record.name}' has no stretch without gaps of {', '.join(channels)} that is long enough "
+            f"for a frequency in the band of {band[0]:g} to {band[1]:g} rad/s; widen the band or fill the gaps"
+        )
+    return found
+
+
+class FourierEquations:
+    """The equations of a problem, Fourier transformed: see `casid.estimation.transcriptions.equation.Equations`.
+
+    Rows of a record are those of its pieces one after the other, of each first the real parts at all frequencies.
+    """
+
+    def __init__(self, problem: Problem, band: tuple[float, float]) -> None:
+        form = equation_form(problem.model)
+        _check_constants(problem, form)
+        self.names = form.names
+        self._pieces = [p for r, record in enumerate(problem.records) for p in _pieces(problem, record, r, form, band)]
+        self._record = np.array([one.piece.record for one in self._pieces])
+        self._part = EquationPart(problem, [(one.piece.record, one.signals) for one in self._pieces])
+        self.eliminated = sum(len(one.differentiated) for one in self._pieces)
+        targets = zip(self._pieces, self._part.targets, strict=True)
+        self.targets = self._by_record([one.rows(target) + one.derivatives for one, target in targets])
+
+    def value(self, parameters: np.ndarray) -> EquationValue:
+        """Residuals at values (records, model parameters)."""
+        found = self._part.value(parameters).residuals
+        rows = [one.rows(residual) - one.derivatives for one, residual in zip(self._pieces, found, strict=True)]
+        return EquationValue(residuals=self._by_record(rows))
+
+    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Rows of a record, and the derivatives (rows, equations, free) of the residuals there."""
+        first = 0
+        for i in np.flatnonzero(self._record == record):
+            samples = [rows for _, rows in self._part.slabs(parameters, int(i))]
+            rows = self._pieces[i].rows(np.concatenate(samples))
+            yield slice(first, first + len(rows)), rows
+            first += len(rows)
+
+    def _by_record(self, rows: list[np.ndarray]) -> list[np.ndarray]:
+        records = range(int(self._record.max()) + 1)
+        return [np.concatenate([rows[i] for i in np.flatnonzero(self._record == r)]) for r in records]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Signals:
+    """What the equations take of a piece.
+
+    signals          (N, channels of the form), zero for the derivatives that are not recorded
+    differentiated   equations whose target is such a derivative
+    derivatives      (rows, equations) transforms of these targets, free of steps; zero for the others
+    step             (rows,) of unit length: what an unknown step adds
+    """
+
+    piece: Piece
+    signals: np.ndarray
+    differentiated: list[int]
+    derivatives: np.ndarray
+    step: np.ndarray
+
+    def rows(self, values: np.ndarray) -> np.ndarray:
+        """(rows, equations, ...) of values (N, equations, ...), free of steps."""
+        return _free_of(self.step, real_rows(self.piece.transform(values)), self.differentiated)
+
+
+def _free_of(step: np.ndarray, rows: np.ndarray, columns: list[int]) -> np.ndarray:
+    """Rows (rows, columns, ...) with the direction `step` (rows,) taken out of some of the columns."""
+    if columns:
+        along = np.tensordot(step, rows[:, columns], axes=(0, 0))
+        rows[:, columns] -= np.multiply.outer(step, along)
+    return rows
+
+
+def _pieces(
+    problem: Problem, record: Record, index: int, form: EquationForm, band: tuple[float, float]
+) -> list[_Signals]:
+    """The pieces of a record with what the equations take of them."""
+    where = type(problem.cost).__name__
+    absent = {name: name.removesuffix("dot") for name in form.channels if name not in record and name != "t"}
+    by_states = problem.model.equation is None and bool(problem.model.states)
+    lacking = {name: base for name, base in absent.items() if by_states and base != name and base in record}
+    smoothed = {n: recorded_or_differentiated(record, n) for n in form.channels if n in {*absent, "t"} - {*lacking}}
+    channels = list(dict.fromkeys(lacking.get(name, name) for name in form.channels))
+    found = []
+    for piece in pieces_of(record.with_channels(**smoothed), index, channels, band, where):
+        columns = dict(zip(channels, piece.stretch.values.T, strict=True))
+        zero = np.zeros(len(piece.stretch.values))
+        derivatives = np.zeros((2 * len(piece.omega), len(form.names)))
+        differentiated = [form.names.index(name) for name in lacking]
+        for i, base in zip(differentiated, lacking.values(), strict=True):
+            derivatives[:, i] = real_rows(1j * piece.omega * piece.transform(columns[base]))
+        step = real_rows(piece.step) / np.linalg.norm(piece.step)
+        found.append(
+            _Signals(
+                piece=piece,
+                signals=np.stack([zero if n in lacking else columns[n] for n in form.channels], axis=1),
+                differentiated=differentiated,
+                derivatives=_free_of(step, derivatives, differentiated),
+                step=step,
+            )
+        )
+    return found
+
+
+def _check_constants(problem: Problem, form: EquationForm) -> None:
+    """Raise EstimationError for free parameters whose regressor is the same at every sample."""
+    free = problem.shared + problem.local
+    idle = []
+    for name, i in zip(free, problem.free_index, strict=True):
+        slope = ca.jacobian(form.prediction, problem.model.p[int(i)])
+        if slope.nnz() and not (ca.depends_on(slope, form.m)):
+            idle.append(name)
+    if idle:
+        values = ", ".join(f"'{name}': {problem.model.nominal[name]:g}" for name in idle)
+        raise EstimationError(
+            f"{type(problem.cost).__name__}: {', '.join(idle)} add a constant, which has no part in a band of "
+            f"frequencies; fix them: fixed={{{values}}}"
+        )
