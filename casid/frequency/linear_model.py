@@ -43,20 +43,18 @@ class LinearModel:
         left = np.concatenate([costates, np.broadcast_to(np.eye(len(c)), (len(omega), len(c), len(c)))], axis=2)
         return c @ states + d, left[:, None] @ self.slopes @ right[:, None]
 
-    def sampled(self, dt: float, hold: str) -> Transition:
-        """The step from one sample to the next, with inputs on straight lines between samples or held."""
+    def sampled(self, dt: float, held: np.ndarray) -> Transition:
+        """The step from one sample to the next, with inputs held where `held` (m,), else on straight lines."""
         n = self.states
         a, b = self.matrix[:n, :n], self.matrix[:n, n:]
         slopes = self.slopes[:, :n, :n], self.slopes[:, :n, n:]
         (phi0, phi1, phi2), moved = _exponentials(a, slopes[0], dt)
-        held, dheld = phi1 @ b, moved[1] @ b + phi1 @ slopes[1]
-        if hold == "held":
-            later, dlater = np.zeros_like(b), np.zeros_like(slopes[1])
-        else:
-            later, dlater = phi2 @ b / dt, (moved[2] @ b + phi2 @ slopes[1]) / dt
+        constant, dconstant = phi1 @ b, moved[1] @ b + phi1 @ slopes[1]
+        later = np.where(held, 0.0, phi2 @ b / dt)
+        dlater = np.where(held, 0.0, (moved[2] @ b + phi2 @ slopes[1]) / dt)
         return Transition(
-            matrix=np.concatenate([phi0, held - later, later], axis=1),
-            slopes=np.concatenate([moved[0], dheld - dlater, dlater], axis=2),
+            matrix=np.concatenate([phi0, constant - later, later], axis=1),
+            slopes=np.concatenate([moved[0], dconstant - dlater, dlater], axis=2),
         )
 
 

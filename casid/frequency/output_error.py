@@ -38,7 +38,7 @@ class FourierOutputError:
 
     The model is linear about the mean of each record's measured motion, so the motion has to be small enough for that.
     Nothing is simulated: initial states and biases have no part, and every transcription gives the same fit. Inputs are
-    taken as `Record.hold` says, straight lines between samples or held.
+    held between samples where `Record.hold` says so, else on straight lines, cubic ones too.
 
     Attributes
     ----------
@@ -128,11 +128,12 @@ class FourierOutputs:
 class _Transformed:
     """A piece of a record: its mean states x (n,) and inputs u (m,), and the transforms of what is measured.
 
-    outputs (M, outputs), NaN where not measured; inputs (M, inputs). `hold` says how inputs run between samples.
+    outputs (M, outputs), NaN where not measured; inputs (M, inputs).
+    `held` (inputs,) says which of them are held between samples.
     """
 
     piece: Piece
-    hold: str
+    held: np.ndarray
     x: np.ndarray
     u: np.ndarray
     outputs: np.ndarray
@@ -146,6 +147,7 @@ def _transformed(problem: Problem, record: Record, index: int, band: tuple[float
         if name not in record:
             raise unknown("channel", name, record.channels, f"record '{record.name}': input of '{model.name}'")
     measured = [name for name in model.outputs if name in record and np.isfinite(record[name]).any()]
+    held = np.array([record.hold_of(name) == "held" for name in model.inputs], dtype=bool)
     guess = np.asarray(model.guess(record), dtype=float)
     found = []
     channels = [*model.inputs, *measured]
@@ -161,7 +163,7 @@ def _transformed(problem: Problem, record: Record, index: int, band: tuple[float
         found.append(
             _Transformed(
                 piece=piece,
-                hold=record.hold,
+                held=held,
                 x=guess[within].mean(axis=0),
                 u=stretch.values[:, : len(model.inputs)].mean(axis=0),
                 outputs=outputs,
@@ -177,7 +179,7 @@ class _Outputs:
 
     def __init__(self, one: _Transformed, linear: LinearModel) -> None:
         self._one, self._linear = one, linear
-        self._transition = linear.sampled(one.piece.stretch.dt, one.hold)
+        self._transition = linear.sampled(one.piece.stretch.dt, one.held)
         n, m = linear.states, len(one.u)
         z = np.exp(1j * one.piece.omega * one.piece.stretch.dt)
         resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - self._transition.matrix[:, :n])
