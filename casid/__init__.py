@@ -125,6 +125,11 @@ _ROOMS = {
         "check",
     ),
     "casid.diagnosis.data.finding": ("Finding",),
+    "casid.diagnosis.decision": (
+        "Decision",
+        "Gate",
+        "Trace",
+    ),
     "casid.diagnosis.dispatch": ("diagnose",),
     "casid.diagnosis.systems.library": ("Library",),
     "casid.diagnosis.systems.result": (

@@ -5,6 +5,9 @@ from casid.design import Experiment, InputDesign, Multisine, Steps, design_input
 from casid.diagnosis.data.check import DataFindings as DataFindings
 from casid.diagnosis.data.check import check as check
 from casid.diagnosis.data.finding import Finding as Finding
+from casid.diagnosis.decision import Decision as Decision
+from casid.diagnosis.decision import Gate as Gate
+from casid.diagnosis.decision import Trace as Trace
 from casid.diagnosis.dispatch import diagnose
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.systems.library import Library

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import at_least
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.kinematics.check import KinematicCheck
@@ -124,10 +125,12 @@ def trial_of(
     spared: float = 0.0,
     fingerprint: Sequence[float] = (),
     where: np.ndarray | None = None,
+    *,
     check: KinematicCheck | None = None,
     exact: float | None = None,
+    share: float = 1.0,
 ) -> Trial:
-    """A cause that was fitted and matters, with the gain that a test needs."""
+    """A cause that was fitted, with the gain and the size, in units of what matters, that a test needs."""
     value = one.values["value"]
     candidate = Candidate(attached=one, statistic=gain, net=gain, dof=1, value=value, std=1.0, surviving=1.0, tries=1.0)
     return Trial(
@@ -137,7 +140,7 @@ def trial_of(
         fingerprint=np.array(fingerprint),
         gain=Gain(raw=gain, price=0.0, spared=spared, exact=gain + spared if exact is None else exact),
         where=np.zeros((0, 0)) if where is None else where,
-        meaningful=True,
-        share=1.0,
+        share=share,
+        size=(at_least("size, of what matters", share, 1.0, "size.share"),),
         check=check or KinematicCheck(),
     )

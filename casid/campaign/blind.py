@@ -43,7 +43,10 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
         found.write(Path(folder) / "diagnosis.json")
         document = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
     return {
-        **{name: document[name] for name in ("verdict", "sentence", "causes", "minor", "smallest_detectable")},
+        **{
+            name: document[name]
+            for name in ("verdict", "sentence", "causes", "minor", "smallest_detectable", "decisions")
+        },
         **{name: document[name] for name in ("explanations", "believed", "nothing")},
         "entered": dict(found.entered),
         "seconds": document["seconds"],

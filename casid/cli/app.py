@@ -11,6 +11,7 @@ from casid.cli.start import begin, leave, outcome
 
 COMMANDS = {
     "diagnose": "casid.cli.diagnose:diagnose",
+    "why": "casid.cli.why:why",
     "check": "casid.cli.check:check",
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from casid.diagnosis.decision import Gate
 from casid.model.vocabulary import effect_title
 
 
@@ -26,6 +27,8 @@ class Cause:
         Record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in.
     share
         Its part of the variation of the coefficient it adds to, or of its smallest size that matters.
+    gates
+        What it had to pass, beside all others and on held-out records, to be named.
     probability
         That it is there; `log_odds` against everything that does without it.
     """
@@ -46,8 +49,14 @@ class Cause:
     parameters: Mapping[str, float]
     meaningful: bool
     share: float
+    gates: tuple[Gate, ...] = ()
     probability: float | None = None
     log_odds: float | None = None
+
+    @property
+    def key(self) -> tuple[str, str, str | None]:
+        """Kind, target and term."""
+        return self.kind, self.target, self.term
 
     @property
     def statement(self) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.decision import Trace
 from casid.diagnosis.document import cause_entry, plain, rank_entry
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
@@ -34,7 +35,7 @@ from casid.views import view
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SCHEMA = "casid.diagnosis/2"
+SCHEMA = "casid.diagnosis/3"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -76,6 +77,8 @@ class Diagnosis:
         Cause -> probability that it is there and matters; the same of something unexplained at a station.
     nothing
         Probability that nothing that matters is wrong.
+    trace
+        The decisions on every cause that was considered, see `why` and `why_not`.
     """
 
     verdict: str
@@ -110,6 +113,37 @@ class Diagnosis:
     believed: Mapping[str, float] = field(default_factory=dict)
     entered: Mapping[str, float] = field(default_factory=dict)
     nothing: float | None = None
+    trace: Trace = Trace()
+
+    def why(self, cause: str) -> Trace:
+        """The decisions on a cause: every gate with its value, its threshold and the name of the criterion.
+
+        Parameters
+        ----------
+        cause
+            As "actuator_lag(delta_e)" or "actuator_lag delta_e"; a kind alone stands for all its targets.
+
+        Returns
+        -------
+        Trace
+            Print it for the words.
+
+        Raises
+        ------
+        InputError
+            For a cause that was not considered, with the nearest one that was.
+        """
+        return self.trace.of(cause)
+
+    def why_not(self, cause: str) -> Trace:
+        """The decisions that kept a cause from being named, see `why`.
+
+        Raises
+        ------
+        InputError
+            For a cause that was not considered, and for one that was named.
+        """
+        return self.trace.against(cause)
 
     @property
     def criteria(self) -> Criteria:
@@ -207,6 +241,7 @@ class Diagnosis:
             "causes": [cause_entry(cause) for cause in self.causes],
             "minor": [cause_entry(cause) for cause in self.minor],
             "ranking": [rank_entry(candidate) for candidate in self.ranking],
+            "decisions": [one.to_dict() for one in self.trace.decisions],
             "unexplained": [self._unexplained(one) for one in self.unexplained],
             "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
             "believed": dict(self.believed),

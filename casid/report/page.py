@@ -124,6 +124,7 @@ def _context(
         "lead": next(iter(figures.values())),
         "sections": _sections(figures),
         "tables": _tables(diagnosis, made_with),
+        "trace": diagnosis.trace,
         "minor": [one.sentence for one in diagnosis.minor],
         "remarks": tables.remarks(diagnosis),
     }

@@ -7,12 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.decision import NAMED
 from casid.diagnosis.flight.view import View
-from casid.diagnosis.naming.round import Trial
-from casid.diagnosis.naming.size import is_artefact, plausible
-from casid.diagnosis.naming.trials import required_gain
 from casid.diagnosis.result import Diagnosis
 from casid.model.vocabulary import KINDS
 from casid.report.claims import about_cause, about_data, about_value
@@ -138,18 +135,16 @@ def not_judged(diagnosis: Diagnosis) -> ReportTable:
 
 
 def alternatives(diagnosis: Diagnosis) -> ReportTable:
-    """Every cause that was fitted and not named, and why it lost."""
-    named = {(c.kind, c.target, c.term) for c in diagnosis.causes}
+    """Every cause that was fitted and not named, and the gate that it failed."""
+    decided = {(one.cause, one.round): one for one in diagnosis.trace.decisions}
     rows = []
     for number, round_ in enumerate(diagnosis.rounds, 1):
-        winner = round_.leader if round_.named else None
         for trial in round_.trials:
             one = trial.candidate.attached
-            if trial is winner:
+            decision = decided.get((trial.candidate.name, number))
+            if decision is None or decision.outcome == NAMED:
                 continue
-            later = " (named in another round)" if one.effect.key in named else ""
-            doubted = round_.doubt if trial is round_.leader else ""
-            why = (doubted or _why(trial, winner, trial in round_.equivalents, diagnosis.criteria)) + later
+            why = decision.failed[0].words if decision.failed else decision.outcome
             size = quantity(one.values["value"], one.effect.unit)
             rows.append(Row(cells=(effect_name(one.effect), str(number), size, digits(trial.gain.raw), why)))
     return ReportTable(
@@ -157,26 +152,6 @@ def alternatives(diagnosis: Diagnosis) -> ReportTable:
         rows=tuple(rows),
         caption="Alternatives that were fitted, and why they lost",
     )
-
-
-def _why(trial: Trial, winner: Trial | None, equivalent: bool, criteria: Criteria) -> str:
-    if trial.refuted:
-        return "refuted: the kinematics contradict an error of this size"
-    if not trial.meaningful:
-        one = trial.candidate.attached
-        possible = plausible(one) and not is_artefact(one, trial.share, criteria.size)
-        return "too small to matter, or to be certain" if possible else "of no plausible size"
-    if equivalent:
-        return "cannot be told apart from the one that was named"
-    if trial.gain.raw <= 0.0:
-        return "explains nothing when it is fitted"
-    if winner is not None and trial.gain.raw > winner.gain.raw:
-        return f"kinematics find it of another size, or less of it than of {effect_name(winner.effect)}"
-    if winner is not None:
-        less = 100.0 * (1.0 - trial.gain.raw / winner.gain.raw)
-        return f"explains {less:.0f} % less than {effect_name(winner.effect)}"
-    enough = trial.gain.net > required_gain(trial.effect, criteria)
-    return "leaves unexplained what is missing" if enough else "explains too little to be named"
 
 
 def unseen(diagnosis: Diagnosis) -> ReportTable:

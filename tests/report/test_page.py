@@ -54,7 +54,7 @@ def has(table: dict, types: dict) -> bool:
 
 def test_json_has_the_published_keys(folder: Path) -> None:
     document = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    assert document["schema"] == "casid.diagnosis/2"
+    assert document["schema"] == "casid.diagnosis/3"
     assert document["verdict"] == "explained"
     assert {"not_judged", "data", "contradicted", "unexplained"} <= set(document)
     assert document["causes"] and all(has(cause, CAUSE) for cause in document["causes"])
@@ -67,6 +67,9 @@ def test_json_has_the_published_keys(folder: Path) -> None:
     held = document["gain"]["held_out"]
     assert held["records"] == [NAMES[1]] and set(held["rms_ratio"]) == set(document["as_given"]["channels"])
     assert list(held["rms_ratio"].values()) == sorted(held["rms_ratio"].values(), reverse=True)
+    decided = {one["cause"]: one for one in document["decisions"] if one["outcome"] == "named"}
+    assert len(decided) == len(document["causes"])
+    assert all(gate["passed"] for one in decided.values() for gate in one["gates"])
     steps = dict.fromkeys(("as_given", "data_mended", "values", "structure", "noise"), NUMBER)
     assert document["budget"]["records"] == [NAMES[1]]
     assert set(document["budget"]["channels"]) == set(document["as_given"]["channels"])

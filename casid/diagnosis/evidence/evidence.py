@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import get_blas_funcs
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import Gate, all_passed, at_least
 from casid.diagnosis.evidence.small_terms import SmallTerms, most_likely_scales, no_terms, small_terms
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
@@ -200,14 +201,25 @@ def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
 
 
 def is_sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> bool:
-    """Whether no stretch of record, and none of whole `records`, contradicts a value, and its 99 % interval, in which
-    small terms of the structure may replace it, leaves zero out. A value that is not fitted itself is taken as sure."""
+    """Whether a value passes `sure`."""
+    return all_passed(sure(evidence, name, records))
+
+
+def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Gate, ...]:
+    """What a value must pass to differ from zero.
+
+    No stretch of record, and none of whole `records`, contradicts it, and its 99 % interval, in which small terms of
+    the structure may replace it, leaves zero out. A value that is not fitted itself has nothing to pass.
+    """
     if name not in {slot.name for slot in evidence.fit.slots}:
-        return True
-    criteria = evidence.criteria.structure
-    interval = criteria.certain * deviation(evidence, name)
-    apart = max(spread(evidence, name), jackknife(evidence, name, records))
-    return abs(evidence.fit[name]) > max(criteria.sure * apart, interval)
+        return ()
+    by, size = evidence.criteria.structure, abs(evidence.fit[name])
+    apart = max(spread(evidence, name), jackknife(evidence, name, records), 1e-300)
+    honest = max(deviation(evidence, name), 1e-300)
+    return (
+        at_least("size, in 1-sigmas of its scatter between records", size / apart, by.sure, "structure.sure"),
+        at_least("size, in honest 1-sigmas", size / honest, by.certain, "structure.certain"),
+    )
 
 
 def spread(evidence: Evidence, name: str) -> float:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.decision import IN_A_SET, MINOR, NAMED, Trace, at_most
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.not_judged import NotJudged, out_of_sight
@@ -77,7 +78,12 @@ def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int)
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
     """Causes are none while data or file are at fault; what was found stands under minor."""
     doubted = [replace(c, sentence=f"{c.sentence} In doubt, for {because}.") for c in found.causes]
-    return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=())
+    gate = at_most(because, 1.0, 0.0)
+    decisions = tuple(
+        replace(one, outcome=MINOR, gates=(*one.gates, gate)) if one.outcome in (NAMED, IN_A_SET) else one
+        for one in found.trace.decisions
+    )
+    return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=(), trace=Trace(decisions=decisions))
 
 
 def _several(all_of_them: Sequence[Finding | Contradiction | Doubt], most: int) -> str:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from casid.diagnosis.criteria import HeldOutCriteria
+from casid.diagnosis.decision import Gate, at_least
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
 from casid.diagnosis.evidence.screening import Screen
@@ -124,8 +125,9 @@ def best_on_held(
     on_held: Sequence[Predicted],
     gains: Sequence[float | None],
     spare: Sequence[float],
-) -> tuple[FlightFit, FlightFit]:
-    """The best model of all records, the largest of equals, and its fit on the held-out ones.
+) -> tuple[FlightFit, FlightFit, dict[str, Gate]]:
+    """The best model of all records, the largest of equals, its fit on the held-out ones, and by name what the effects
+    of its steps had to pass.
 
     spare  of each step, what it gains on the fitted records beyond what it must, in 2 ln L. By the chain rule of
            probability that and the gain on the held-out ones add up to the evidence of all records; these may hardly
@@ -136,20 +138,29 @@ def best_on_held(
     """
     samples = 2.0 * on_held[-1].fit.readings
     both = [None if gain is None else samples * gain + more for gain, more in zip(gains, spare, strict=True)]
+    new = [{a.name for a in after.attached} - {a.name for a in before.attached} for before, after in pairwise(steps)]
     found = []
     for n in {steps_to_keep(both), len(both)}:
         final, there, kept = steps[n], on_held[n], sum(spare[:n])
+        gates = {name: _borne_out(sum(one or 0.0 for one in both[n:])) for names in new[n:] for name in names}
         for i in sorted(range(n), key=lambda i: both[i] or 0.0):  # for the worst may be why another lost
-            new = {a.name for a in steps[i + 1].attached} - {a.name for a in steps[i].attached}
-            if (gains[i] or 0.0) >= 0.0 or not new:
+            if (gains[i] or 0.0) >= 0.0 or not new[i]:
+                gates |= dict.fromkeys(new[i], _borne_out(both[i] or 0.0))
                 continue
-            others = without(final, new)
+            others = without(final, new[i])
             held_others = predicted_on(held, others)
-            if held_others.deviance + spare[i] <= there.deviance:
+            gate = _borne_out(held_others.deviance + spare[i] - there.deviance)
+            gates |= dict.fromkeys(new[i], gate)
+            if not gate.passed:
                 final, there, kept = others, held_others, kept - spare[i]
-        found.append((there.deviance - kept, -n, final, there.fit))
-    *_, final, held_final = min(found, key=lambda one: one[:2])
-    return final, held_final
+        found.append((there.deviance - kept, -n, final, there.fit, gates))
+    *_, final, held_final, gates = min(found, key=lambda one: one[:2])
+    return final, held_final, gates
+
+
+def _borne_out(gain: float) -> Gate:
+    """What a step must pass on held-out records, which add to what it gains on the fitted ones beyond what it must."""
+    return at_least("gain with held-out records", gain, 0.0)
 
 
 def kinematic_gain(

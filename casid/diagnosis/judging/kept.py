@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from casid.diagnosis.decision import Gate
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, without
@@ -27,6 +28,7 @@ class Kept:
     structure            the terms put in beforehand of which the records are sure, which together gained
     structure_gain       log likelihood per held-out sample; None where there is none
     gains                the same of turbulence and of every named round
+    gates                by name, what the effects of its steps had to pass on the held-out records
     """
 
     evidence: Evidence
@@ -35,6 +37,7 @@ class Kept:
     structure: list[Attached]
     structure_gain: float | None
     gains: list[float | None]
+    gates: Mapping[str, Gate]
 
     @property
     def fit(self) -> FlightFit:
@@ -63,7 +66,7 @@ def keep(held: Sequence[Record], begun: Baseline, naming: Naming) -> Kept:
     held_calm = predicted_on(held, begun.calm) if begun.structure else on_held[0]
     moving = kinematics.gusts(flight, turbulence.sigma, length=turbulence.length) if coloured else {}
     gains = gains_by_kinematics(flight, held, steps, held_gains(on_held), [r.leader for r in named], moving)
-    final, held_final = best_on_held(held, steps, on_held, gains, spare)
+    final, held_final, gates = best_on_held(held, steps, on_held, gains, spare)
     evidence = naming.evidence if final is naming.evidence.fit else weigh(final)
     structure = [*begun.structure, *_put_in_later(begun, final)]
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
@@ -77,6 +80,7 @@ def keep(held: Sequence[Record], begun: Baseline, naming: Naming) -> Kept:
         structure=[one for one in structure if one.name not in unsure],
         structure_gain=held_gains([held_calm, on_held[0]])[0],
         gains=gains if coloured else [None, *gains],
+        gates=gates,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.decision import at_least
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.colour import as_coloured_as_left, as_slow_as_left
@@ -57,9 +58,12 @@ def beside_slow_noise(
     while left and slow.noise.slow:
         gains = [(_share_of_required(slow, naming, cause), i) for i, cause in enumerate(left)]
         share, weakest = min(gains)
-        if share >= 1.0:
+        gate = at_least("gain where noise is slow, of that for a name", share, 1.0, "naming.gain")
+        one = replace(left[weakest], gates=(*left[weakest].gates, gate))
+        if gate.passed:
+            left[weakest] = one
             break
-        one = left.pop(weakest)
+        del left[weakest]
         minor = (*minor, replace(one, sentence=f"{one.sentence} Slow noise and offsets of instruments do as much."))
         others = [a for a in slow.attached if a.effect.key != (one.kind, one.target, one.term)]
         slow = fit(slow.flight, others, slow.noise, slow)

@@ -8,18 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
-from casid.diagnosis.evidence.evidence import Evidence, deviation, is_sure, jackknife
+from casid.diagnosis.evidence.evidence import Evidence, deviation, jackknife, sure
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.judging.kept import Kept
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.naming.comparing import sine
 from casid.diagnosis.naming.events import Intervals
 from casid.diagnosis.naming.explaining import mostly_gone
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Trial
-from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible
+from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible, plausible_size
 from casid.diagnosis.naming.structure import is_induced_drag, is_usual
 from casid.diagnosis.naming.trials import clear_gain, matters, required_gain
 from casid.model import station
@@ -35,27 +37,20 @@ _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta
 
 
 def causes_of(
-    naming: Naming,
-    evidence: Evidence,
-    turbulence: Turbulence,
-    held_gains: Sequence[float | None],
-    structure: tuple[Sequence[Attached], float | None] = ((), None),
-    required: float = 0.0,
-    left: Sequence[MissingInput] = (),
+    naming: Naming, kept: Kept, turbulence: Turbulence, required: float, left: Sequence[MissingInput]
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
-    evidence    of the final fit. What is not in it lost on the held-out records, is not confirmed and minor. So is a
-                cause that is not sure, not needed or not large enough any more beside the others.
-    held_gains  log likelihood per held-out sample of turbulence and then of every named round
-    structure   what is expected of any aircraft and was put into the model beforehand, and what that together gained
-                on the held-out records: minor, unless it passes `_expected`
-    required    gain that a term of the structure must exceed where the air is turbulent
-    left        inputs that are missing in the fitted records
+    kept      the final fit. What is not in it lost on the held-out records, is not confirmed and minor. So is a cause
+              that is not sure, not needed or not large enough any more beside the others. Terms that were put in
+              beforehand, which are expected of any aircraft, are minor unless they pass `_expected`.
+    required  gain that such a term must exceed where the air is turbulent
+    left      inputs that are missing in the fitted records
 
     What is expected of some aircraft, and was named, is minor unless it is equivalent to another cause; what every
     aircraft has, unless it is unusually large.
     """
+    evidence, held_gains, on_held = kept.evidence, kept.gains, kept.gates
     named, final = naming.named, evidence.fit
     there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
     causes, minor, superseded, expected, small, later = [], [], [], [], [], []
@@ -65,17 +60,24 @@ def causes_of(
         )
     for round_, held in zip(named, held_gains[1:], strict=True):
         name = round_.leader.candidate.name
-        if name in there and is_usual(round_.leader.effect):
+        gates = (on_held[name],) if name in on_held else ()
+        if name not in there:
+            gates = gates if name in last else (*gates, at_least("still in the model beside later causes", 0.0, 1.0))
+            (minor if name in last else superseded).append(_cause(round_.leader, naming, (), held, gates))
+            continue
+        if is_usual(round_.leader.effect):
             later.append((name, held))
-        elif name in there and is_sure(evidence, name, _concerned(evidence, name)) and _still_matters(final, name):
+            continue
+        beside_all = sure(evidence, name, _concerned(evidence, name)), _still_matters(final, name)
+        final_gates = tuple(replace(g, gate=f"{g.gate}, in the final model") for some in beside_all for g in some)
+        gates = (*gates, *final_gates)
+        if all_passed(final_gates):
             alone = round_.leader.effect.expected and not round_.equivalents
             group = expected if alone else causes
-            group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held))
-        elif name in there:
-            group = superseded if round_.leader.meaningful else small
-            group.append(_cause(_as_in(evidence, round_.leader), naming, (), held))
+            group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held, gates))
         else:
-            (minor if name in last else superseded).append(_cause(round_.leader, naming, (), held))
+            group = superseded if round_.leader.meaningful else small
+            group.append(_cause(_as_in(evidence, round_.leader), naming, (), held, gates))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
     minor += [
@@ -88,7 +90,7 @@ def causes_of(
     missing = {m.station: m.gain for m in left}
     unexplained = still_missing(evidence, left, causes, required)
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
-    usual = [(one.name, structure[1]) for one in structure[0]] + later
+    usual = [(one.name, kept.structure_gain) for one in kept.structure] + later
     for name, held in usual:
         target = next(one.effect.target for one in final.attached if one.name == name)
         left_there = np.inf if unexplained else missing.get(station.coefficient(target), 0.0)
@@ -103,10 +105,11 @@ def _concerned(evidence: Evidence, name: str) -> list[int]:
     return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
 
 
-def _still_matters(fit: FlightFit, name: str) -> bool:
-    """Whether a named cause is of a size that matters, and is possible, beside those that were named after it."""
+def _still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
+    """What the size of a named cause must pass beside those that were named after it: it matters, and is possible."""
     one = next(a for a in fit.attached if a.name == name)
-    return plausible(one) and meaningful_share(fit, one) >= 1.0
+    size = at_least("size, of what matters", meaningful_share(fit, one), 1.0, "size.share")
+    return (*plausible_size(one), size)
 
 
 def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
@@ -151,7 +154,9 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     return replace(trial, candidate=candidate, std=std, share=share)
 
 
-def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None) -> Cause:
+def _cause(
+    trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None, gates: tuple[Gate, ...] = ()
+) -> Cause:
     one, names = trial.candidate.attached, naming.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
     dof, value, statistic = len(values), values["value"], trial.gain.raw + trial.gain.spared
@@ -172,6 +177,7 @@ def _cause(trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: flo
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,
+        gates=gates,
     )
 
 
@@ -200,10 +206,17 @@ def _expected(
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     notable = by.structure * (by.structure_with_others if strongest > statistic else 1.0)
-    clear = statistic > required and matters(share, statistic, clear_gain(evidence.fit)) and is_sure(evidence, name)
     usual = one.nuisance or is_induced_drag(effect, value, fit)
-    meaningful = share > notable and clear and not usual and (held is None or held >= 0.0)
-    meaningful = meaningful and mostly_gone(statistic, left, criteria.doubt)
+    gates = (
+        at_most("expected of any aircraft", float(usual), 0.0),
+        at_least("size, of what matters", share, notable, "verdict.structure"),
+        at_least("gain", statistic, required, "turbulence.left"),
+        *matters(share, statistic, clear_gain(evidence.fit), criteria),
+        *sure(evidence, name),
+        at_least("gain on held-out records", 0.0 if held is None else held, 0.0),
+        mostly_gone(statistic, left, criteria.doubt),
+    )
+    meaningful = all_passed(gates)
     return Cause(
         kind=effect.kind,
         target=effect.target,
@@ -220,6 +233,7 @@ def _expected(
         parameters={},
         meaningful=meaningful,
         share=share,
+        gates=gates,
         sentence=sentence if meaningful or one.nuisance else f"Expected of any aircraft, and added: {sentence}",
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.criteria import KinematicCriteria
+from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
 from casid.diagnosis.evidence.screening import Screen
@@ -35,17 +36,30 @@ class KinematicCheck:
         return self.predicted > self.criteria.seen
 
     @property
-    def seen(self) -> bool:
-        """Whether it shows in them at all, and as it should."""
-        return self.predicted > self.criteria.faintly_seen and self.achieved > 0.0
+    def gates(self) -> tuple[Gate, ...]:
+        """What a cause that kinematics can see must pass: they find enough of it, or do not contradict its size."""
+        by = self.criteria
+        if self.judges:
+            fits = at_most("contradicted size", self._contradiction, by.contradiction, "kinematics.contradiction")
+            found = self.achieved / self.predicted
+            return (at_least("found by kinematics", found, by.refuted, "kinematics.refuted", [fits]),)
+        if self.predicted <= by.faintly_seen:
+            return ()
+        agree = at_least("kinematic gain", self.achieved, 0.0)
+        return (at_most("opposed by kinematics", self._contradiction, by.opposed, "kinematics.opposed", [agree]),)
+
+    @property
+    def must_be_seen(self) -> tuple[Gate, ...]:
+        """What a cause must pass that only kinematics tell from forces."""
+        return (
+            at_least("predicted kinematic gain", self.predicted, self.criteria.faintly_seen, "kinematics.faintly_seen"),
+            at_least("kinematic gain", self.achieved, 0.0),
+        )
 
     @property
     def refuted(self) -> bool:
         """Whether they clearly do not find it, or find less than half of the little that they should see."""
-        by = self.criteria
-        faint = by.faintly_seen < self.predicted <= by.seen
-        opposed = self.achieved < 0.0 and faint and self._contradiction > by.opposed
-        return opposed or (self._elsewhere and self.achieved < by.refuted * self.predicted)
+        return not all_passed(self.gates)
 
     @property
     def confirmed(self) -> bool:
@@ -118,14 +132,16 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     return KinematicCheck(predicted=predicted, achieved=predicted * (2.0 * part - 1.0), criteria=criteria)
 
 
-def hopeless(kinematic: Evidence | None, one: Attached) -> bool:
-    """Whether kinematics refute a cause at a small part of its predicted size, a half, and at any larger one. With x
-    times that size they expect x^2 `predicted` and get x (achieved + predicted) - x^2 predicted: refuted for all x
-    above one half when it is at one half."""
+def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
+    """What a cause must pass before it is fitted: kinematics find enough of it at half of its predicted size, the
+    smallest that is tried. With x times that size they expect x^2 `predicted` and get x (achieved + predicted) -
+    x^2 predicted: what is refuted at one half is refuted at any larger size. None where they cannot judge it."""
     if one.effect.timed or not one.effect.linear:
-        return False
+        return None
     whole = kinematic_check(kinematic, one)
     by = whole.criteria
     predicted = by.smallest_part**2 * whole.predicted
     achieved = by.smallest_part * (whole.achieved + whole.predicted) - predicted
-    return predicted > by.seen and achieved < by.refuted * predicted
+    if predicted <= by.seen:
+        return None
+    return at_least("found by kinematics at half its size", achieved / predicted, by.refuted, "kinematics.refuted")

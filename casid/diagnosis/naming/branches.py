@@ -12,13 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.decision import all_passed
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.kinematics.kinematics import with_causes
 from casid.diagnosis.naming.naming import (
     Naming,
     all_reconsidered,
-    doubt_of,
+    believed,
     is_dead_heat,
     near_rivals,
     one_round,
@@ -59,7 +60,7 @@ def _followed(
         if not anew and _cost(other) - _promised(other, catalogue) > _cost(best):
             break
         further = one_round(other, catalogue, required)
-        if not further.rounds[-1].named or doubt_of(other, further):
+        if not further.rounds[-1].named or not all_passed(believed(other, further)):
             break
         other = further
     return other

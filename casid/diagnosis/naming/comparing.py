@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import Gate, at_least, at_most
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import plausible
 
+_EQUIVALENT = "screening.equivalent"
 
-def can_be_named(trial: Trial, required: float) -> bool:
-    """Whether a trial gains more than is `required`, and matters or is a fault of hardware that does not."""
+
+def gains_enough(trial: Trial, prices: Mapping[str, float]) -> Gate:
+    """What the gain of a trial must pass: the highest of the prices, which are given by name of criterion."""
     gained = trial.gain.total if trial.effect.regressor else trial.gain.net
-    return gained > required and (trial.meaningful or _is_small(trial)) and not trial.refuted
+    highest = max(prices, key=lambda name: prices[name])
+    return at_least("gain", gained, prices[highest], highest)
+
+
+def can_be_named(trial: Trial) -> bool:
+    """Whether a trial gains enough, and matters or is a fault of hardware that does not."""
+    enough = trial.enough is not None and trial.enough.passed
+    return enough and (trial.meaningful or _is_small(trial)) and not trial.refuted
 
 
 def _is_small(trial: Trial) -> bool:
@@ -60,7 +70,17 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
     What kinematics put second and confirm, and the whole model puts first, is in dispute between the two, as a lag
     beside a scale error is with a delay.
     """
-    return tuple(t for t in possible_rivals(best, trials) if distance(best, t, criteria) < 1.0)
+    return tuple(t for t in possible_rivals(best, trials) if stands_beside(best, t, criteria).passed)
+
+
+def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> dict[str, Gate]:
+    """Name of a rival -> what it must pass to be in one set with the best trial."""
+    return {t.candidate.name: stands_beside(best, t, criteria) for t in possible_rivals(best, trials)}
+
+
+def stands_beside(best: Trial, trial: Trial, criteria: Criteria) -> Gate:
+    """What a rival must pass to be in one set with the best trial."""
+    return at_most("gain behind the first, of what is equivalent", distance(best, trial, criteria), 1.0, _EQUIVALENT)
 
 
 def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:

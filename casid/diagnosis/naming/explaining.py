@@ -6,12 +6,13 @@ anonymous input at the same station gains is such an imitation; and a wrong name
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from casid.diagnosis.criteria import Criteria, DoubtCriteria
-from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
+from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
+from casid.diagnosis.evidence.evidence import Evidence, sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.naming.size import meaningful_share, missing_share
@@ -19,32 +20,39 @@ from casid.model.effect import Effect
 from casid.model.station import Station, coefficient, reading
 
 
-def doubt(before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence) -> str:
-    """Why the last cause is not believed, in words; "" when it is.
+def explains(
+    before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence
+) -> tuple[Gate, ...]:
+    """What the last cause must pass to be believed, up to the first gate that it fails.
 
     before, after  what was missing before it and the causes named since, and what is missing beside them
     evidence       of the model that has it
 
-    It is believed when what was missing is gone where it enters and where it helped most, and not only thinned out. Or
-    it gains more than an input of any shape could where it enters, or anywhere. Or it explains nearly all that is
-    missing where it enters, small terms of the structure apart; or kinematics, which know no aerodynamics, find it too.
-    Never when one of `_AGAINST` holds.
+    None of `_OBJECTIONS` may hold. And what was missing must be gone where it enters and where it helped most, and not
+    only thinned out. Instead, it may gain more than an input of any shape could where it enters, or anywhere; or
+    kinematics, which know no aerodynamics, find it too; or it explains nearly all that is missing where it enters,
+    small terms of the structure apart.
     """
     seen = _Seen(was={m.station: m.gain for m in before}, after=after, last=last, evidence=evidence)
-    for words, holds in _AGAINST.items():
-        if holds(seen):
-            return words
-    if seen.effect.improbable or seen.gains_more_than_any_input or seen.kinematics_agree or seen.explains_nearly_all:
-        return ""
-    judged = seen.judged
-    if not judged and max(seen.left.values()) > last.gain.total:
-        return "leaves what is missing as it was, and that is more than it gains"
-    return "" if seen.gone(judged) else "leaves unexplained what is missing"
+    gates: list[Gate] = []
+    for objection in _OBJECTIONS:
+        gates += objection(seen)
+        if not all_passed(gates):
+            return tuple(gates)
+    return tuple(gates) if seen.effect.improbable else (*gates, _explains_what_was_missing(seen))
 
 
-def mostly_gone(before: float, left: float, criteria: DoubtCriteria, part: float | None = None) -> bool:
-    """Whether of what an unknown input gained `before`, what is `left` is little: noise, or less than `part` of it."""
-    return left < max((criteria.left if part is None else part) * before, criteria.noticeable)
+def mostly_gone(before: float, left: float, criteria: DoubtCriteria, part: tuple[float, str] | None = None) -> Gate:
+    """What an unknown input that gained `before` must pass where `left` of it is still missing: a part of it at most
+    (with its criterion), or noise."""
+    most, name = part or (criteria.left, "doubt.left")
+    noise = at_most("gain still missing", left, criteria.noticeable, "doubt.noticeable")
+    return at_most("part still missing", left / max(before, 1e-300), most, name, [noise])
+
+
+def _nearness(gate: Gate) -> tuple[bool, float]:
+    """How near a gate is to failing, for the worst of several that each have alternatives."""
+    return not gate.passed, min(one.value / one.threshold for one in (gate, *gate.or_else))
 
 
 def _left_exactly(evidence: Evidence, stations: Sequence[str]) -> list[float]:
@@ -84,63 +92,22 @@ class _Seen:
         stations = {self.effect.enters, *(coefficient(member) for member in self.effect.members)}
         return [s for s in self.was if s in stations]
 
-    def gone(self, stations: Sequence[str] | set[str], part: float | None = None) -> bool:
-        return all(mostly_gone(self.was[s], self.left[s], self.by, part) for s in stations)
+    def gone(self, stations: Iterable[str], part: tuple[float, str] | None = None, least: float = 0.0) -> list[Gate]:
+        """What must pass where `part` of what was missing, or of `least`, may stay at most: the worst station."""
+        found = [self._gone(s, part, least) for s in stations]
+        return [max(found, key=_nearness)] if found else []
 
-    @property
-    def makes_more_missing(self) -> bool:
-        more = max(self.by.noticeable, self.by.worse_part * self.last.gain.raw)
-        worse = (m for m in self.after if m.gain > self.by.worse * self.was[m.station] + more)
-        return any(missing_share(self.evidence.fit, m) > self.criteria.size.share for m in worse)
-
-    @property
-    def is_next_to_nothing(self) -> bool:
-        return self.last.gain.total < self.by.negligible * max(self.left.values())
-
-    @property
-    def is_not_sure(self) -> bool:
-        return not is_sure(self.evidence, self.last.candidate.name)
-
-    @property
-    def has_a_bias_that_drifts(self) -> bool:
-        fit = self.evidence.fit
-        biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
-        biased = [reading(a.effect.target) for a in biases]
-        return not self.gone([s for s in biased if s in self.was], self.by.left_by_a_bias)
-
-    @property
-    def is_air_where_one_reading_drifts(self) -> bool:
-        drift = max(gain for station, gain in self.was.items() if Station.at(station).kind == "reading")
-        more = drift > self.criteria.turbulence.one_reading * self.last.gain.raw
-        return more and self.effect.enters is not None and Station.at(self.effect.enters).kind == "wind"
-
-    @property
-    def is_improbable_and_leaves_something(self) -> bool:
-        return self.effect.improbable and not self.gone(list(self.was))
-
-    @property
-    def bends_and_leaves_too_much(self) -> bool:
-        bends = self.effect.quasi_steady or bool(self.effect.members)
-        part, total = self.by.left_by_terms, self.last.gain.total
-        gone = (mostly_gone(max(self.was[s], total), self.left[s], self.by, part) for s in self.own)
-        return bends and not self.effect.improbable and not all(gone) and not self.explains_nearly_all
+    def _gone(self, station: str, part: tuple[float, str] | None, least: float) -> Gate:
+        gate = mostly_gone(max(self.was[station], least), self.left[station], self.by, part)
+        return replace(gate, gate=f"{gate.gate} at {Station.at(station).words}")
 
     @cached_property
-    def explains_nearly_all(self) -> bool:
-        """Whether little is left where it enters while the structure is taken as exact. Small terms that may be as
-        large as they must be leave both the cause and what is missing little to gain."""
+    def nearly_all(self) -> Gate:
+        """Little is left where it enters while the structure is taken as exact. Small terms that may be as large as
+        they must be leave both the cause and what is missing little to gain."""
         left = _left_exactly(self.evidence, self.own)
-        return bool(left) and all(gain < self.by.left_exactly * (self.last.gain.exact + gain) for gain in left)
-
-    @property
-    def gains_more_than_any_input(self) -> bool:
-        return self.last.gain.raw > max(self.was[s] for s in self.own or self.was)
-
-    @property
-    def kinematics_agree(self) -> bool:
-        own = reading(self.effect.target)
-        drifts = own in self.was and not self.gone([own], self.by.left_by_a_fault)
-        return self.last.confirmed and not drifts
+        worst = max((gain / max(self.last.gain.exact + gain, 1e-300) for gain in left), default=1.0)
+        return at_most("part still missing, structure exact", worst, self.by.left_exactly, "doubt.left_exactly")
 
     @property
     def judged(self) -> set[str]:
@@ -153,14 +120,86 @@ class _Seen:
         return found
 
 
-_AGAINST: dict[str, Callable[[_Seen], bool]] = {
-    "makes more missing elsewhere": lambda seen: seen.makes_more_missing,
-    "is next to nothing beside what is still missing": lambda seen: seen.is_next_to_nothing,
-    "is not sure to be there at all": lambda seen: seen.is_not_sure,
-    "is steady, but the reading drifts": lambda seen: seen.has_a_bias_that_drifts,
-    "moves the air, but one reading that drifts tells more": lambda seen: seen.is_air_where_one_reading_drifts,
-    "is contrary to the symmetry of an aircraft, and something is missing beside it": lambda seen: (
-        seen.is_improbable_and_leaves_something
-    ),
-    "leaves too much missing where it enters, as an imitation does": lambda seen: seen.bends_and_leaves_too_much,
-}
+def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
+    """Nothing that matters is missing elsewhere beside it that was not before."""
+    more = max(seen.by.noticeable, seen.by.worse_part * seen.last.gain.raw)
+    worse = [m for m in seen.after if m.gain > seen.by.worse * seen.was[m.station] + more]
+    shares = {m.place.words: missing_share(seen.evidence.fit, m) for m in worse}
+    if not shares:
+        return []
+    most = max(shares, key=lambda place: shares[place])
+    return [at_most(f"share newly missing at {most}", shares[most], seen.criteria.size.share, "doubt.worse")]
+
+
+def _is_not_negligible(seen: _Seen) -> list[Gate]:
+    """It gains something beside what is still missing."""
+    part = seen.last.gain.total / max(*seen.left.values(), 1e-300)
+    return [at_least("gain, of what is still missing", part, seen.by.negligible, "doubt.negligible")]
+
+
+def _is_sure(seen: _Seen) -> list[Gate]:
+    return list(sure(seen.evidence, seen.last.candidate.name))
+
+
+def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
+    """A reading with a constant error does not drift."""
+    fit = seen.evidence.fit
+    biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
+    biased = [reading(a.effect.target) for a in biases]
+    return seen.gone([s for s in biased if s in seen.was], (seen.by.left_by_a_bias, "doubt.left_by_a_bias"))
+
+
+def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
+    """Moving air gains more than one reading that drifts."""
+    if seen.effect.enters is None or Station.at(seen.effect.enters).kind != "wind":
+        return []
+    drift = max(gain for station, gain in seen.was.items() if Station.at(station).kind == "reading")
+    part = drift / max(seen.last.gain.raw, 1e-300)
+    most = seen.criteria.turbulence.one_reading
+    return [at_most("gain of one drifting reading, of it", part, most, "turbulence.one_reading")]
+
+
+def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
+    """What is contrary to the symmetry of an aircraft leaves nothing missing anywhere."""
+    return seen.gone(seen.was) if seen.effect.improbable else []
+
+
+def _is_no_imitation(seen: _Seen) -> list[Gate]:
+    """What bends, and so imitates anything, leaves less missing where it enters."""
+    effect = seen.effect
+    if effect.improbable or not (effect.quasi_steady or effect.members):
+        return []
+    part = seen.by.left_by_terms, "doubt.left_by_terms"
+    return [
+        gate if gate.passed else replace(gate, or_else=(*gate.or_else, seen.nearly_all))
+        for gate in seen.gone(seen.own, part, seen.last.gain.total)
+    ]
+
+
+def _explains_what_was_missing(seen: _Seen) -> Gate:
+    """What was missing is gone where it must be, or one of the alternatives passes."""
+    most = max(seen.was[s] for s in seen.own or seen.was)
+    alternatives = [at_least("gain, of what any input gains there", seen.last.gain.raw / max(most, 1e-300), 1.0)]
+    own = reading(seen.effect.target)
+    if seen.last.confirmed:
+        part = seen.by.left_by_a_fault, "doubt.left_by_a_fault"
+        drifts = seen.gone([own] if own in seen.was else [], part)
+        alternatives += drifts or [at_least("confirmed by kinematics", 1.0, 1.0)]
+    judged = seen.judged
+    (found,) = seen.gone(judged) or [
+        at_most("largest gain still missing, of it", max(seen.left.values()) / max(seen.last.gain.total, 1e-300), 1.0)
+    ]
+    if not found.passed and not any(gate.passed for gate in alternatives):
+        alternatives.append(seen.nearly_all)
+    return replace(found, or_else=(*found.or_else, *alternatives))
+
+
+_OBJECTIONS: tuple[Callable[[_Seen], list[Gate]], ...] = (
+    _makes_nothing_worse,
+    _is_not_negligible,
+    _is_sure,
+    _is_no_bias_that_drifts,
+    _is_no_drift_of_one_reading,
+    _is_symmetric_or_explains_all,
+    _is_no_imitation,
+)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import Gate, all_passed
 from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
@@ -18,9 +19,17 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed, without
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, in_order, sine, small_first
+from casid.diagnosis.naming.comparing import (
+    can_be_named,
+    equivalents_of,
+    gains_enough,
+    in_order,
+    ranked_behind,
+    sine,
+    small_first,
+)
 from casid.diagnosis.naming.events import Intervals, configuration_changes
-from casid.diagnosis.naming.explaining import doubt
+from casid.diagnosis.naming.explaining import explains
 from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.naming.trials import is_same, required_gain, settled, try_cause, worth_trying
@@ -72,11 +81,11 @@ def name_causes(
         state = one_round(state, catalogue, required)
         if not state.rounds[-1].named:
             break
-        why = doubt_of(accepted, state)
-        if why and (other := all_reconsidered(state, required)) is not state:
-            state, why = other, doubt_of(accepted, other)
-        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], doubt=why)))
-        if not why:
+        gates = believed(accepted, state)
+        if not all_passed(gates) and (other := all_reconsidered(state, required)) is not state:
+            state, gates = other, believed(accepted, other)
+        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], believed=gates)))
+        if all_passed(gates):
             accepted = state
         elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
             break
@@ -88,10 +97,10 @@ def name_causes(
     return replace(accepted, rounds=(*accepted.rounds, *refused))
 
 
-def doubt_of(accepted: Naming, state: Naming) -> str:
-    """Why the last cause is not believed; "" when it is, and of what is too small to matter."""
+def believed(accepted: Naming, state: Naming) -> tuple[Gate, ...]:
+    """What the last cause must pass to be believed; nothing where it is too small to matter."""
     last = state.rounds[-1].leader
-    return doubt(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ""
+    return explains(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ()
 
 
 def _standing(
@@ -125,7 +134,7 @@ def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Na
     observed = [c for c in state.observed if c.name in names]
     switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in attached)
     switches = configuration_changes(state.evidence) if switching else []
-    chosen = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, required)
+    chosen, screened = worth_trying(state.evidence.fit, candidates, cautious, observed, switches, required)
     apart = criteria.events.apart
     chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
     trials, fits, intervals = _tried(
@@ -142,6 +151,8 @@ def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Na
         trials=tuple(trials),
         equivalents=equivalents,
         named=best is not None,
+        screened=screened,
+        ranked=ranked_behind(trials[0], trials, criteria) if trials else {},
     )
     if best is None:
         return replace(state, rounds=(*state.rounds, this))
@@ -172,13 +183,15 @@ def _tried(
 
     at_once = state.criteria.numerics.naming.side_by_side
     for first in range(0, len(candidates), at_once):
-        for trial, fitted, interval in side_by_side(run, candidates[first : first + at_once]):
+        for tried, fitted, interval in side_by_side(run, candidates[first : first + at_once]):
+            enough = gains_enough(tried, prices(tried, state, required)) if tried.given_up is None else None
+            trial = replace(tried, enough=enough)
             trials.append(trial)
             if not trial.refuted:
                 give_up = min(give_up, fitted.deviance + state.criteria.naming.give_up * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
-            if can_be_named(trial, price(trial, state, required)):
+            if can_be_named(trial):
                 fits[trial] = fitted
     return trials, fits, intervals
 
@@ -264,25 +277,30 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     return evidence.fit[name] ** 2 > by.needed * by.gain * evidence.covariance[index, index]
 
 
-def price(trial: Trial, state: Naming, required: float) -> float:
-    """Gain that a trial must exceed: what the rough shape of an earlier cause, or of turbulence, leaves is no evidence
-    for another. But kinematics have turbulence in them and know no aerodynamics, so what they find is. What a cause
-    that is no event gains while the event does not act counts as it does beside any other cause."""
+def prices(trial: Trial, state: Naming, required: float) -> dict[str, float]:
+    """Name of criterion -> gain that a trial must reach by it.
+
+    What the rough shape of an earlier cause, or of turbulence, leaves is no evidence for another cause. What kinematics
+    find is: they include turbulence and know no aerodynamics. The gain of a permanent cause at times at which an
+    earlier event does not act counts as it does beside any other cause.
+    """
     effect, by = trial.effect, state.criteria.naming
-    prices = [required_gain(effect, state.criteria), 0.0 if trial.confirmed else required]
+    of_a_name = "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
+    found = {of_a_name: required_gain(effect, state.criteria), "turbulence.left": 0.0 if trial.confirmed else required}
     for round_ in state.named:
         earlier = round_.leader
         one = earlier.candidate.attached
         if trial.confirmed and not one.effect.kinematic:
             continue
-        part = by.left_to_others
+        part, name = by.left_to_others, "naming.left_to_others"
         if (one.effect.timed and effect.timed) or _of_one_shape(round_, effect):
-            part = by.left_by_an_event
+            part, name = by.left_by_an_event, "naming.left_by_an_event"
         elif one.effect.timed:
             elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
             part = min(by.left_by_an_event_to_others, by.left_to_others / max(elsewhere, 1e-9))
-        prices.append(part * earlier.gain.raw)
-    return max(prices)
+            name = "naming.left_by_an_event_to_others" if part == by.left_by_an_event_to_others else name
+        found[name] = max(found.get(name, 0.0), part * earlier.gain.raw)
+    return found
 
 
 def _of_one_shape(round_: Round, other: Effect) -> bool:
@@ -372,7 +390,8 @@ def with_best_of(state: Naming, at: int, trials: Sequence[Trial], required: floa
     if not nameable:
         return state
     rounds = list(state.rounds)
-    rounds[at] = replace(round_, equivalents=equivalents_of(trials[0], trials, criteria))
+    ranked = {**round_.ranked, **ranked_behind(trials[0], trials, criteria)}
+    rounds[at] = replace(round_, equivalents=equivalents_of(trials[0], trials, criteria), ranked=ranked)
     if trials[0].effect.key == best.effect.key:
         return replace(state, rounds=tuple(rounds))
     first, evidence, moved = settled(trials[0], fits[trials[0]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.diagnosis.criteria import SizeCriteria
+from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
 from casid.diagnosis.evidence.coefficients import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -15,18 +15,31 @@ from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
 
+def plausible_size(one: Attached) -> tuple[Gate, ...]:
+    """What the values of an effect must pass to be physically possible."""
+    effect, value = one.effect, one.values["value"]
+    lowest = -effect.limit if effect.lowest is None else effect.lowest
+    gates = (
+        at_least("smallest possible value", value, lowest),
+        at_most("largest possible value", value, effect.limit),
+        *(at_most(f"largest possible {name}", abs(one.values[name]), most) for name, most in effect.limits.items()),
+    )
+    return tuple(gate for gate in gates if np.isfinite(gate.threshold))
+
+
 def plausible(one: Attached) -> bool:
     """Whether a fitted size is physically possible."""
-    effect = one.effect
-    further = all(abs(one.values[name]) <= limit for name, limit in effect.limits.items())
-    lowest = -effect.limit if effect.lowest is None else effect.lowest
-    return further and lowest <= one.values["value"] <= effect.limit
+    return all_passed(plausible_size(one))
 
 
-def is_artefact(one: Attached, share: float, criteria: SizeCriteria) -> bool:
-    """Whether a term exceeds by far what its coefficient varies by, which flaps and gear may; `share` as of
-    `meaningful_share`."""
-    return one.effect.regressor is not None and share > criteria.largest_share / criteria.share
+def possible_size(fitted: FlightFit, one: Attached, share: float) -> tuple[Gate, ...]:
+    """`plausible_size`, and that a term does not exceed by far what its coefficient varies by, which flaps and gear
+    may; `share` as of `meaningful_share`."""
+    by = fitted.criteria.size
+    if one.effect.regressor is None:
+        return plausible_size(one)
+    too_large = at_most("part of the coefficient", share * by.share, by.largest_share, "size.largest_share")
+    return (*plausible_size(one), too_large)
 
 
 def meaningful_share(fitted: FlightFit, one: Attached) -> float:

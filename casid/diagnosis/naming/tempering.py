@@ -15,7 +15,7 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence
-from casid.diagnosis.naming.comparing import equivalents_of
+from casid.diagnosis.naming.comparing import equivalents_of, ranked_behind
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Round, Trial
 
@@ -34,7 +34,8 @@ def _tempered(round_: Round, left: _Left, criteria: Criteria) -> Round:
     earlier = {one.effect.key for one in round_.equivalents}
     found = equivalents_of(best, [best, *rivals], criteria)
     kept = [one for one in rivals if one.effect.key in earlier and one not in found]
-    return replace(round_, trials=(best, *rivals), equivalents=(*found, *kept))
+    ranked = ranked_behind(best, rivals, criteria)
+    return replace(round_, trials=(best, *rivals), equivalents=(*found, *kept), ranked=ranked)
 
 
 def _response(trial: Trial) -> np.ndarray:

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import Gate, all_passed, at_least
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.screening import Candidate, equivalence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.late import as_read, lateness
-from casid.diagnosis.kinematics.check import hopeless, kinematic_check
-from casid.diagnosis.naming.events import Intervals, at_peak, further_records, is_sudden, weak_members
+from casid.diagnosis.kinematics.check import kinematic_check, worth_fitting
+from casid.diagnosis.naming.events import Intervals, at_peak, further_records, sudden, weak_members
 from casid.diagnosis.naming.round import Gain, Trial
-from casid.diagnosis.naming.size import is_artefact, meaningful_share, plausible
+from casid.diagnosis.naming.size import meaningful_share, possible_size
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
+
+Screened = Mapping[str, tuple[Gate, ...]]  # name of a candidate that is not tried -> its gates, of which one failed
 
 
 def worth_trying(
@@ -31,20 +34,33 @@ def worth_trying(
     observed: Sequence[Candidate],
     switches: Sequence[Candidate],
     required: float,
-) -> list[Candidate]:
+) -> tuple[list[Candidate], Screened]:
     """The best few of the three rankings, and only what could reach the `required` gain, unless kinematics
-    may confirm it, and a size that matters at all. A configuration change is scored in one record only, so it cannot be
-    ranked with the others."""
+    may confirm it, and a size that matters at all; and why the others are not tried. A configuration change is scored
+    in one record only, so it cannot be ranked with the others."""
     criteria = base.criteria
     trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
     apart = criteria.events.apart
-    chosen = [*_best_few(base, candidates, trials), *_best_few(base, switches, 1)]
+    chosen, screened = _best_few(base, candidates, trials)
+    switching, others = _best_few(base, switches, 1)
+    chosen, screened = [*chosen, *switching], {**others, **screened}
     for ranking in (cautious, observed):
         before = tuple(chosen)
-        chosen += [
-            c for c in _best_few(base, ranking, few) if not any(is_same(c.attached, b.attached, apart) for b in before)
-        ]
-    return [c for c in chosen if c.net > criteria.naming.tried_gain * required or c.attached.effect.kinematic]
+        further, others = _best_few(base, ranking, few)
+        chosen += [c for c in further if not any(is_same(c.attached, b.attached, apart) for b in before)]
+        screened = {**others, **screened}
+    faint = {c.name: gates for c in chosen if not all_passed(gates := _beside_turbulence(c, required, criteria))}
+    chosen = [c for c in chosen if c.name not in faint]
+    tried = {c.name for c in chosen}
+    return chosen, {name: gates for name, gates in {**screened, **faint}.items() if name not in tried}
+
+
+def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria) -> tuple[Gate, ...]:
+    """What a cause must promise of the gain that the rough model of turbulence leaves to others."""
+    if candidate.attached.effect.kinematic:
+        return ()
+    part = criteria.naming.tried_gain * required
+    return (at_least("promised gain beside turbulence", candidate.net, part, "naming.tried_gain"),)
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
@@ -55,20 +71,21 @@ def is_same(one: Attached, other: Attached, apart: float) -> bool:
     return near and one.values["value"] * other.values["value"] > 0.0
 
 
-def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> tuple[list[Candidate], Screened]:
     """`count` of them, no more than two terms of one coefficient; and beside these such as promise the same, for
-    they may be one set."""
-    criteria, numerics = base.criteria.naming, base.criteria.numerics.naming
-    reached = criteria.tried_gain * criteria.gain
+    they may be one set. And why the others are not tried."""
+    numerics, screened = base.criteria.numerics.naming, dict[str, tuple[Gate, ...]]()
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
     for candidate in candidates:
-        effect = candidate.attached.effect
-        if candidate.net < reached or len(chosen) == count:
-            break
-        share = meaningful_share(base, candidate.attached)
-        clear = effect.of_an_instrument or share**2 * candidate.statistic > criteria.tried_clear * clear_gain(base)
-        if share < criteria.tried_size or not clear:
+        effect, enough = candidate.attached.effect, _promised_gain(candidate, base.criteria)
+        if not enough.passed or len(chosen) == count:
+            rank = at_least("places left among those tried", count - len(chosen), 1.0)
+            screened[candidate.name] = (enough, *((rank,) if enough.passed else ()))
+            continue
+        gates = (enough, *_promised_size(base, candidate))
+        if not all_passed(gates):
+            screened[candidate.name] = gates
             continue
         terms = [
             c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
@@ -77,12 +94,31 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> l
             near = terms[0].net - candidate.net < equivalence(terms[0].net, base.criteria)
             if len(terms) < numerics.equivalent_terms and near:
                 alike.append(candidate)
+            else:
+                rank = at_least("places left among terms of its coefficient", numerics.terms - len(terms), 1.0)
+                screened[candidate.name] = (*gates, rank)
             continue
         chosen.append(candidate)
     names = {one.name for one in (*chosen, *alike)}
-    others = [c for c in candidates if c.name not in names and c.net > reached]
+    others = [c for c in candidates if c.name not in names and _promised_gain(c, base.criteria).passed]
     alike += [c for c in others if any(_promise_the_same(c, one, base.criteria) for one in chosen)]
-    return [*chosen, *alike]
+    return [*chosen, *alike], screened
+
+
+def _promised_gain(candidate: Candidate, criteria: Criteria) -> Gate:
+    """What a cause must promise to be fitted."""
+    by = criteria.naming
+    return at_least("promised gain", candidate.net, by.tried_gain * by.gain, "naming.tried_gain")
+
+
+def _promised_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
+    """The size that a cause must promise to be fitted, in units of what matters, and how clear that must be."""
+    share, by = meaningful_share(base, candidate.attached), base.criteria.naming
+    gates = (at_least("promised size", share, by.tried_size, "naming.tried_size"),)
+    if candidate.attached.effect.of_an_instrument:
+        return gates
+    clear = share**2 * candidate.statistic / clear_gain(base)
+    return (*gates, at_least("promised clearness", clear, by.tried_clear, "naming.tried_clear"))
 
 
 def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
@@ -99,8 +135,9 @@ def try_cause(
     not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
     half the predicted size and any larger one."""
     base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
-    if hopeless(kinematic, attached):
-        return _given_up(base, candidate), evidence, {}
+    seen = worth_fitting(kinematic, attached)
+    if seen is not None and not seen.passed:
+        return _given_up(base, candidate, seen), evidence, {}
     interval: Intervals = {}
     # of size zero, the further values of an effect would be free of any sense
     alone = attached.effect.linear and set(attached.values) == {"value"}
@@ -109,7 +146,7 @@ def try_cause(
         fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # it makes an aircraft that cannot fly the record, or hardly
-        return _given_up(base, candidate), evidence, {}
+        return _given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}
     if attached.effect.timed:
         wider = further_records(joint, fitted.attached[-1])
         if len(wider.onsets) > len(attached.onsets):
@@ -138,15 +175,27 @@ def try_cause(
             exact=base.deviance - fitted.deviance,
         ),
         where=_where(base, fitted),
-        meaningful=matters(share, clear, clear_gain(base), check.confirmed or one.effect.of_an_instrument)
-        and plausible(one)
-        and not is_artefact(one, share, base.criteria.size)
-        and not _from_the_start(fitted, one)
-        and (not one.effect.recurring or is_sudden(evidence, one, joint)),
+        size=_size(fitted, one, share, clear, clear_gain(base), check.confirmed),
         share=share,
         check=check,
     )
+    if trial.meaningful and one.effect.recurring:
+        trial = replace(trial, size=(*trial.size, sudden(evidence, one, joint)))
     return trial, joint, interval
+
+
+def _size(
+    fitted: FlightFit, one: Attached, share: float, gain: float, clear: float, confirmed: bool
+) -> tuple[Gate, ...]:
+    """What the fitted size of a cause must pass: it matters, is clear, is possible, and an event begins in a record."""
+    alone = confirmed or one.effect.of_an_instrument
+    gates = (*matters(share, gain, clear, fitted.criteria, alone), *possible_size(fitted, one, share))
+    if not one.onsets:
+        return gates
+    edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
+    first = {record.name: record.t[0] + edge for record in fitted.flight.records}
+    latest = max(onset - first[record] for record, onset in one.onsets.items())
+    return (*gates, at_least("onset after the beginning of a record", latest, within, "events.at_start"))
 
 
 def _where(base: FlightFit, fitted: FlightFit) -> np.ndarray:
@@ -155,7 +204,7 @@ def _where(base: FlightFit, fitted: FlightFit) -> np.ndarray:
     return gained / gained.sum() if gained.sum() > 0.0 else np.zeros((0, 0))
 
 
-def _given_up(base: FlightFit, candidate: Candidate) -> Trial:
+def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
     return Trial(
         candidate=candidate,
         std=candidate.std,
@@ -169,8 +218,8 @@ def _given_up(base: FlightFit, candidate: Candidate) -> Trial:
         ),
         where=np.zeros((0, 0)),
         share=meaningful_share(base, candidate.attached),
-        meaningful=False,
-        given_up=True,
+        size=(),
+        given_up=because,
     )
 
 
@@ -186,17 +235,16 @@ def clear_gain(base: FlightFit) -> float:
     return by.clear_of_misfit if base.flight.noise_by_fit else by.clear
 
 
-def matters(share: float, gain: float, clear: float, unlike_aerodynamics: bool = False) -> bool:
-    """Whether a size, in units of the smallest that matters, matters and is clear enough to be believed, or nothing in
-    the aerodynamics could look like it."""
-    return share >= 1.0 and (unlike_aerodynamics or share**2 * gain > clear)
-
-
-def _from_the_start(fitted: FlightFit, one: Attached) -> bool:
-    """Whether an event sets in as early in every record as events are looked for: then it is none."""
-    edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
-    first = {record.name: record.t[0] + edge for record in fitted.flight.records}
-    return bool(one.onsets) and all(onset < first[record] + within for record, onset in one.onsets.items())
+def matters(
+    share: float, gain: float, clear: float, criteria: Criteria, unlike_aerodynamics: bool = False
+) -> tuple[Gate, ...]:
+    """What a size must pass: it is at least the smallest that matters, and clear enough to be believed, unless nothing
+    in the aerodynamics could look like it."""
+    size = at_least("size, of what matters", share, 1.0, "size.share")
+    if unlike_aerodynamics:
+        return (size,)
+    name = "naming.clear" if clear == criteria.naming.clear else "naming.clear_of_misfit"
+    return size, at_least("clearness", share**2 * gain, clear, name)
 
 
 def _std(fitted: FlightFit, one: Attached) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -11,6 +12,7 @@ import numpy as np
 
 from casid.arguments import an
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import IN_A_SET, MINOR, NAMED, REFUSED, Decision, Gate, Trace, at_least
 from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.criteria import SystemCriteria
@@ -89,9 +91,9 @@ def diagnose_system(
     first = naming.wholes[0]
     given = fly(base, model.nominal, held, question)
     refitted = fly(base, first.found.values, held, question)
-    naming, extended, gains = _that_recurs(naming, question, held)
+    naming, extended, gains, lost = _that_recurs(naming, question, held)
     best = naming.best
-    named, minor = _named(naming, question, gains, ports)
+    named, minor, gates = _named(naming, question, gains, ports)
     unexplained = _unexplained(naming, ports, criteria.systems)
     values = _values(model, naming, question)
     verdict, sentence = _verdict(named, minor, unexplained, values)
@@ -113,6 +115,7 @@ def diagnose_system(
         noise=question.noise,
         held_out=tuple(held),
         seconds=time.perf_counter() - begin,
+        trace=_trace(naming, gates, lost, {one.name: NAMED for one in named} | {one.name: MINOR for one in minor}),
     )
 
 
@@ -141,10 +144,11 @@ def _question(model: Model, records: Sequence[Record], criteria: Criteria) -> tu
 
 def _that_recurs(
     naming: SystemNaming, question: Question, held: Sequence[Record]
-) -> tuple[SystemNaming, Flown, dict[str, float | None]]:
-    """The naming without causes that help only where they were fitted, its best model on the held-out records, and what
-    each of its causes gains there. The gain is log likelihood per reading against the best without it, None for what is
-    in some records only, of which others say nothing."""
+) -> tuple[SystemNaming, Flown, dict[str, float | None], dict[str, Gate]]:
+    """The naming without causes that help only where they were fitted, its best model on the held-out records, what
+    each of its causes gains there, and by name the gates of those that lost. The gain is log likelihood per reading
+    against the best without it, None for what is in some records only, of which others say nothing."""
+    lost: dict[str, Gate] = {}
     while True:
         extended, gains = fly(naming.best.found.extended, naming.best.found.values, held, question), {}
         for one in naming.best.attached:
@@ -155,29 +159,63 @@ def _that_recurs(
                 gains[one.name] = extended.log_likelihood - other.log_likelihood
         worst = min(gains, key=lambda name: math.inf if gains[name] is None else float(gains[name] or 0.0), default="")
         gain = gains.get(worst)
-        if gain is None or gain > 0.0:
-            return naming, extended, gains
+        if gain is None or (gate := _recurs(gain)).passed:
+            return naming, extended, gains, lost
+        lost[worst] = gate
         naming = SystemNaming(
             wholes=tuple(one for one in naming.wholes if worst not in one.names), criteria=naming.criteria
         )
 
 
+def _recurs(gain: float) -> Gate:
+    """What a cause must pass on the held-out records."""
+    return at_least("gain on held-out records", gain, sys.float_info.min)
+
+
+def _trace(
+    naming: SystemNaming, gates: Mapping[str, tuple[Gate, ...]], lost: Mapping[str, Gate], told: Mapping[str, str]
+) -> Trace:
+    """The decisions on every cause that was fitted: `gates` of those in the best model, those that were `lost` on the
+    held-out records, and the outcome of those that are `told`."""
+    best, found = naming.best.names, []
+    members = {name: one for one in best if one in told for name, _ in naming.rivals(one)}
+    for name in dict.fromkeys(name for whole in naming.wholes for name in sorted(whole.names)):
+        odds = at_least("log odds against the best model without it", naming.log_odds(name), 0.0)
+        found.append(
+            Decision(
+                cause=name,
+                round=1,
+                outcome=told.get(name, IN_A_SET if name in members else REFUSED),
+                gates=(odds, *gates.get(name, ())),
+                against=tuple(other for other, _ in naming.rivals(name)) if name in best else tuple(sorted(best)),
+            )
+        )
+    refused = [Decision(cause=name, round=1, outcome=REFUSED, gates=(gate,)) for name, gate in lost.items()]
+    return Trace(decisions=(*found, *refused))
+
+
 def _named(
     naming: SystemNaming, question: Question, gains: Mapping[str, float | None], ports: Sequence[Port]
-) -> tuple[tuple[SystemCause, ...], tuple[SystemCause, ...]]:
-    """Causes of the best whole that are worth their names, those that matter and those that do not."""
-    causes, minor = [], []
+) -> tuple[tuple[SystemCause, ...], tuple[SystemCause, ...], dict[str, tuple[Gate, ...]]]:
+    """Causes of the best whole that are worth their names, those that matter and those that do not; and by name, what
+    each cause of it had to pass."""
+    causes, minor, gates = [], [], {}
     best = naming.best
     accumulates = {port.disturbance for port in ports if port.kind == "state derivative" and port.matters is None}
     for one in best.attached:
         rivals = naming.rivals(one.name)
         together = naming.probability([one.name, *(name for name, _ in rivals)])
-        if together < best.evidence.priors.named:
+        sure = at_least("probability of its set", together, best.evidence.priors.named, "priors.named")
+        gain = gains[one.name]
+        gates[one.name] = (*(() if gain is None else (_recurs(gain),)), sure)
+        if not sure.passed:
             continue
         value, std = best.found.values[one.name], best.std(one.name)
         share, share_std = share_of(best, one, question)
         if share + share_std < 1.0 and one.cause.port in accumulates:
             share = max(share, change_of_outputs(best.found, one.name) / question.criteria.size.share)
+        matters = at_least("size with its deviation, of what matters", share + share_std, 1.0, "size.share")
+        gates[one.name] = (*gates[one.name], matters)
         size = f"{value:.4g} +- {std:.2g}" + (f" {one.cause.unit}" if one.cause.unit else "")
         found_cause = SystemCause(
             kind=one.cause.kind,
@@ -196,8 +234,12 @@ def _named(
             sentence=one.stated(value, size),
             share=share,
         )
-        (causes if share + share_std >= 1.0 else minor).append(found_cause)
-    return tuple(sorted(causes, key=lambda c: -c.log_odds)), tuple(sorted(minor, key=lambda c: -c.log_odds))
+        (causes if matters.passed else minor).append(found_cause)
+    return (
+        tuple(sorted(causes, key=lambda c: -c.log_odds)),
+        tuple(sorted(minor, key=lambda c: -c.log_odds)),
+        gates,
+    )
 
 
 def _unexplained(naming: SystemNaming, ports: Sequence[Port], criteria: SystemCriteria) -> tuple[Unexplained, ...]:

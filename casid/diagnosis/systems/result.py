@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from casid.diagnosis.decision import Trace
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown
@@ -17,7 +18,7 @@ from casid.model.port import Port
 from casid.model.system import Model
 from casid.records.record import Record
 
-SCHEMA = "casid.diagnosis/2"
+SCHEMA = "casid.diagnosis/3"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +58,11 @@ class SystemCause:
     indistinguishable_from: tuple[tuple[str, float], ...]
     sentence: str
     share: float
+
+    @property
+    def name(self) -> str:
+        """As "input_lag(voltage)"."""
+        return f"{self.kind}({self.target}:{self.term})" if self.term else f"{self.kind}({self.target})"
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `causes` or `minor` of diagnosis.json."""
@@ -163,6 +169,8 @@ class SystemDiagnosis:
         The records of these simulations, which no fit has seen.
     seconds
         Wall time.
+    trace
+        The decisions on every cause that was fitted, see `why` and `why_not`.
     """
 
     verdict: str
@@ -182,6 +190,15 @@ class SystemDiagnosis:
     noise: Mapping[str, float]
     held_out: tuple[Record, ...]
     seconds: float
+    trace: Trace = Trace()
+
+    def why(self, cause: str) -> Trace:
+        """The decisions on a cause that was fitted, as of `Diagnosis.why`."""
+        return self.trace.of(cause)
+
+    def why_not(self, cause: str) -> Trace:
+        """The decisions that kept a cause from being named, as of `Diagnosis.why_not`."""
+        return self.trace.against(cause)
 
     @property
     def contradicted(self) -> tuple[ParameterValue, ...]:
@@ -219,6 +236,7 @@ class SystemDiagnosis:
                 {"port": one.port.name, "kind": one.port.kind, "probability": one.probability, "sentence": one.sentence}
                 for one in self.unexplained
             ],
+            "decisions": [one.to_dict() for one in self.trace.decisions],
             "explanations": [{"causes": sorted(names), "probability": p} for names, p in self.explanations.items()],
             "budget": self.budget.to_dict(),
             "as_given": _channels(self.as_given, self.noise),

@@ -13,6 +13,7 @@ from diagnosis_flights import trial_of
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import at_least, at_most
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.judging.belief import believed
@@ -119,7 +120,7 @@ def test_what_was_refused_is_not_there() -> None:
     """A round whose leader gained much and was doubted for what it left missing; one whose leader gained as much and
     was not named for another reason: that is no surer than a name must be."""
     gained = trial_of(LAG, 400.0)
-    refused = replace(round_of(gained, named=False), doubt="it leaves half of what was missing")
+    refused = replace(round_of(gained, named=False), believed=(at_most("part still missing", 0.5, 0.25),))
     assert believed([], [], naming_of(refused), []).there == {}
     there = believed([], [], naming_of(round_of(gained, named=False)), []).there
     assert there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
@@ -127,7 +128,9 @@ def test_what_was_refused_is_not_there() -> None:
 
 def test_what_was_refuted_is_no_rival() -> None:
     first = trial_of(LAG, 300.0, fingerprint=ALONG)
-    refuted = replace(trial_of(DELAY, 300.0, fingerprint=ALONG), given_up=True)
+    refuted = replace(
+        trial_of(DELAY, 300.0, fingerprint=ALONG), given_up=at_least("found by kinematics at half its size", 0.0, 0.3)
+    )
     found = believed([cause_of(LAG)], [], naming_of(round_of(first, refuted)), [])
     assert found.causes[0].probability == pytest.approx(1.0 - DOUBT)
 

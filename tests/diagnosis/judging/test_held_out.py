@@ -44,7 +44,7 @@ def test_held_out_records_that_hardly_move_a_cause_do_not_refuse_it(monkeypatch,
     monkeypatch.setattr(held_out, "without", lambda fit, names: on_held[0].fit)
     monkeypatch.setattr(held_out, "predicted_on", lambda held, fit: on_held[0])
     steps = [one.fit for one in on_held]
-    final, _ = best_on_held([], steps, on_held, held_gains(on_held), [560.0])  # pyright: ignore
+    final, _, _ = best_on_held([], steps, on_held, held_gains(on_held), [560.0])  # pyright: ignore
     assert [one.name for one in final.attached] == kept
 
 
@@ -57,7 +57,7 @@ def test_what_loses_first_does_not_take_what_is_right_behind_it_with_it(monkeypa
     monkeypatch.setattr(held_out, "without", lambda fit, names: right.fit)
     monkeypatch.setattr(held_out, "predicted_on", lambda held, fit: right)
     steps = [one.fit for one in on_held]
-    final, _ = best_on_held([], steps, on_held, held_gains(on_held), [7.0, 5.0, 5.0])  # pyright: ignore
+    final, _, _ = best_on_held([], steps, on_held, held_gains(on_held), [7.0, 5.0, 5.0])  # pyright: ignore
     assert [one.name for one in final.attached] == ["vane", "arm"]
 
 

@@ -10,6 +10,7 @@ import pytest
 from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import at_least
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -20,7 +21,7 @@ from casid.diagnosis.judging.verdict import minor_trials
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
 from casid.diagnosis.naming import naming
-from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, small_first
+from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, gains_enough, small_first
 from casid.diagnosis.naming.naming import Naming
 from casid.diagnosis.naming.round import Round, Trial
 from casid.diagnosis.naming.trials import try_cause
@@ -98,7 +99,7 @@ def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -
     round_ = Round(candidates=(), trials=tried, equivalents=(), named=True)
     play = trial_of(Attached(effect=dead_zone("delta_e"), values={"value": 0.01}), 240.0)
     asked = [
-        naming.price(trial, SimpleNamespace(named=[round_], criteria=Criteria()), 40.0)  # pyright: ignore
+        max(naming.prices(trial, SimpleNamespace(named=[round_], criteria=Criteria()), 40.0).values())  # pyright: ignore
         for trial in (term("CD", "beta^2*q", 240.0), term("CD", "beta*p*q", 230.0), term("CD", "p^2", 240.0), play)
     ]
     assert asked == pytest.approx([1400.0, 1400.0, 70.0, 70.0])
@@ -127,6 +128,11 @@ def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attac
     assert {"thrust_line", "aero_term"} <= {trial.effect.kind for trial in found.rounds[0].trials}
 
 
+def asked(trial: Trial) -> Trial:
+    """The trial where a name needs a gain of 40."""
+    return replace(trial, enough=gains_enough(trial, {"naming.gain": 40.0}))
+
+
 @pytest.mark.parametrize(("ahead", "first"), [(500.0, "sensor_delay(psi)"), (5.0, "sensor_scale(ay)")])
 def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: float, first: str) -> None:
     """Left out, it would make a cause of something else; as good as another, it is no reason to pass that over."""
@@ -134,12 +140,9 @@ def test_what_is_too_small_to_matter_goes_first_where_it_explains_most(ahead: fl
         Attached(effect=effect, values={"value": value})
         for effect, value in ((sensor_delay("psi"), 0.04), (sensor_scale("ay"), 0.1), (aero_term("Cm", "alpha^2"), 1.0))
     )
-    delay, term = (
-        replace(trial_of(one, gain), meaningful=False, share=0.8)
-        for one, gain in ((late, 1000.0 + ahead), (nonlinear, 5000.0))
-    )
+    delay, term = (trial_of(one, gain, share=0.8) for one, gain in ((late, 1000.0 + ahead), (nonlinear, 5000.0)))
     scale = trial_of(steep, 1000.0)
-    assert can_be_named(delay, 40.0) and can_be_named(scale, 40.0) and not can_be_named(term, 40.0)
+    assert [can_be_named(asked(one)) for one in (delay, scale, term)] == [True, True, False]
     assert small_first([scale, delay, term], [delay, scale], Criteria())[0].candidate.name == first
 
 
@@ -149,9 +152,10 @@ def test_a_late_aileron_too_small_to_matter_goes_before_a_slow_clock_that_it_loo
         trial_of(Attached(effect=effect, values={"value": value}), gain)
         for effect, value, gain in ((input_delay("delta_a"), 0.017, 420.0), (clock_drift("surfaces"), 0.002, 250.0))
     )
-    late = replace(late, meaningful=False, share=0.7)
+    late, unclear = (asked(trial_of(late.candidate.attached, 420.0, share=share)) for share in (0.7, 1.5))
+    unclear = replace(unclear, size=(at_least("clearness", 1.0, 400.0),))
     assert late.effect.of_a_surface and not gust("z").of_a_surface and not sensor_delay("p").of_a_surface
-    assert can_be_named(late, 40.0) and not can_be_named(replace(late, share=1.5), 40.0)
+    assert can_be_named(late) and not can_be_named(unclear)
     assert small_first([slow], [late, slow], Criteria())[0] is late
 
 
@@ -194,7 +198,7 @@ def test_what_looks_alike_at_one_place_is_minor_once() -> None:
     """A delay and a lag of the elevator that are one; a bias that has the same fingerprint acts elsewhere."""
 
     def small(one: Attached, gain: float):
-        return replace(trial_of(one, gain, fingerprint=[1.0, 0.0]), meaningful=False)
+        return trial_of(one, gain, fingerprint=[1.0, 0.0], share=0.5)
 
     trials = [small(LAGGED, 422.0), small(LATE, 424.0), small(BIAS, 300.0)]
     state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)], criteria=Criteria())

@@ -13,7 +13,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming import events, trials
-from casid.diagnosis.naming.events import is_sudden
+from casid.diagnosis.naming.events import sudden
 from casid.model.causes import configuration_change, effectiveness_change, wind_shear
 from problems.do328 import do328
 
@@ -40,26 +40,26 @@ def _beside(evidence: Evidence, one: Attached) -> Evidence:
 def test_a_jump_is_sudden(onset: float) -> None:
     """Truth: of a step in the middle a cubic explains 3/4 + 7/64 = 86 %, of one nearer to an end less."""
     without = _without(0.01 * (onset < _T))
-    assert is_sudden(without, _jump(onset), without)
+    assert sudden(without, _jump(onset), without).passed
 
 
 def test_a_slow_change_is_no_jump_wherever_one_is_tried() -> None:
     """Drag that grows and settles within half a minute, as with the speed."""
     evidence = _without(0.005 * (1.0 + np.sin(np.pi * (_T - 20.0) / 40.0)))
     tried = [_jump(onset) for onset in np.arange(5.0, 36.0, 5.0)]
-    assert not any(is_sudden(evidence, one, _beside(evidence, one)) for one in tried)
+    assert not any(sudden(evidence, one, _beside(evidence, one)).passed for one in tried)
 
 
-@pytest.mark.parametrize(("left", "sudden"), [(10.0, True), (5000.0, False)])
+@pytest.mark.parametrize(("left", "is_sudden"), [(10.0, True), (5000.0, False)])
 def test_a_jump_beside_which_nothing_is_missing_is_sudden(
-    monkeypatch: pytest.MonkeyPatch, left: float, sudden: bool
+    monkeypatch: pytest.MonkeyPatch, left: float, is_sudden: bool
 ) -> None:
     """An engine that lost a third of its thrust at 4.9 s: a cubic of time did 97 % of it, and 2500 less."""
     gains = iter((77291.0, 74746.0))
     monkeypatch.setattr(events, "_gain_of", lambda evidence, white: next(gains))
     monkeypatch.setattr(events, "missing_at", lambda evidence, stations: [SimpleNamespace(gain=left)])
     evidence = _without(0.01 * (_T > 5.0))
-    assert is_sudden(evidence, _jump(5.0), evidence) == sudden
+    assert sudden(evidence, _jump(5.0), evidence).passed == is_sudden
 
 
 def test_a_shear_that_ends_is_found_to_end() -> None:
@@ -78,7 +78,7 @@ def test_a_surface_that_rests_cannot_tell_sudden_from_slow() -> None:
     """Two doublets of the rudder: what happens between them is anyone's guess, and the event is not refused for it."""
     rudder = Attached(effect=effectiveness_change("delta_r"), values={"value": -0.3}, onsets={"m1": 8.0})
     evidence = _without(np.zeros(len(_T)))
-    assert is_sudden(evidence, rudder, evidence)
+    assert sudden(evidence, rudder, evidence).passed
 
 
 @pytest.mark.parametrize(("peak", "joins"), [(12.0, True), (26.0, False), (0.0, False)])

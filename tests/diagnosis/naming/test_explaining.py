@@ -9,9 +9,10 @@ import pytest
 from diagnosis_flights import trial_of
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import all_passed
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming import explaining
-from casid.diagnosis.naming.explaining import doubt
+from casid.diagnosis.naming.explaining import explains as gates_of
 from casid.model.causes import (
     aero_term,
     effectiveness_change,
@@ -47,7 +48,7 @@ def test_a_term_must_leave_less_than_other_causes(
     before = [SimpleNamespace(station="dCn", gain=1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     after = [SimpleNamespace(station="dCn", gain=left * 1e5), SimpleNamespace(station="reading_r", gain=0.0)]
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
-    assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
+    assert all_passed(gates_of(before, after, trial, evidence)) == explains  # pyright: ignore
 
 
 @pytest.mark.parametrize(("gain", "explains"), [(4000.0, False), (40000.0, True)])
@@ -59,7 +60,7 @@ def test_a_cause_that_leaves_all_that_is_missing_must_gain_more_than_that(
     trial = trial_of(one, gain)
     missing = [SimpleNamespace(station="dCl", gain=18210.0), SimpleNamespace(station="reading_p", gain=0.0)]
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
-    assert (doubt(missing, missing, trial, evidence) == "") == explains  # pyright: ignore
+    assert all_passed(gates_of(missing, missing, trial, evidence)) == explains  # pyright: ignore
 
 
 @pytest.mark.parametrize(("exactly", "explains"), [(598.0, True), (0.15 * 841357.0, False)])
@@ -77,7 +78,7 @@ def test_a_term_that_explains_nearly_all_is_believed_though_small_terms_would_do
         for Cl in (499.0, 481.0)
     )
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
-    assert (doubt(before, after, trial, evidence) == "") == explains  # pyright: ignore
+    assert all_passed(gates_of(before, after, trial, evidence)) == explains  # pyright: ignore
 
 
 @pytest.mark.parametrize(("was", "left", "explains"), [(280.0, 230.0, True), (2800.0, 2300.0, False)])
@@ -92,7 +93,7 @@ def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(
         return [SimpleNamespace(station=station, gain=gain) for station, gain in gains.items()]
 
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
-    assert (doubt(missing(140.0, was), missing(1.0, left), trial, evidence) == "") == explains  # pyright: ignore
+    assert all_passed(gates_of(missing(140.0, was), missing(1.0, left), trial, evidence)) == explains  # pyright: ignore
 
 
 @pytest.mark.parametrize(("largest", "believed"), [(0.8, True), (1.3, False)])
@@ -115,5 +116,6 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
         slots=(), attached=(), read=read, model=model, batch=batch, flight=flight, criteria=Criteria()
     )
     after = [SimpleNamespace(station="dCl", gain=1.0), drifting]
-    why = doubt(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
-    assert why == ("" if believed else "makes more missing elsewhere")
+    gates = gates_of(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
+    assert all_passed(gates) == believed
+    assert believed or [gate.criterion for gate in gates if not gate.passed] == ["doubt.worse"]

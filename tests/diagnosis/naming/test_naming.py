@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +14,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming import naming
-from casid.diagnosis.naming.comparing import can_be_named, in_order
+from casid.diagnosis.naming.comparing import gains_enough, in_order
 from casid.diagnosis.naming.naming import without_superseded
 from casid.diagnosis.naming.round import Round, Trial
 from casid.errors import InputError
@@ -43,7 +42,7 @@ def test_causes_compare_in_the_structure_that_they_leave() -> None:
     lag, delay = trial(actuator_lag("delta_a"), 120.0, 0.0), trial(input_delay("delta_a"), 115.0, 30.0)
     term, shape = trial(aero_term("Cl", "beta^3"), 20.0, 130.0), trial(dead_zone("delta_a"), 20.0, 130.0)
     trials = (lag, shape, delay, term)
-    ordered = in_order(trials, [one for one in trials if can_be_named(one, 40.0)])
+    ordered = in_order(trials, [one for one in trials if gains_enough(one, {"naming.gain": 40.0}).passed])
     assert ordered == [term, delay, lag, shape]
 
 
@@ -58,7 +57,7 @@ def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_
         criteria=Criteria(),
     )
     prices = [
-        naming.price(trial(effectiveness_change(surface), 750.0), state, 40.0)  # pyright: ignore
+        max(naming.prices(trial(effectiveness_change(surface), 750.0), state, 40.0).values())  # pyright: ignore
         for surface in ("delta_e", "delta_a")
     ]
     assert prices == pytest.approx([960.0, 48.0])
@@ -80,7 +79,7 @@ def test_what_came_near_and_has_nothing_in_common_is_tried_again(gain: float, an
     other = Attached(effect=effectiveness_change("thrust"), values={"value": -0.3}, onsets={"m1": 7.0})
     trials = (
         trial_of(named, 1000.0, fingerprint=[1.0, 0.0]),
-        replace(trial_of(other, gain, fingerprint=[np.sqrt(1.0 - angle**2), angle]), meaningful=True),
+        trial_of(other, gain, fingerprint=[np.sqrt(1.0 - angle**2), angle]),
     )
     state = SimpleNamespace(rounds=[SimpleNamespace(trials=trials)], criteria=Criteria())
     assert naming._left_behind(state) == ([trials[1].candidate] if kept else [])  # pyright: ignore
@@ -122,8 +121,9 @@ def test_what_is_gained_while_an_event_does_not_act_owes_it_no_more_than_any_oth
     event = trial(gust("z"), {"m1": 4.0}, gain=1e5)
     earlier = Round(candidates=(), trials=(event,), equivalents=(), named=True)
     state = SimpleNamespace(named=[earlier], evidence=SimpleNamespace(fit=fitted), criteria=fitted.criteria)
-    assert naming.price(trial(thrust_line(), {}, where=where), state, 40.0) == pytest.approx(price)  # pyright: ignore
-    assert naming.price(trial(gust("y"), {"m2": 3.0}, where=where), state, 40.0) == pytest.approx(2000.0)  # pyright: ignore
+    tried = trial(thrust_line(), {}, where=where), trial(gust("y"), {"m2": 3.0}, where=where)
+    highest = [max(naming.prices(one, state, 40.0).values()) for one in tried]  # pyright: ignore
+    assert highest == pytest.approx([price, 2000.0])
 
 
 def test_what_shows_as_a_difference_between_records_is_tried_in_the_others_too() -> None:

@@ -54,7 +54,6 @@ def trial(kind: str, gain: float, fingerprint: np.ndarray) -> Trial:
         fingerprint=fingerprint,
         gain=Gain(raw=gain, price=0.0, spared=0.0, exact=gain),
         where=np.zeros((0, 0)),
-        meaningful=True,
         share=2.0,
     )
 

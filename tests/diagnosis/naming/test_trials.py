@@ -37,7 +37,7 @@ def test_terms_that_promise_the_same_are_all_tried() -> None:
         promising(aero_term("CY", name), net) for name, net in zip(names, (9000.0, 8999.0, 8960.0, 8900.0), strict=True)
     ]
     others = [promising(sensor_bias(channel), 500.0 - i) for i, channel in enumerate(("p", "q", "r"))]
-    chosen = worth_trying(base, [*terms, *others], [], [], [], 0.0)
+    chosen, _ = worth_trying(base, [*terms, *others], [], [], [], 0.0)
     assert [c.name for c in chosen] == [c.name for c in (*terms[:2], *others[:2], terms[2])]
 
 
@@ -52,5 +52,5 @@ def test_a_lag_and_a_delay_that_promise_the_same_are_both_tried(behind: float, t
         for effect, net in ((actuator_lag, 10000.0), (input_delay, 10000.0 - behind))
     )
     term = replace(trial_of(Attached(effect=aero_term("Cn", "beta^3"), values={"value": 9.0}), 2e4).candidate)
-    chosen = worth_trying(base, [], [replace(term, statistic=2e4), lag, delay], [], [], 0.0)
+    chosen, _ = worth_trying(base, [], [replace(term, statistic=2e4), lag, delay], [], [], 0.0)
     assert (delay in chosen) == tried and lag in chosen

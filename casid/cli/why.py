@@ -1,0 +1,49 @@
+"""`casid why`: which gates a cause passed, and which it failed, in a diagnosis that was written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from casid.cli.options import AsJson
+from casid.diagnosis.decision import trace_of
+from casid.errors import InputError
+
+
+def why(
+    out: Annotated[Path, Parameter(name="OUT")],
+    cause: Annotated[str | None, Parameter(name="CAUSE")] = None,
+    *target: Annotated[str, Parameter(name="TARGET")],
+    as_json: AsJson = False,
+) -> None:
+    """Say why a cause was named in a diagnosis, and why another one was not.
+
+    Parameters
+    ----------
+    out
+        Folder of a diagnosis, or its diagnosis.json.
+    cause
+        As "actuator_lag(delta_e)" or actuator_lag delta_e; a kind alone stands for all its targets. Without it every
+        cause gets one line, with the gate that decided.
+    target
+        Target of the cause, where it is given as a word of its own.
+    as_json
+        Print the decisions as JSON and nothing else.
+    """
+    path = out / "diagnosis.json" if out.is_dir() else out
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; expected the folder of a diagnosis") from None
+    except ValueError:
+        raise InputError(f"{path}: no JSON; expected the diagnosis.json of a diagnosis") from None
+    trace = trace_of(document)
+    if cause is not None:
+        trace = trace.of(" ".join((cause, *target)))
+    if as_json:
+        print(json.dumps([one.to_dict() for one in trace.decisions], indent=1))
+    else:
+        print(trace.summary() if cause is None else trace)

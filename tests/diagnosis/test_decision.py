@@ -1,0 +1,91 @@
+"""Gates, decisions and traces. Truth: the comparisons themselves, and a diagnosis that must agree with its trace."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from casid.diagnosis.decision import Decision, Gate, Trace, at_least, at_most, merged, trace_of
+from casid.diagnosis.document import plain
+from casid.errors import InputError
+
+NUMBERS = st.floats(-1e9, 1e9)
+
+
+@given(NUMBERS, NUMBERS)
+def test_a_gate_is_its_comparison(value: float, threshold: float) -> None:
+    assert at_least("a", value, threshold).passed == (value >= threshold)
+    assert at_most("a", value, threshold).passed == (value <= threshold)
+
+
+def test_what_is_not_a_number_passes_nothing() -> None:
+    assert not at_least("a", math.nan, 1.0).passed and not at_most("a", math.nan, 1.0).passed
+
+
+def test_one_alternative_suffices() -> None:
+    good, bad = at_least("a", 2.0, 1.0), at_least("b", 0.0, 1.0)
+    assert at_least("c", 0.0, 1.0, or_else=[bad, good]).passed
+    assert not at_least("c", 0.0, 1.0, or_else=[bad]).passed
+
+
+def _decisions() -> tuple[Decision, ...]:
+    enough, little = at_least("gain", 50.0, 40.0, "naming.gain"), at_least("gain", 4.0, 40.0, "naming.gain")
+    return (
+        Decision(cause="actuator_lag(delta_e)", round=1, outcome="named", gates=(enough,), against=("mass",)),
+        Decision(cause="input_delay(delta_e)", round=1, outcome="refused", gates=(enough, little)),
+        Decision(cause="mass", round=1, outcome="not tried", gates=(little,)),
+        Decision(cause="mass", round=2, outcome="not tried", gates=(little,)),
+    )
+
+
+def test_a_trace_survives_json() -> None:
+    """Numbers that JSON cannot hold come back as NaN, and a gate on them does not pass."""
+    odd = Decision(cause="gust(z)", round=2, outcome="refused", gates=(at_least("a", math.nan, 1.0),))
+    wanted = (*_decisions(), odd)
+    text = json.dumps(plain({"decisions": [one.to_dict() for one in wanted]}))
+    back = trace_of(json.loads(text)).decisions
+    assert [str(one) for one in back] == [str(one) for one in wanted]
+
+
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        ("actuator_lag(delta_e)", 1),
+        ("actuator_lag delta_e", 1),
+        ("actuator_lag", 1),
+        ("mass", 2),
+    ],
+)
+def test_a_cause_is_found_by_any_of_its_spellings(asked: str, found: int) -> None:
+    assert len(Trace(decisions=_decisions()).of(asked).decisions) == found
+
+
+def test_an_unknown_cause_names_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"actuator_lag\(delta_e\)"):
+        Trace(decisions=_decisions()).of("actuator_lag(delta_f)")
+
+
+def test_a_document_of_before_says_what_to_do() -> None:
+    with pytest.raises(InputError, match=r"casid\.diagnosis/2.*run casid diagnose again"):
+        trace_of({"schema": "casid.diagnosis/2"})
+
+
+def test_what_was_not_tried_is_told_once() -> None:
+    kept = merged(_decisions())
+    assert [(one.cause, one.round) for one in kept if one.outcome == "not tried"] == [("mass", 2)]
+
+
+def test_the_summary_begins_with_what_was_named() -> None:
+    lines = Trace(decisions=_decisions()).summary().splitlines()
+    assert lines[0].startswith("named") and "actuator_lag(delta_e)" in lines[0]
+    assert any(line.startswith("refused") and "4 >= 40" in line for line in lines)
+
+
+def test_a_margin_is_one_at_the_threshold() -> None:
+    for gate in (at_least("a", 3.0, 3.0), at_most("a", 3.0, 3.0)):
+        assert gate.margin == 1.0 and gate.passed
+    assert isinstance(at_least("a", 1.0, 0.0), Gate) and at_least("a", 1.0, 0.0).margin == math.inf
