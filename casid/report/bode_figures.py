@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, MaxNLocator, MultipleLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullLocator
 
 from casid.frequency.mismatch import MismatchEnvelope, ResponseComparison
 from casid.frequency.response import USABLE, FrequencyResponse, gain_db, phase_deg
@@ -61,7 +61,7 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
         axes = figure.subplots(3, 1, sharex=True, height_ratios=[1.5, 1.5, 1.0])
         draw_gain_and_phase(axes[0], axes[1], response, {})
         draw_coherence(axes[2], response)
-        _frequency_axis(axes, response)
+        frequency_axis(axes, response)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     given = f", with the part of {', '.join(response.other_inputs)} taken off" if response.other_inputs else ""
     return Picture(
@@ -84,7 +84,7 @@ def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figur
         draw_gain_and_phase(axes[0], axes[1], flight, labels)
         draw_coherence(axes[2], flight)
         _draw_mismatch(axes[3], axes[4], comparison)
-        _frequency_axis(axes, flight)
+        frequency_axis(axes, flight)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     costs = "; ".join(f"{name}: J = {one.cost:.3g}" for name, one in comparison.mismatches.items())
     return Picture(
@@ -190,12 +190,14 @@ def _limit(ax: Axes, flight: FrequencyResponse, curves: list[np.ndarray]) -> Non
         ax.set_ylim(values.min() - margin, values.max() + margin)
 
 
-def _frequency_axis(axes: np.ndarray, flight: FrequencyResponse) -> None:
+def frequency_axis(axes: np.ndarray, flight: FrequencyResponse) -> None:
+    """The axis of the frequency below the last of the panels."""
     last: Axes = axes[-1]
     last.set_xscale("log")
     last.set_xlim(flight.omega[0], flight.omega[-1])
-    last.xaxis.set_major_formatter(LogFormatter(labelOnlyBase=False))
-    last.xaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1.5, 0.6)))
+    last.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    last.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    last.xaxis.set_minor_locator(NullLocator())
     last.set_xlabel("frequency ω [rad/s]")
 
 

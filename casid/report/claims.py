@@ -11,7 +11,7 @@ from casid.diagnosis.result import Diagnosis
 from casid.report.words import cause_name, digits, place, pretty, probability_in_words, with_std
 
 # a figure of a cause or of what is unexplained is named with the number of that behind it, from the second on
-_OF_A_CAUSE = ("shape", "wind", "onset", "missing_history")
+_OF_A_CAUSE = ("shape", "wind", "onset", "bode", "missing_history")
 _OF_THE_UNEXPLAINED = ("unexplained", "missing")
 _IN_GENERAL = ("residuals",)  # shows what the model with all causes explains
 

@@ -11,6 +11,7 @@ from casid.model.effects import effect_of
 from casid.model.station import Station
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.budget_figures import budget
+from casid.report.cause_response import cause_response
 from casid.report.check_figures import check_figure
 from casid.report.claims import numbered
 from casid.report.derivatives import derivatives
@@ -76,6 +77,7 @@ def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Itera
         return
     yield shape(diagnosis, cause, seen.before)
     yield onset(diagnosis, cause)
+    yield cause_response(diagnosis, cause)
     found = seen.before.get(effect_of(cause).enters or "")
     yield missing_history(diagnosis, found, curve=True) if found is not None else None
 

@@ -36,7 +36,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "evidence": (
             "Evidence",
             "figures.html",
-            ("wind", "shape", "onset", "missing_history", "unexplained", "residuals"),
+            ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "residuals"),
         ),
         "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
         "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),

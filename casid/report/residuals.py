@@ -44,9 +44,9 @@ def histories(diagnosis: Diagnosis) -> Picture:
     before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
     old, new = misfit(before), misfit(after)
     channels = sorted(old, key=lambda o: new[o] - old[o])[:3]
-    r = _worst_record(before, channels)
+    r = worst_record(before, channels)
     record = before.fit.flight.records[r]
-    window = _telling_window(before, after, channels, r)
+    window = telling_window(before, after, channels, r)
     figure = blank(1.75 * len(channels) + 0.6)
     axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     for ax, channel in zip(axes, channels, strict=True):
@@ -77,8 +77,8 @@ def histories(diagnosis: Diagnosis) -> Picture:
     )
 
 
-def _telling_window(before: View, after: View, channels: list[str], r: int) -> slice:
-    """The `_WINDOW` seconds of record r in which the simulations differ most, or without an extension, miss most."""
+def telling_window(before: View, after: View, channels: list[str], r: int, seconds: float = _WINDOW) -> slice:
+    """The seconds of record r in which the simulations differ most, or without an extension, miss most."""
     record = before.fit.flight.records[r]
     index = [before.fit.model.outputs.index(c) for c in channels]
     noise = np.array([before.channels[c].noise for c in channels])
@@ -86,7 +86,7 @@ def _telling_window(before: View, after: View, channels: list[str], r: int) -> s
     outputs = [_within(view.simulated.output[: len(record), r, :][:, index] / noise) for view in (after, before)]
     moved = outputs[0] - outputs[1]
     size = np.sum((moved if moved.any() else wrong) ** 2, axis=1)
-    count = int(_WINDOW / record.dt)
+    count = int(seconds / record.dt)
     if count >= len(record):
         return slice(0, len(record))
     total = np.convolve(size, np.ones(count), mode="valid")
@@ -94,7 +94,8 @@ def _telling_window(before: View, after: View, channels: list[str], r: int) -> s
     return slice(start, start + count)
 
 
-def _worst_record(view: View, channels: list[str]) -> int:
+def worst_record(view: View, channels: list[str]) -> int:
+    """The record in which these channels are furthest from their simulation, in units of the noise."""
     index = [view.fit.model.outputs.index(c) for c in channels]
     noise = np.array([view.channels[c].noise for c in channels])
     seen = np.isfinite(view.simulated.residual[..., index])
@@ -115,7 +116,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
     before, after = diagnosis.refitted if diagnosis.causes else diagnosis.as_given, diagnosis.extended
     wrong_by = "file refitted" if diagnosis.causes else AS_GIVEN
     channels = channels or telling_channels(before, after, 3)
-    r = _worst_record(before, channels)
+    r = worst_record(before, channels)
     record = before.fit.flight.records[r]
     n = len(record)
     figure = blank(1.85 * len(channels) + 0.7)
