@@ -92,6 +92,10 @@ _ROOMS = {
         "Handbook",
         "modes",
     ),
+    "casid.acceptance.isolability": (
+        "Isolability",
+        "isolability",
+    ),
     "casid.acceptance.theil": (
         "Theil",
         "theil",

@@ -1,4 +1,5 @@
 from casid.acceptance.handbook import Handbook, modes
+from casid.acceptance.isolability import Isolability, isolability
 from casid.acceptance.theil import Theil, theil
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
@@ -90,6 +91,7 @@ __all__ = [
     "InputDesign",
     "InputError",
     "Ipopt",
+    "Isolability",
     "Library",
     "LinearModel",
     "Minimum",
@@ -129,6 +131,7 @@ __all__ = [
     "fmu_model",
     "frequency_response",
     "identifiability",
+    "isolability",
     "linear",
     "linear_model",
     "load",

@@ -19,6 +19,8 @@ VIEWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "fit.latex": ("casid.report.fit_view", "latex"),
         "fit.html": ("casid.report.fit_view", "html"),
         "modes.plot": ("casid.report.modes_figures", "plot"),
+        "isolability.plot": ("casid.report.isolability_figures", "plot"),
+        "isolability.text": ("casid.report.isolability_figures", "text"),
         "budget.plot": ("casid.report.budget_figures", "plot"),
         "response.plot": ("casid.report.bode_figures", "plot_response"),
         "response.frame": ("casid.report.bode_figures", "frame"),

@@ -19,6 +19,7 @@ COMMANDS = {
     "identifiability": "casid.cli.identifiability:identifiability",
     "design": "casid.cli.design:design",
     "modes": "casid.cli.modes:modes",
+    "isolate": "casid.cli.isolate:isolate",
     "convert": "casid.cli.convert:convert",
     "new-aircraft": "casid.cli.new_aircraft:new_aircraft",
     "demo": "casid.cli.diagnose:demo",

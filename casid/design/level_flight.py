@@ -34,7 +34,7 @@ OUTPUTS = _of_both(("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", 
 _COEFFICIENTS = _of_both(("CL", "CD", "CX", "CZ", "Cm"), ("CY", "Cl", "Cn"))
 _REGRESSORS = _of_both(("alpha", "q", "delta_e"), ("beta", "p", "r", "delta_a", "delta_r"))
 # 1-sigma of ordinary flight-test instruments, where the aircraft file names none
-_TYPICAL_NOISE: Mapping[str, float] = MappingProxyType(
+TYPICAL_NOISE: Mapping[str, float] = MappingProxyType(
     {"alpha": 0.003, "beta": 0.003, "p": 0.002, "q": 0.002, "r": 0.002, "phi": 0.005, "theta": 0.005}
     | {"ax": 0.1, "ay": 0.1, "az": 0.1, "V": 0.5}
 )
@@ -85,7 +85,7 @@ def experiment_of(
         surfaces={name: limits.surfaces[name] for name in SURFACES[plane] if name in limits.surfaces},
         rest={name: level[name] for name in model.inputs},
         start=np.array([level[name] for name in model.states]),
-        noise={o: noise.get(o) or aircraft.noise.get(o) or _TYPICAL_NOISE[o] for o in OUTPUTS[plane]},
+        noise={o: noise.get(o) or aircraft.noise.get(o) or TYPICAL_NOISE[o] for o in OUTPUTS[plane]},
         duration=limits.duration,
         dt=_DT,
         parameters=free or [name for name in model.parameters if _is_of(plane, name)],

@@ -130,6 +130,25 @@ def _each(rows: Sequence[_Row], square: np.ndarray, cross: np.ndarray, match: np
     ]
 
 
+def responses(evidence: Evidence, rows: Sequence[_Row]) -> list[np.ndarray]:
+    """By record (samples, rows): the whitened responses to a unit of effects with these further values and onsets, or
+    to the whole of one that is not linear."""
+    base = evidence.fit
+    symbolic = symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
+    white = np.zeros((*base.white.shape, len(rows)))
+    for history_rows in (True, False):
+        at = [j for j, row in enumerate(rows) if _a_history(row[0]) == history_rows]
+        if not at:
+            continue
+        some = [rows[j] for j in at]
+        if history_rows:
+            found = _whitened(base, [_unit_history(base, *row) for row in some])
+        else:
+            found = _white_direct(base, some, symbolic)
+        white[len(white) - len(found) :, ..., at] = found
+    return [white[:, r].reshape(-1, len(rows)) for r in range(len(base.batch.names))]
+
+
 def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """name -> (Y, F) of symbolic effects, from the Jacobians of a model that has them all at their null."""
     already = [a.effect for a in base.attached]

@@ -1,0 +1,393 @@
+"""Isolability before flight: which causes a manoeuvre and its channels can detect and tell apart.
+
+The aircraft file flies the manoeuvre from level flight. Every cause of the catalogue has a response m there, whitened
+by the noise of the channels, from which all that fitted derivatives, offsets and initial states can imitate is
+projected off. A cause of size s shows as a normal variable of mean a = s |m| and variance 1.
+
+Fitted in the place of a cause, another one whose response makes an angle of cosine r explains more than the true one
+with the probability Phi(u) Phi(-v) + Phi(-u) Phi(v), u = a sqrt((1 + r) / 2), v = a sqrt((1 - r) / 2): the two drops of
+the deviance are squares of correlated normal variables, whose difference is a product of independent ones. For causes
+that look the same, r = 1, it is one half.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
+from casid.arguments import names, numbers_by_name
+from casid.design.level_flight import TYPICAL_NOISE
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.fingerprints import responses
+from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.naming.size import meaningful_share
+from casid.errors import InputError, unknown
+from casid.model.aircraft import Aircraft
+from casid.model.applied import axes_of
+from casid.model.dynamics import aircraft_model
+from casid.model.effect import Effect
+from casid.model.given import given_aircraft
+from casid.native.threads import single_threaded
+from casid.records.given import given_records
+from casid.records.record import Record
+from casid.signals import SURFACES
+from casid.views import brief, view
+
+_POWER = 0.9  # of the smallest size that is told
+_ALIKE = 0.05  # probability of confusion from which two causes are one set
+_NONE = 1e-9  # part of a response that rounding leaves of nothing
+# of the aerodynamic terms that a file may lack, those that are looked at unless others are asked for
+_TERMS = ("CL:alpha^2", "CD:alpha^2", "CX:alpha^2", "CZ:alpha^2", "Cm:alpha^2", "C[Yln]:alpha[*]beta")
+_DEFAULT = tuple(f"aero_term({term})" for term in _TERMS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolableCause:
+    """What a manoeuvre can tell of a cause.
+
+    Attributes
+    ----------
+    name
+        As in tables, `actuator_lag(delta_e)`.
+    matters
+        Smallest size that matters to an engineer, in `unit`.
+    smallest
+        Smallest size that is detected with a probability of 90 %; infinite where derivatives imitate it.
+    detection
+        Probability that it is detected at the size that matters.
+    confusion
+        Rival -> probability that it explains the data better than this cause, which is there at the size that matters;
+        of the rivals above 1 %, the most alike first.
+    """
+
+    name: str
+    unit: str
+    matters: float
+    smallest: float
+    detection: float
+    confusion: Mapping[str, float]
+
+    @property
+    def told(self) -> float:
+        """Probability that it is detected at the size that matters and not taken for the rival most like it."""
+        return self.detection * (1.0 - max(self.confusion.values(), default=0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Addition:
+    """A further channel or manoeuvre, and the mean probability with which a cause would be rightly named with it."""
+
+    kind: str
+    what: str
+    told: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Isolability:
+    """What `isolability` finds.
+
+    Attributes
+    ----------
+    causes
+        Name -> IsolableCause.
+    confusion
+        (causes, causes) probability that the cause of the column is taken for that of the row; the diagonal is zero.
+    channels
+        Measured channel -> 1-sigma of its noise.
+    additions
+        Further channels and manoeuvres, the one that would add most first.
+    left_out
+        Causes that are not judged: a size says nothing of them, or the manoeuvre does not touch them.
+    """
+
+    aircraft: str
+    manoeuvres: tuple[str, ...]
+    channels: Mapping[str, float]
+    causes: Mapping[str, IsolableCause]
+    confusion: np.ndarray
+    additions: tuple[Addition, ...]
+    left_out: tuple[str, ...]
+
+    __repr__ = brief
+
+    @property
+    def told(self) -> float:
+        """Mean over the causes of the probability that one is rightly named at the size that matters."""
+        return float(np.mean([one.told for one in self.causes.values()]))
+
+    @property
+    def sets(self) -> list[tuple[str, ...]]:
+        """Causes that are detected at the size that matters more often than not, in sets that are confused with a
+        probability of 5 % or more."""
+        seen = [name for name, one in self.causes.items() if one.detection > 0.5]
+        found: list[set[str]] = []
+        for name in seen:
+            own = {name, *(r for r, p in self.causes[name].confusion.items() if p >= _ALIKE and r in seen)}
+            apart = [one for one in found if not one & own]
+            found = [*apart, set.union(own, *(one for one in found if one & own))]
+        return [tuple(name for name in seen if name in one) for one in found]
+
+    def plot(self) -> Any:
+        """The matrix of confusion, a matplotlib figure."""
+        return view("isolability.plot")(self)
+
+    def __str__(self) -> str:
+        return view("isolability.text")(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of isolability.json; an infinite size is None."""
+        return {
+            "schema": "casid.isolability/1",
+            "aircraft": self.aircraft,
+            "manoeuvres": list(self.manoeuvres),
+            "channels": dict(self.channels),
+            "told": self.told,
+            "causes": {
+                name: {
+                    "matters": one.matters,
+                    "smallest": one.smallest if np.isfinite(one.smallest) else None,
+                    "unit": one.unit,
+                    "detection": one.detection,
+                    "told": one.told,
+                    "confusion": dict(one.confusion),
+                }
+                for name, one in self.causes.items()
+            },
+            "sets": [list(one) for one in self.sets],
+            "additions": [{"kind": one.kind, "what": one.what, "told": one.told} for one in self.additions],
+            "left_out": list(self.left_out),
+        }
+
+
+@single_threaded()
+def isolability(
+    aircraft: Aircraft | str | Path,
+    manoeuvres: Sequence[Record | str | Path],
+    *,
+    channels: Iterable[str] | None = None,
+    noise: Mapping[str, float] = MappingProxyType({}),
+    causes: Iterable[str | Effect] | None = None,
+    suggest: bool = True,
+    criteria: Criteria | None = None,
+) -> Isolability:
+    """Which causes manoeuvres and channels can detect and tell apart, before they are flown.
+
+    The aircraft flies every manoeuvre from level flight at the [trim] of its file; of the records the times, the
+    surfaces and the thrust are taken, as changes from their first samples.
+
+    Parameters
+    ----------
+    aircraft
+        The aircraft, or the name of its file.
+    manoeuvres
+        Records of the inputs, or names of files.
+    channels
+        What is measured; by default V, flow angles, rates, attitude and specific forces.
+    noise
+        Channel -> 1-sigma (SI); by default that of the file, and ordinary flight-test instruments where it says none.
+    causes
+        Globs of names, like "sensor_*" or "aero_term(Cm:*)", or own effects. By default all of the catalogue but the
+        aerodynamic terms, of which only the lowest are taken.
+    suggest
+        Also look for the channel and the manoeuvre that would add most.
+    criteria
+        By which a diagnosis decides what it sees and what matters.
+
+    Returns
+    -------
+    Isolability
+
+    Raises
+    ------
+    InputError
+        For an unknown channel, a file without trim, causes that are none, and a manoeuvre that cannot be flown.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> demo = "casid/cli/demo/"
+    >>> found = cs.isolability(demo + "aircraft.toml", [demo + "m1.csv"], causes=["actuator_lag(*)"], suggest=False)
+    >>> found.causes["actuator_lag(delta_e)"].detection > 0.99
+    True
+    """
+    file, records = given_aircraft(aircraft, "isolability"), given_records(manoeuvres, "isolability")
+    criteria = criteria or Criteria()
+    if not records:
+        raise InputError("isolability: no manoeuvre is given; expected records of the surfaces")
+    axes = axes_of(records)
+    sigma = _noise(file, axes, channels, numbers_by_name(noise, "isolability: noise"))
+    flown = rehearsed(file, records, axes)
+    whole = _flight(flown, sigma, criteria)
+    effects, left_out = _wanted(whole, causes)
+    judged = _judged(whole, effects)
+    if not judged.names:
+        raise InputError("isolability: none of the causes has a size that matters here; ask for others with causes")
+    found = Isolability(
+        aircraft=file.name,
+        manoeuvres=tuple(record.name for record in flown.records),
+        channels={name: sigma[name] for name in whole.outputs},
+        causes=judged.causes(criteria),
+        confusion=judged.confusion,
+        additions=(),
+        left_out=(*left_out, *judged.left_out),
+    )
+    return replace(found, additions=_additions(flown, sigma, effects, criteria)) if suggest else found
+
+
+def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """Probability that a cause which shows by `a` 1-sigmas is explained better by one whose response makes an angle of
+    that cosine with its own."""
+    size = np.abs(cosine)
+    u, v = (a * np.sqrt(np.maximum(0.5 * (1.0 + sign * size), 0.0)) for sign in (1.0, -1.0))
+    return norm.cdf(u) * norm.cdf(-v) + norm.cdf(-u) * norm.cdf(v)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Judged:
+    """Of causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    matters: np.ndarray
+    shows: np.ndarray
+    cosine: np.ndarray
+    left_out: tuple[str, ...]
+
+    @property
+    def confusion(self) -> np.ndarray:
+        found = confusion(self.shows[:, None], self.cosine)
+        found[:, self.shows == 0.0] = 0.0  # what does not show at all explains nothing
+        np.fill_diagonal(found, 0.0)
+        return found
+
+    def causes(self, criteria: Criteria) -> dict[str, IsolableCause]:
+        """By name."""
+        enough = criteria.verdict.detectable
+        found, table = {}, self.confusion
+        for i, name in enumerate(self.names):
+            rivals = {self.names[j]: float(table[i, j]) for j in np.argsort(-table[i], kind="stable")}
+            found[name] = IsolableCause(
+                name=name,
+                unit=self.units[i],
+                matters=float(self.matters[i]),
+                smallest=float(self.matters[i] * enough / self.shows[i]) if self.shows[i] > 0.0 else float("inf"),
+                detection=float(norm.cdf(self.shows[i] - (enough - norm.ppf(_POWER)))),
+                confusion={rival: p for rival, p in rivals.items() if p > 0.01},
+            )
+        return found
+
+    def told(self, criteria: Criteria) -> float:
+        return float(np.mean([one.told for one in self.causes(criteria).values()]))
+
+
+def _noise(
+    aircraft: Aircraft, axes: str, channels: Iterable[str] | None, stated: Mapping[str, float]
+) -> dict[str, float]:
+    """Measured channel -> 1-sigma."""
+    valid = aircraft_model(aircraft, axes=axes, effects=()).outputs
+    chosen = [name for name in TYPICAL_NOISE if name in valid] if channels is None else names(channels, "channels")
+    sigma = {}
+    for name in chosen:
+        if name not in valid:
+            raise unknown("channel", name, valid, "isolability")
+        found = stated.get(name) or aircraft.noise.get(name) or TYPICAL_NOISE.get(name)
+        if not found:
+            raise InputError(f"isolability: nothing is known of the noise of {name}; give noise={{'{name}': ...}}")
+        sigma[name] = float(found)
+    return sigma
+
+
+def _flight(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) -> Flight:
+    """The rehearsed records as a flight with these channels alone."""
+    records = [record.without(*(name for name in flown.outputs if name not in sigma)) for record in flown.records]
+    of_inputs = {name: s for name, s in flown.aircraft.noise.items() if name in (*SURFACES, "thrust")}
+    aircraft = replace(flown.aircraft, noise=of_inputs | dict(sigma))
+    return replace(prepare(aircraft, records, criteria, flown.axes), doubted=())
+
+
+def _wanted(flight: Flight, causes: Iterable[str | Effect] | None) -> tuple[list[Effect], tuple[str, ...]]:
+    """Effects to be judged, and names of those of the catalogue that size says nothing of."""
+    every = flight.effects
+    if causes is None:
+        chosen = [e for e in every if e.kind != "aero_term" or any(fnmatchcase(e.name, g) for g in _DEFAULT)]
+    else:
+        chosen = []
+        for one in causes:
+            found = (
+                [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, one.replace("[", "[[]"))]
+            )
+            if not found:
+                raise unknown("cause", str(one), [e.name for e in every], "isolability: causes")
+            chosen += [e for e in found if e.name not in {c.name for c in chosen}]
+    sized = [e for e in chosen if not e.members and (e.linear or e.smallest_that_matters(flight.aircraft))]
+    return sized, tuple(e.name for e in chosen if e not in sized)
+
+
+def _judged(flight: Flight, effects: Sequence[Effect]) -> _Judged:
+    """The effects at the sizes that matter, in a flight of the file as it is."""
+    evidence = weigh(fit(flight, [], flight.noise()), discrepancy=False)
+    rows = [_row(evidence, effect) for effect in effects]
+    with_size = [(row, size) for row, size in rows if np.isfinite(size) and size > 0.0]
+    own = responses(evidence, [row for row, _ in with_size])
+    projected = Projection.shared(evidence, dict(enumerate(own)))
+    whole = sum((flat**2).sum(axis=0) for flat in own)
+    square = np.diag(projected.gram).copy()
+    least = np.maximum(flight.criteria.screening.surviving**2, _NONE) * whole
+    square[square <= least] = 0.0
+    length = np.sqrt(square)
+    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+    matters = np.array([size for _, size in with_size])
+    kinds = [row[0] for row, _ in with_size]
+    # the response of an effect that is not linear is that to the whole of it
+    per_size = np.array([1.0 if not e.linear else size for e, size in zip(kinds, matters, strict=True)])
+    return _Judged(
+        names=tuple(e.name for e in kinds),
+        units=tuple(e.unit for e in kinds),
+        matters=matters,
+        shows=per_size * length,
+        cosine=np.clip(projected.gram * inverse[:, None] * inverse, -1.0, 1.0),
+        left_out=tuple(row[0].name for row, size in rows if not (np.isfinite(size) and size > 0.0)),
+    )
+
+
+def _row(evidence: Evidence, effect: Effect) -> tuple[tuple[Effect, Mapping[str, float], float | None], float]:
+    """The effect with typical further values, an event in the middle of every record; and the size that matters."""
+    fitted = evidence.fit
+    onset = 0.5 * min(record.duration for record in fitted.flight.records) if effect.timed else None
+    values = dict(effect.grid[len(effect.grid) // 2]) if effect.grid else {}
+    smallest = effect.smallest_that_matters(fitted.flight.aircraft)
+    if effect.linear and not smallest:
+        onsets = {r.name: r.t[0] + (onset or 0.0) for r in fitted.flight.records} if effect.timed else {}
+        unit = Attached(effect=effect, values=values | {"value": 1.0}, onsets=onsets)
+        share = meaningful_share(fitted, unit)
+        smallest = 1.0 / share if share > 0.0 else np.inf
+    size = float(smallest or 0.0)
+    return (effect, values if effect.linear else values | {"value": size}, onset), size
+
+
+def _additions(
+    flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effect], criteria: Criteria
+) -> tuple[Addition, ...]:
+    """Further channels and manoeuvres by what they add."""
+    found = []
+    for name in flown.outputs:
+        more = flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name)
+        if name not in sigma and more:
+            told = _judged(_flight(flown, {**sigma, name: more}, criteria), effects).told(criteria)
+            found.append(Addition(kind="channel", what=name, told=told))
+    for words, longer in further_manoeuvres(flown):
+        told = _judged(_flight(longer, sigma, criteria), effects).told(criteria)
+        found.append(Addition(kind="manoeuvre", what=words, told=told))
+    return tuple(sorted(found, key=lambda one: -one.told))
