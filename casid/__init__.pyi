@@ -41,9 +41,9 @@ from casid.estimation import (
 from casid.filtering.filter_error import FilterFit, filter_error
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
-from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.frequency.output_error import FourierOutputError
 from casid.frequency.regression import FourierEquationError
+from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
