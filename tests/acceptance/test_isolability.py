@@ -79,8 +79,8 @@ def same_twice() -> Iterator[list[Effect]]:
 
 
 def test_what_is_the_same_by_construction_is_inseparable(same_twice) -> None:
-    """Of an aircraft without CD by delta_e^2. With derivatives known exactly both are detected and a toss of a coin; with
-    free ones neither is detected."""
+    """Of an aircraft without CD by delta_e^2. With derivatives known exactly both are detected, and neither explains
+    more; with free ones neither is detected."""
     known = cs.isolability(file(relative_uncertainty=1e-4, terms={}), [manoeuvre()], causes=same_twice, suggest=False)
     for one, other in (("surface_scale", "effectiveness"), ("effectiveness", "surface_scale")):
         assert known.causes[one].detection > 0.99
