@@ -16,10 +16,10 @@ import numpy as np
 
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, ObjectiveValue
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.transcriptions.collocation import LiftedCollocation
-from casid.estimation.transcriptions.dynamics import Trajectory
+from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.steps import compiled, rates_function
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
@@ -61,8 +61,9 @@ def _from_collocation(
     found = solver.minimise(finely)
     if found.status != "converged":
         return objective, outcome
-    own = [finely.layout.segments_of(r) for r in range(len(problem.records))]
-    nodes = np.concatenate([found.point.nodes[segments][:: method.interval] for segments in own])
+    assert found.value.trajectory is not None
+    states = found.value.trajectory.states.reshape(-1, found.point.nodes.shape[1])
+    nodes = np.concatenate([states[sample][:: method.interval] for sample in finely.layout.sample])
     begin = replace(objective.start(), theta=found.point.theta, nodes=nodes)
     again = Objective(problem, method.dynamics(problem), begin)
     ended = solver.minimise(again)
@@ -80,20 +81,29 @@ def _finely(
         needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
         if needed <= steps:
             break
-        near = outcome.status == "converged" and needed <= _NEAR * steps and not isinstance(method, Collocation)
+        near = outcome.status == "converged" and needed <= _NEAR * steps
         steps = needed
         if steps > _MOST_STEPS:
             if isinstance(method, Collocation):
                 break
             method, steps, near = Collocation(), 1, False
+        coarse = objective.dynamics
         method = replace(method, substeps=steps)
         dynamics = method.dynamics(problem)
-        objective = Objective(problem, dynamics, outcome.point if near else None)
+        begin = _begin(outcome.point, coarse, dynamics) if near else None
+        objective = Objective(problem, dynamics, begin)
         outcome = solver.minimise(objective)
         if near and outcome.status != "converged":
             objective = Objective(problem, dynamics)
             outcome = solver.minimise(objective)
     return objective, outcome, method
+
+
+def _begin(point: Point, coarse: Dynamics | None, fine: Dynamics) -> Point:
+    """The point on a finer mesh, with interior states on the polynomials of the coarser one."""
+    if isinstance(fine, LiftedCollocation) and isinstance(coarse, LiftedCollocation) and point.points is not None:
+        return replace(point, points=fine.refined(coarse, point.nodes, point.points))
+    return point
 
 
 def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> int:
@@ -168,12 +178,12 @@ def _integration_error(objective: Objective, outcome: Outcome, linear: Linearise
     power = 2.0 ** _order(method)
     scale = power / (power - 1.0)  # of the difference, to the error
     if isinstance(finer, LiftedCollocation):
-        better = replace(trajectory, end=_end_of_halves(objective, outcome, trajectory, finer))
-        direct = along = 0.0  # samples are nodes
+        y, end = _with_halves(objective, outcome, finer)
     else:
         better = finer.trajectory(nodes, value.parameters[objective.layout.record])
-        direct, along = _directly(objective, value, trajectory, better, scale)
-    shift = _shift_of_nodes(objective, linear, scale * (better.end - trajectory.end))
+        y, end = better.y[:, ::2], better.end
+    direct, along = _directly(objective, value, scale * (y - trajectory.y))
+    shift = _shift_of_nodes(objective, linear, scale * (end - trajectory.end))
     # what a shift of a node does to the predictions of its segment, in the whitened norm
     n = shift.shape[1]
     by_node = np.einsum("kn,knm,km->k", shift, linear.blocks.hessian[:, :n, :n], shift)
@@ -184,28 +194,26 @@ def _integration_error(objective: Objective, outcome: Outcome, linear: Linearise
     return float(np.maximum(off / _TOLERANCE, np.abs(cost) / (worth * _COST)))
 
 
-def _end_of_halves(objective: Objective, outcome: Outcome, coarse: Trajectory, finer: LiftedCollocation) -> np.ndarray:
-    """(K, n) ends of the steps of collocation by two half steps each; the last sample of a record has no step."""
-    layout, halves = objective.layout, finer.layout
-    last = np.append(layout.first[1:], layout.segments) - 1
-    steps = np.setdiff1d(np.arange(layout.segments), last)
-    pair = halves.first[layout.record[steps]] + 2 * (steps - layout.first[layout.record[steps]])
-    end = coarse.end.copy()
-    end[steps] = finer.ends_of_pairs(outcome.point.nodes[steps], pair, outcome.value.parameters[halves.record])
-    return end
+def _with_halves(objective: Objective, outcome: Outcome, halves: LiftedCollocation) -> tuple[np.ndarray, np.ndarray]:
+    """y (K, L, o) and end (K, n) of segments whose every step of collocation is two half steps, from the same nodes."""
+    dynamics, value = objective.dynamics, outcome.value
+    assert isinstance(dynamics, LiftedCollocation) and outcome.point.points is not None
+    assert value.trajectory is not None
+    parameters = value.parameters[objective.layout.record]
+    made = dynamics.local_errors(outcome.point.nodes, outcome.point.points, parameters, halves)
+    return dynamics.carried(value.trajectory, parameters, made)
 
 
-def _directly(
-    objective: Objective, value: ObjectiveValue, coarse: Trajectory, fine: Trajectory, scale: float
-) -> tuple[float, float]:
-    """Of the whitened difference of the predictions from the same nodes: sum of squares, and product with the
+def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarray) -> tuple[float, float]:
+    """Of the whitened difference (K, L, o) of the predictions from the same nodes: sum of squares, and product with the
     residuals."""
     layout = objective.layout
+    assert value.trajectory is not None
     low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
     high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
     sigma = np.maximum(value.noise.levels.sigma[: len(low)], _EXACT * np.maximum(high - low, 0.0))
-    off = scale * (fine.y[:, ::2] - coarse.y) * layout.present / sigma
-    return float((off**2).sum()), float((off * (coarse.y - layout.z) / sigma).sum())
+    off = difference * layout.present / sigma
+    return float((off**2).sum()), float((off * (value.trajectory.y - layout.z) / sigma).sum())
 
 
 def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> np.ndarray:

@@ -7,9 +7,11 @@ sensitivity of the state.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from casid.native.emitter import emit, prelude
 from casid.native.sources import c_source
@@ -71,10 +73,82 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
             _column("driven", stages, s, rows),
             _drives(stages, rows),
             *([c_source("covariance")] if s.v else []),
+            c_source("lanes"),
             c_source("segments"),
             c_source("reduce"),
         ]
     )
+
+
+def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c: np.ndarray) -> str:
+    """The source of the kernel of collocation. Of (x, u, p): "slope" f, "output" y, "slopes" f, F = df/dx, Q =
+    df/dp_free, "outputs_of" y, C = dy/dx, D = dy/dp_free, all but f and y sparse; tau and c as `radau` gives them.
+    Raises emit.UnknownOperationError."""
+    s = collocation_sizes(functions)
+    F, Q = (functions["slopes"].sparsity_out(i) for i in (1, 2))
+    C, D = (functions["outputs_of"].sparsity_out(i) for i in (1, 2))
+    constants = {"N": s.n, "M": s.m, "Q": s.q, "O": s.o, "F": s.f, "NF": s.n + s.f, "STRIDE": s.stride}
+    constants["DEGREE"] = len(tau)
+    arrays = {"Cs": C, "Ds": D, "Fs": F, "Qs": Q}
+    rows = ", ".join("{" + ", ".join(repr(float(v)) for v in row) + "}" for row in c)
+    return "\n".join(
+        [
+            prelude(),
+            *(f"#define {name} {value}" for name, value in constants.items()),
+            f"static const double TAU[DEGREE] = {{{', '.join(repr(float(v)) for v in tau)}}};",
+            f"static const double COEF[DEGREE + 1][DEGREE] = {{{rows}}};",
+            *(emit(function, name) for name, function in functions.items()),
+            "#define COLLOCATION_ARRAYS V "
+            + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
+            _along_outputs_and_offset(C, D, s),
+            _pull(C, s),
+            _subtract_slopes(F, Q, s),
+            c_source("lanes"),
+            c_source("reduce"),
+            c_source("collocate"),
+        ]
+    )
+
+
+def collocation_sizes(functions: Mapping[str, ca.Function]) -> Sizes:
+    """Of the functions that `collocation_source` takes."""
+    slopes, outputs = functions["slopes"], functions["outputs_of"]
+    n, m, q = (slopes.size1_in(i) for i in range(3))
+    return Sizes(n=n, m=m, q=q, o=outputs.size1_out(0), f=slopes.size2_out(2), v=0)
+
+
+def _along_outputs_and_offset(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
+    """q = C S + [0 D], and C o in its last column."""
+    head = "const V *C, const V *D, V (*restrict S)[NF], const V *o"
+    lines = [f"static inline void along_outputs(V (*restrict q)[NF + 2], {head})", "{"]
+    lines.append("for (int c = 0; c < NF; c++) {")
+    for row in range(s.o):
+        lines.append(f"q[{row}][c] = {_sum([f'C[{k}] * S[{j}][c]' for i, j, k in _entries(c) if i == row])};")
+    lines.append("}")
+    for row in range(s.o):
+        lines.append(f"q[{row}][NF + 1] = {_sum([f'C[{k}] * o[{j}]' for i, j, k in _entries(c) if i == row])};")
+    lines += [f"q[{i}][N + {j}] += D[{k}];" for i, j, k in _entries(d)]
+    return "\n".join([*lines, "}"])
+
+
+def _pull(c: ca.Sparsity, s: Sizes) -> str:
+    """C' L' of the whitened residual, which stands in q: what the cost changes with the state."""
+    lines = ["static inline void pull(V *to, V (*q)[NF + 2], const V *L, long dense, const V *C)", "{", "V w[O];"]
+    lines.append("for (int i = 0; i < O; i++) w[i] = L[i * (i + 1) / 2 + i] * q[i][NF];")
+    lines.append("for (int i = 0; dense && i < O; i++)")
+    lines.append("for (int j = 0; j < i; j++) w[j] += L[i * (i + 1) / 2 + j] * q[i][NF];")
+    for column in range(s.n):
+        lines.append(f"to[{column}] = {_sum([f'C[{k}] * w[{i}]' for i, j, k in _entries(c) if j == column])};")
+    return "\n".join([*lines, "}"])
+
+
+def _subtract_slopes(f: ca.Sparsity, q: ca.Sparsity, s: Sizes) -> str:
+    """A and b of a point of collocation less dt times its slopes; `first` is the column of A where the point begins."""
+    head = "V (*A)[DEGREE * N], V (*b)[1 + NF], int first, V dt, const V *Fs, const V *Qs"
+    lines = [f"static inline void subtract_slopes({head})", "{"]
+    lines += [f"A[{i}][first + {j}] -= dt * Fs[{k}];" for i, j, k in _entries(f)]
+    lines += [f"b[{i}][{1 + s.n + j}] = -dt * Qs[{k}];" for i, j, k in _entries(q)]
+    return "\n".join([*lines, "}"])
 
 
 def _entries(pattern: ca.Sparsity) -> list[tuple[int, int, int]]:

@@ -180,16 +180,12 @@ def test_collocation_integrates_with_order_two_d_minus_one():
         x = exact(*matrices(TRUTH), t, np.zeros((len(t), 1)), np.array([0.1, 0.0]), "held")
         objective = build_objective(Problem(short_period(), [record], free=["Za"]), Collocation(degree=2))
         point = objective.start()
-        nodes = np.tile([0.1, 0.0], (len(t), 1))
-        value = objective.value(Point(theta=point.theta, nodes=nodes, noise=point.noise, points=point.points))
-        blocks = objective.linearise(
-            Point(theta=point.theta, nodes=nodes, noise=point.noise, points=point.points), value
-        ).blocks
+        blocks = objective.linearise(point, objective.value(point)).blocks
         assert blocks is not None
-        # the equations are linear: one Newton step solves them, and `a` is then the exact transition of the scheme
+        # the equations are linear: one Newton step solves them, and the transition is then that of the scheme
         end = np.array([0.1, 0.0])
-        for k in range(len(t) - 1):
-            end = blocks.transition[k, :, :2] @ end
+        for transition in blocks.transition:
+            end = transition[:, :2] @ end
         errors.append(np.abs(end - x[-1]).max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (np.abs(orders - 3.0) < 0.2).all(), orders

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from casid.estimation.transcriptions.kernel import Kernel
+from casid.estimation.transcriptions.kernel import Reducing
 
 (_gbsv,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
@@ -72,7 +72,7 @@ class BandedKKT:
         defect: np.ndarray,
         covariance: np.ndarray | None,
         scale: np.ndarray,
-        kernel: Kernel | None = None,
+        kernel: Reducing | None = None,
     ) -> Reduced:
         """hessian (M, n+f, n+f), gradient (M, n+f), transition (M, n, n+f) [A, B]. Defects (M-1, n) and the covariance
         (M-1, n, n) or None of the segments that have a successor; scale (n,) typical size of the states. By the

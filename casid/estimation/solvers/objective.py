@@ -317,8 +317,14 @@ class Objective:
                 slope += float((point.noise * noise).sum())
                 curvature += float((noise**2).sum())
             if blocks.lift is not None:
-                points = blocks.lift.points(nodes, local[self.layout.record], len(self.scale))
-                price = max(price, blocks.lift.price(self.layout.tied, multipliers, self.scale))
+                shift = blocks.lift.shift
+                along = float((shift[:, :-2] * whole).sum())
+                slope += float(shift[:, -2].sum()) - along
+                curvature += float(shift[:, -1].sum()) + 2.0 * along
+                at_ends = np.zeros_like(nodes)
+                at_ends[self.layout.tied] = multipliers
+                points, inside = blocks.lift.follow(nodes, local[self.layout.record], at_ends, self.scale)
+                price = max(price, inside)
         if self.equations is not None:
             slope += float(linear.channel_gradients[-len(self.equations.names) :].sum(axis=0) @ theta)
             curvature += float(theta @ linear.equation_hessian @ theta)

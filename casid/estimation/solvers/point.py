@@ -15,7 +15,7 @@ from casid.estimation.transcriptions.equation import EquationValue
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Point:
-    """theta (parameters,), nodes (K, n), noise (T, n), points (K, d, n) of collocation or None."""
+    """theta (parameters,), nodes (K, n), noise (T, n), points (K, L d, n) of collocation or None."""
 
     theta: np.ndarray
     nodes: np.ndarray

@@ -1,13 +1,17 @@
 """Direct collocation for Gauss-Newton: interior states are unknowns of their own, eliminated from each linear step.
 
-Sizes: K sample intervals, d collocation points in each, n states, f free parameters. The equations of an interval are
-    sum_r C[r, i] X_r - dt f(X_i, u_i, p) = 0,  i = 1..d,  X_0 the node, X_d = X(end)  (Radau points)
-The linearised equations give dX as an affine function of node and parameter step, which turns the interval into a
-block (end, A, B) of the same shape as a shooting step's. The interior states move with every step (lifted Newton).
+Sizes: K segments of L steps, d collocation points in each step, n states, f free parameters. The equations of a step:
+    sum_r C[r, i] X_r - dt f(X_i, u_i, p) = 0,  i = 1..d,  X_0 the state before, X_d the state after it (Radau points)
+Linearised they give dX as an affine function of the steps of the state before and of the parameters. One step after
+the other, that turns a segment into a block (end, A, B) of the same shape as one of shooting. The states between the
+steps and inside them move with every step of the solver (lifted Newton). So each is an unknown, however long a segment
+is. The compiled kernel of the model does it when there is one, else numpy on CasADi's mapped functions, with the same
+result to rounding.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -15,15 +19,18 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import EstimationError
+from casid.estimation.transcriptions.collocation_kernel import CollocationKernel, LiftedBlocks, collocation_offer
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
-from casid.estimation.transcriptions.kernel import whitened
+from casid.estimation.transcriptions.kernel import Packed, whitened
 from casid.estimation.transcriptions.layout import Layout
-from casid.estimation.transcriptions.steps import compiled, dynamics_function, output_function, quiet
+from casid.estimation.transcriptions.steps import cached, compiled, dynamics_function, output_function, quiet
 from casid.estimation.transcriptions.symbolic import collocated
 from casid.model.system import Model
 
-_NEWTON = 12  # steps of Newton's method for two steps of the motion
-_SOLVED = 1e-6  # of the states: what may be left of its equations
+CONDENSED = 10  # sample intervals whose states are eliminated together: a matter of time and memory alone
+_NEWTON = 20  # steps of Newton's method for one step of the motion
+_SOLVED = 1e-10  # of the states: what may be left of its equations
+_SLAB = 4096  # samples of which the rows are held at once
 
 
 def radau(degree: int) -> tuple[np.ndarray, np.ndarray]:
@@ -34,106 +41,121 @@ def radau(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CollocationLift:
-    """How interior states follow a step: correction (K, d*n) and gain (K, d*n, n+f) on [node step; parameter step];
-    matrix (K, d*n, d*n) derivative of the equations in the interior states."""
+class PlainLift:
+    """How interior states follow a step: correction (K, L, d*n) and gain (K, L, d*n, n+f) on [step of the state before;
+    parameter step]; pull (K, L, n), derivative of the cost in the state at each sample. shift (K, n+f+2) as in
+    collocate.c."""
 
     correction: np.ndarray
     gain: np.ndarray
-    matrix: np.ndarray
+    pull: np.ndarray
+    shift: np.ndarray
 
-    def points(self, nodes: np.ndarray, local: np.ndarray, n: int) -> np.ndarray:
-        """(K, d, n) step of the interior states for steps of nodes (K, n) and parameters (K, f)."""
-        whole = np.concatenate([nodes, local], axis=1)
-        step = self.correction + (self.gain @ whole[..., None])[..., 0]
-        return step.reshape(len(nodes), -1, n)
+    def follow(
+        self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """As of `CollocationKernel`."""
+        count, n = nodes.shape
+        steps, before = np.empty_like(self.correction), nodes
+        for j in range(steps.shape[1]):
+            whole = np.concatenate([before, local], axis=1)
+            steps[:, j] = self.correction[:, j] + (self.gain[:, j] @ whole[..., None])[..., 0]
+            before = steps[:, j, -n:]
+        costate, price = multipliers, 0.0
+        for j in range(steps.shape[1] - 1, -1, -1):
+            price = max(price, float(np.abs(costate * scale).max(initial=0.0)))
+            costate = self.pull[:, j] + np.einsum("kab,ka->kb", self.gain[:, j, -n:, :n], costate)
+        return steps.reshape(count, -1, n), price
 
-    def price(self, tied: np.ndarray, multipliers: np.ndarray, scale: np.ndarray) -> float:
-        """Largest scaled multiplier of the collocation equations, from those of the defects (T, n)."""
-        n = len(scale)
-        right = np.zeros((len(tied), self.matrix.shape[1], 1))
-        right[:, -n:, 0] = multipliers
-        found = np.linalg.solve(self.matrix[tied].transpose(0, 2, 1), right)
-        return float(np.abs(found.reshape(len(tied), -1, n) * scale).max(initial=0.0))
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KernelLift:
+    """The same of the compiled kernel, which keeps it in its own order."""
+
+    kernel: CollocationKernel
+    kept: np.ndarray
+    shift: np.ndarray
+
+    def follow(
+        self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """As of `PlainLift`."""
+        return self.kernel.follow(self.kept, nodes, local, multipliers, scale)
 
 
 class LiftedCollocation:
-    """The dynamics of a layout with one sample per segment, by collocation; same interface as `Shooting`."""
+    """The dynamics of a layout by collocation; same interface as `Shooting`."""
 
-    soft, kernel = False, None
+    soft = False
 
     def __init__(self, model: Model, free: np.ndarray, layout: Layout, degree: int) -> None:
         self.layout, self.degree, self._model, self._free = layout, degree, model, free
-        count, n = layout.segments, len(model.states)
         self.tau, self.c = radau(degree)
-        following = layout.guess[:, 0].copy()
-        following[layout.tied] = layout.guess[layout.tied + 1, 0]
-        start = layout.guess[:, 0]
-        self.points0: np.ndarray | None = start[:, None] + self.tau[:, None] * (following - start)[:, None]
-        u0, u1 = layout.u0[:, 0, None], layout.u1[:, 0, None]
-        self.u = u0 + self.tau[:, None] * (u1 - u0)
-        self.shape = (count, degree, n)
-        slope, outputs = compiled(model, dynamics_function), compiled(model, output_function)
-        derivatives = compiled(model, _derivative_function, tuple(free))
-        self._slope = slope.mapped(count * degree)
-        self._outputs = outputs.mapped(count)
-        self._derivatives = derivatives.mapped(count * degree)
+        self.shape = (layout.segments, layout.length, degree, len(model.states))
+        self._packed: Packed | None = None
+        key = tuple(int(i) for i in free)
+        self._offer = cached(
+            model,
+            ("collocation kernel", key, degree),
+            lambda: collocation_offer(model.name, _kernel_functions(model, key), self.tau, self.c),
+        )
+
+    @property
+    def points0(self) -> np.ndarray:
+        """(K, L d, n) interior states on straight lines between the first guesses of the samples."""
+        layout = self.layout
+        following = np.concatenate([layout.guess[:, 1:], layout.guess[:, -1:]], axis=1)
+        following[layout.tied, -1] = layout.guess[layout.tied + 1, 0]
+        along = self.tau[:, None] * (following - layout.guess)[:, :, None]
+        return (layout.guess[:, :, None] + along).reshape(layout.segments, -1, self.shape[3])
+
+    @property
+    def kernel(self) -> CollocationKernel | None:
+        """The compiled kernel when there is one now."""
+        return self._offer.get()
 
     def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
-        """nodes (K, n), parameters (K, model parameters), interior states (K, d, n)."""
+        """nodes (K, n), parameters (K, model parameters), interior states (K, L d, n)."""
         interior = self.points0 if points is None else points
-        assert interior is not None
-        count, degree, n = self.shape
-        repeated = np.repeat(parameters, degree, axis=0)
-        slopes = self._slope(interior, self.u, repeated)[0].reshape(count, degree, n)
-        together = np.concatenate([nodes[:, None], interior], axis=1)
-        gap = np.einsum("ri,krn->kin", self.c, together) - self.layout.dt[:, :, None] * slopes
-        y = self._outputs(nodes, self.layout.u0, parameters)[0].reshape(count, 1, -1)
-        return Trajectory(states=nodes[:, None], y=y.copy(), end=interior[:, -1], points=interior, gap=gap)
-
-    def ends_of_pairs(self, start: np.ndarray, pair: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """(P, n) states after two steps, `pair` (P,) and the one behind it, from start (P, n): the same equations by
-        Newton's method, with nodes that follow. Parameters as of `trajectory`. Not finite where it finds none."""
-        count, degree, n = self.shape
-        nodes, repeated = np.zeros((count, n)), np.repeat(parameters, degree, axis=0)
-        nodes[pair] = nodes[pair + 1] = start
-        points = np.repeat(nodes[:, None], degree, axis=1)
-        for _ in range(_NEWTON):
-            gap = self.trajectory(nodes, parameters, points).gap
-            assert gap is not None
-            fx, fp, _, _ = (r.copy() for r in self._derivatives(points, self.u, repeated))
-            try:
-                lift = self._lift(fx.reshape(count, degree, n, n), fp.reshape(count, degree, n, -1), gap)
-            except np.linalg.LinAlgError:
-                return np.full_like(start, np.nan)
-            points = points + lift.correction.reshape(count, degree, n)
-            nodes[pair + 1] = points[pair, -1]
-        left = self.trajectory(nodes, parameters, points).gap
-        assert left is not None
-        size = np.abs(points).max(axis=(0, 1)) + 1e-300
-        good = (np.abs(left) <= _SOLVED * size).all(axis=(1, 2))
-        return np.where((good[pair] & good[pair + 1])[:, None], points[pair + 1, -1], np.nan)
+        states, kernel = self._states(nodes, interior), self.kernel
+        if kernel is not None:
+            y, gap, squares = kernel.gaps(self._packed_for(kernel), nodes, interior, parameters)
+            return Trajectory(states=states, y=y, end=interior[:, -1], squares=squares, points=interior, gap=gap)
+        begin = time.perf_counter()
+        count, length, d, n = self.shape
+        slope, outputs = compiled(self._model, dynamics_function), compiled(self._model, output_function)
+        repeated = np.repeat(parameters, length, axis=0)
+        many = np.repeat(repeated, d, axis=0)
+        slopes = slope.mapped(count * length * d)(interior, self._inputs_at_points(slice(None)), many)[0]
+        inside = interior.reshape(count, length, d, n)
+        gap = np.einsum("ri,klrn->klin", self.c, np.concatenate([states[:, :, None], inside], axis=2))
+        gap -= self.layout.dt[:, :, None, None] * slopes.reshape(inside.shape)
+        y = outputs.mapped(count * length)(states, self.layout.u0, repeated)[0].reshape(count, length, -1)
+        self._offer.spent += time.perf_counter() - begin
+        return Trajectory(
+            states=states, y=y.copy(), end=interior[:, -1], points=interior, gap=gap.reshape(interior.shape)
+        )
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
-        """Linearised at a trajectory; weights as of `Shooting.blocks`."""
-        count, degree, n = self.shape
-        data = self.layout
-        repeated = np.repeat(parameters, degree, axis=0)
-        # interior points have no output, the node has no collocation equation: two passes of one function
-        points, gap = trajectory.points, trajectory.gap
-        if points is None or gap is None:
-            raise EstimationError("collocation: the trajectory has no interior states; it is of another transcription")
-        fx, fp, _, _ = (r.copy() for r in self._derivatives(points, self.u, repeated))
-        lift = self._lift(fx.reshape(count, degree, n, n), fp.reshape(count, degree, n, -1), gap)
-        jacobian = self._rows(trajectory, repeated, weights)
-        residual = whitened((trajectory.y - data.z)[:, 0], weights, data.pattern[:, 0])
-        by_channel = jacobian * residual[..., None]
+        """Linearised at a trajectory; weights as of `Shooting.blocks`. Raises numpy.linalg.LinAlgError where a step is
+        singular."""
+        points = _points_of(trajectory)
+        kernel = self.kernel
+        if kernel is not None:
+            packed = self._packed_for(kernel)
+            found = kernel.lift(packed, trajectory.states[:, 0], points, parameters, weights)
+            assert found.kept is not None
+            lift = KernelLift(kernel=kernel, kept=found.kept, shift=found.shift)
+        else:
+            begin = time.perf_counter()
+            found, lift = self._plain(trajectory, parameters, weights, slice(None))
+            self._offer.spent += time.perf_counter() - begin
         return Blocks(
-            hessian=jacobian.transpose(0, 2, 1) @ jacobian,
-            channel_gradient=by_channel,
-            gradient=by_channel.sum(axis=1),
-            transition=lift.gain[:, -n:],
-            end=trajectory.end + lift.correction[:, -n:],
+            hessian=found.hessian,
+            channel_gradient=found.channel_gradient,
+            gradient=found.channel_gradient.sum(axis=1),
+            transition=found.transition,
+            end=found.end,
             covariance=None,
             lift=lift,
         )
@@ -141,44 +163,243 @@ class LiftedCollocation:
     def slabs(
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
     ) -> Iterator[Slab]:
-        """As of `Shooting`, in one piece: every sample has unknowns of its own here."""
-        repeated = np.repeat(parameters, self.degree, axis=0)
-        rows = self._rows(trajectory, repeated, weights)[segments, None]
-        yield Slab(segments=segments, samples=slice(0, 1), rows=rows)
+        """As of `Shooting`."""
+        points, length, kernel = _points_of(trajectory), self.shape[1], self.kernel
+        lanes = 1 if kernel is None else kernel.lanes
+        group = max(_SLAB // (lanes * length), 1) * lanes
+        for first in range(segments.start // group * group, segments.stop, group):
+            own = slice(max(first, segments.start), min(first + group, segments.stop))
+            whole = slice(first, min(first + group, self.shape[0]))
+            if kernel is None:
+                found, _ = self._plain(trajectory, parameters, weights, whole)
+            else:
+                part = self._packed_for(kernel).part(slice(first // lanes, -(-whole.stop // lanes)), 0, length)
+                nodes = trajectory.states[whole, 0]
+                found = kernel.lift(part, nodes, points[whole], parameters[whole], weights, rows=True)
+            assert found.rows is not None
+            yield Slab(segments=own, samples=slice(0, length), rows=found.rows[own.start - first : own.stop - first])
 
     def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The polynomials as expressions."""
         return collocated(self._model, self._free, self.layout, self.tau, self.c, at)
 
-    def _rows(self, trajectory: Trajectory, repeated: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(K, o, n+f) derivatives of the whitened outputs at the nodes; parameters repeated for every point."""
-        count, degree, _ = self.shape
-        at_nodes = np.repeat(trajectory.states[:, 0], degree, axis=0)
-        inputs = np.repeat(self.layout.u0[:, 0], degree, axis=0)
-        _, _, hx, hp = self._derivatives(at_nodes, inputs, repeated)
+    def refined(self, coarse: LiftedCollocation, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(K, L d, n) interior states on the polynomials of a coarser one of the same segments and samples."""
+        count, length, d, n = self.shape
+        times = length // coarse.layout.length
+        states = coarse._states(nodes, points)
+        inside = np.concatenate([states[:, :, None], points.reshape(*states.shape[:2], -1, n)], axis=2)
+        own = (np.arange(times)[:, None] + self.tau).ravel() / times
+        table = _lagrange(np.append(0.0, coarse.tau), own)
+        return np.einsum("rt,klrn->kltn", table, inside).reshape(count, length * d, n)
+
+    def local_errors(
+        self, nodes: np.ndarray, points: np.ndarray, parameters: np.ndarray, halves: LiftedCollocation
+    ) -> np.ndarray:
+        """(K, L, n) by how much two half steps from the state before end elsewhere than each step does; `halves` has
+        twice the steps. Not finite where a half step has no solution."""
+        count, length, _, n = self.shape
+        before = self._states(nodes, points).reshape(-1, n)
+        guess = halves.refined(self, nodes, points).reshape(count * length, 2, -1, n)
+        half, after = np.arange(count * length)[:, None] * 2 + [0, 1], before
+        repeated = np.repeat(parameters, length, axis=0)
+        for k in range(2):
+            after = halves.advanced(half[:, k], after, guess[:, k], repeated)
+        return (after - points.reshape(count, length, -1, n)[:, :, -1].reshape(-1, n)).reshape(count, length, n)
+
+    def carried(
+        self, trajectory: Trajectory, parameters: np.ndarray, made: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """y (K, L, o) and end (K, n) of a trajectory with an error made (K, L, n) in each step, carried along its
+        segment by the linearised motion."""
+        points = _points_of(trajectory)
+        count, length, d, n = self.shape
+        key = tuple(int(i) for i in self._free)
+        derivatives = compiled(self._model, _point_derivatives, key).mapped(count * length * d)
+        many = np.repeat(parameters, length * d, axis=0)
+        fx = derivatives(points, self._inputs_at_points(slice(None)), many)[0].reshape(-1, d, n, n)
+        by_node = np.broadcast_to(self.c[0][:, None, None] * np.eye(n), (len(fx), d, n, n)).reshape(-1, d * n, n)
+        solved = np.linalg.solve(self._matrix(self.layout.dt.reshape(-1, 1), fx), by_node)
+        transition = -solved[:, -n:].reshape(count, length, n, n)
+        off, states = np.zeros((count, n)), trajectory.states.copy()
+        for j in range(length):
+            states[:, j] += off
+            off = (transition[:, j] @ off[..., None])[..., 0] + made[:, j]
+        repeated = np.repeat(parameters, length, axis=0)
+        outputs = compiled(self._model, output_function).mapped(count * length)
+        y = outputs(states, self.layout.u0, repeated)[0].reshape(trajectory.y.shape)
+        return y.copy(), trajectory.end + off
+
+    def advanced(self, which: np.ndarray, before: np.ndarray, guess: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(P, n) states after the steps number `which` (P,) of all, from states before (P, n), by Newton's method from
+        a guess (P, d, n) of the points; parameters (P, model parameters). Not finite where it finds none."""
+        d, n = guess.shape[1:]
+        u = self._inputs_at_points(slice(None))
+        u = u.reshape(self.layout.dt.size, *u.shape[2:])[which]
+        dt, many = self.layout.dt.ravel()[which, None, None], np.repeat(parameters, d, axis=0)
+        derivatives = compiled(self._model, _slope_function).mapped(len(which) * d)
+        X = guess.copy()
+        for _ in range(_NEWTON):
+            f, fx = (r.reshape(len(which), d, n, -1) for r in derivatives(X, u, many))
+            gap = np.einsum("ri,prn->pin", self.c, np.concatenate([before[:, None], X], axis=1)) - dt * f[..., 0]
+            if not np.isfinite(gap).all():
+                break
+            try:
+                step = np.linalg.solve(self._matrix(dt[..., 0], fx), gap.reshape(len(which), -1, 1))
+            except np.linalg.LinAlgError:
+                break
+            X = X - step.reshape(X.shape)
+            if np.abs(step).max() <= _SOLVED * np.abs(X).max():
+                return X[:, -1]
+        return np.full_like(before, np.nan)
+
+    def _states(self, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(K, L, n) states before each step."""
+        d = self.degree
+        return np.concatenate([nodes[:, None], points[:, d - 1 : -1 : d]], axis=1)
+
+    def _inputs_at_points(self, segments: slice) -> np.ndarray:
+        """(k, L, d, m)."""
+        u0, u1 = self.layout.u0[segments, :, None], self.layout.u1[segments, :, None]
+        return u0 + self.tau[:, None] * (u1 - u0)
+
+    def _packed_for(self, kernel: CollocationKernel) -> Packed:
+        if self._packed is None:
+            self._packed = kernel.pack(self.layout)
+        return self._packed
+
+    def _plain(
+        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
+    ) -> tuple[LiftedBlocks, PlainLift]:
+        """Blocks of some segments with their rows, and how their interior states follow."""
+        data, points, gap = self.layout, trajectory.points, trajectory.gap
+        assert points is not None and gap is not None
+        states, y = trajectory.states[segments], trajectory.y[segments]
+        count, length, n = states.shape
+        derived = self._derived(states, points[segments], parameters[segments], segments)
+        correction, gain = self._eliminated(derived[0], derived[1], gap[segments], segments)
+        s, offset = np.tile(np.eye(n, n + len(self._free)), (count, 1, 1)), np.zeros((count, n))
+        sensitivity, offsets = [], []
+        for j in range(length):
+            sensitivity.append(s)
+            offsets.append(offset)
+            last = gain[:, j, -n:]
+            s = last[..., :n] @ s
+            s[..., n:] += last[..., n:]
+            offset = correction[:, j, -n:] + (last[..., :n] @ offset[..., None])[..., 0]
+        hx, hp = derived[2], derived[3]
+        rows = hx @ np.stack(sensitivity, axis=1)
+        rows[..., n:] += hp
+        pattern = data.pattern[segments]
+        rows = whitened(rows, weights, pattern)
+        by_state = whitened(hx, weights, pattern)
+        moved = (by_state @ np.stack(offsets, axis=1)[..., None])[..., 0]
+        residual = whitened(y - data.z[segments], weights, pattern)
+        flat = rows.reshape(count, -1, rows.shape[3])
+        shift = [np.einsum("klof,klo->kf", rows, moved), (residual * moved).sum((1, 2))[:, None]]
+        found = LiftedBlocks(
+            hessian=flat.transpose(0, 2, 1) @ flat,
+            channel_gradient=np.einsum("klof,klo->kof", rows, residual + moved),
+            transition=s,
+            end=points[segments][:, -1] + offset,
+            shift=np.concatenate([*shift, (moved**2).sum((1, 2))[:, None]], axis=1),
+            kept=None,
+            rows=rows,
+        )
+        pull = np.einsum("klon,klo->kln", by_state, residual)
+        return found, PlainLift(correction=correction, gain=gain, pull=pull, shift=found.shift)
+
+    def _derived(
+        self, states: np.ndarray, points: np.ndarray, parameters: np.ndarray, segments: slice
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """df/dx, df/dp_free (k, L, d, n, ...) at the points, dh/dx, dh/dp_free (k, L, o, ...) at the samples."""
+        count, length, n = states.shape
+        d, key = self.degree, tuple(int(i) for i in self._free)
+        repeated = np.repeat(parameters, length, axis=0)
+        inner = compiled(self._model, _point_derivatives, key).mapped(count * length * d)
+        outer = compiled(self._model, _output_derivatives, key).mapped(count * length)
+        many = np.repeat(repeated, d, axis=0)
+        fx, fp = (
+            r.reshape(count, length, d, n, -1).copy() for r in inner(points, self._inputs_at_points(segments), many)
+        )
         o = self.layout.z.shape[2]
-        jacobian = np.concatenate([r.reshape(count, degree, o, r.shape[1])[:, 0] for r in (hx, hp)], axis=2)
-        return whitened(jacobian, weights, self.layout.pattern[:, 0])
+        hx, hp = (r.reshape(count, length, o, -1).copy() for r in outer(states, self.layout.u0[segments], repeated))
+        return fx, fp, hx, hp
 
-    def _lift(self, fx: np.ndarray, fp: np.ndarray, gap: np.ndarray) -> CollocationLift:
-        count, degree, n = self.shape
-        dt = self.layout.dt[:, :, None, None]
-        matrix = np.zeros((count, degree, n, degree, n))
-        for i in range(degree):
-            for r in range(degree):
+    def _eliminated(
+        self, fx: np.ndarray, fp: np.ndarray, gap: np.ndarray, segments: slice
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """correction (k, L, d n) and gain (k, L, d n, n+f) of the interior states of every step."""
+        count, length, d, n = fx.shape[:4]
+        dt = self.layout.dt[segments].reshape(-1, 1, 1)
+        matrix = self._matrix(dt[..., 0], fx.reshape(-1, d, n, n))
+        by_node = np.broadcast_to(self.c[0][:, None, None] * np.eye(n), (count * length, d, n, n))
+        by_parameter = -dt[..., None] * fp.reshape(count * length, d, n, fp.shape[4])
+        right = np.concatenate([gap.reshape(-1, d, n, 1), by_node, by_parameter], axis=3)
+        solved = -np.linalg.solve(matrix, right.reshape(count * length, d * n, -1))
+        solved = solved.reshape(count, length, d * n, -1)
+        return solved[..., 0], solved[..., 1:]
+
+    def _matrix(self, dt: np.ndarray, fx: np.ndarray) -> np.ndarray:
+        """(P, d n, d n) derivative of the equations of P steps of durations dt (P, 1) in their points."""
+        count, d, n = fx.shape[:3]
+        matrix = np.zeros((count, d, n, d, n))
+        for i in range(d):
+            for r in range(d):
                 matrix[:, i, :, r, :] = self.c[r + 1, i] * np.eye(n)
-            matrix[:, i, :, i, :] -= dt[:, 0] * fx[:, i]
-        matrix = matrix.reshape(count, degree * n, degree * n)
-        by_node = np.broadcast_to(self.c[0][:, None, None] * np.eye(n), (count, degree, n, n))
-        right = np.concatenate([gap.reshape(count, degree, n, 1), by_node, -dt * fp], axis=3)
-        solved = -np.linalg.solve(matrix, right.reshape(count, degree * n, -1))
-        return CollocationLift(correction=solved[..., 0], gain=solved[..., 1:], matrix=matrix)
+            matrix[:, i, :, i, :] -= dt[..., None] * fx[:, i]
+        return matrix.reshape(count, d * n, d * n)
 
 
-def _derivative_function(model: Model, free: Sequence[int]) -> ca.Function:
-    """(x, u, p) -> df/dx, df/dp_free, dh/dx, dh/dp_free, transposed (numpy row order)."""
-    f, h = quiet(model, model.f), quiet(model, model.h)
-    p_free = ca.vertcat(*[model.p[int(i)] for i in free])
-    jacobians = [ca.jacobian(e, v) for e in (f, h) for v in (model.x, p_free)]
-    results = [ca.densify(j.T) for j in jacobians]
-    return ca.Function("slopes", [model.x, model.u, model.p], ca.cse(results))
+def _points_of(trajectory: Trajectory) -> np.ndarray:
+    if trajectory.points is None:
+        raise EstimationError("collocation: the trajectory has no interior states; it is of another transcription")
+    return trajectory.points
+
+
+def _lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(nodes, points) value at each point of the polynomial that is 1 at one node and 0 at the others."""
+    rows = []
+    for r, node in enumerate(nodes):
+        others = np.delete(nodes, r)
+        rows.append(np.prod((at[:, None] - others) / (node - others), axis=1))
+    return np.array(rows)
+
+
+def _transposed(name: str, model: Model, results: Sequence[ca.SX]) -> ca.Function:
+    """Of (x, u, p), in numpy's row order."""
+    return ca.Function(name, [model.x, model.u, model.p], ca.cse([ca.densify(e.T) for e in results]))
+
+
+def _free_parameters(model: Model, free: Sequence[int]) -> ca.SX:
+    return ca.vertcat(*[model.p[int(i)] for i in free])
+
+
+def _slope_function(model: Model) -> ca.Function:
+    """f, df/dx."""
+    f = quiet(model, model.f)
+    return _transposed("slope", model, [f, ca.jacobian(f, model.x)])
+
+
+def _point_derivatives(model: Model, free: Sequence[int]) -> ca.Function:
+    """df/dx, df/dp_free."""
+    f = quiet(model, model.f)
+    return _transposed("slopes", model, [ca.jacobian(f, v) for v in (model.x, _free_parameters(model, free))])
+
+
+def _output_derivatives(model: Model, free: Sequence[int]) -> ca.Function:
+    """dh/dx, dh/dp_free."""
+    h = quiet(model, model.h)
+    return _transposed("outputs", model, [ca.jacobian(h, v) for v in (model.x, _free_parameters(model, free))])
+
+
+def _kernel_functions(model: Model, free: Sequence[int]) -> dict[str, ca.Function]:
+    """What `collocation_source` takes."""
+    f, h, q = (quiet(model, model.f), quiet(model, model.h), _free_parameters(model, free))
+    results = {
+        "slope": [ca.densify(f)],
+        "output": [ca.densify(h)],
+        "slopes": [ca.densify(f), ca.jacobian(f, model.x), ca.jacobian(f, q)],
+        "outputs_of": [ca.densify(h), ca.jacobian(h, model.x), ca.jacobian(h, q)],
+    }
+    return {name: ca.Function(name, [model.x, model.u, model.p], ca.cse(r)) for name, r in results.items()}

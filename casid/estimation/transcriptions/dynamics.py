@@ -12,7 +12,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from casid.estimation.transcriptions.kernel import Kernel
+from casid.estimation.transcriptions.kernel import Reducing
 from casid.estimation.transcriptions.layout import Layout
 
 
@@ -20,7 +20,7 @@ from casid.estimation.transcriptions.layout import Layout
 class Trajectory:
     """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples. `end` (K, n) state after the last
     step, squares (K, o) sums of squared residuals where they were gathered on the way. `points`, `gap` are only those
-    of collocation: (K, d, n) interior states and what they leave unsatisfied."""
+    of collocation: (K, L d, n) interior states and what they leave unsatisfied."""
 
     states: np.ndarray
     y: np.ndarray
@@ -31,14 +31,19 @@ class Trajectory:
 
 
 class Lift(Protocol):
-    """How the interior states of collocation follow a step."""
+    """How the interior states of collocation follow a step. The offset o of the predictions that its equations make
+    while they are left open, with the residuals r and rows R: shift (K, n+f+2) is R'o, r'o, o'o of each segment."""
 
-    def points(self, nodes: np.ndarray, local: np.ndarray, n: int) -> np.ndarray:
-        """(K, d, n) step of the interior states for steps of nodes (K, n) and parameters (K, f)."""
+    @property
+    def shift(self) -> np.ndarray:
+        """(K, n+f+2)."""
         ...
 
-    def price(self, tied: np.ndarray, multipliers: np.ndarray, scale: np.ndarray) -> float:
-        """Largest scaled multiplier of the collocation equations, from those of the defects (T, n)."""
+    def follow(
+        self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Step of the interior states (K, points, n) for steps of nodes (K, n) and parameters (K, f), and the largest
+        costate times scale (n,), from the multipliers (K, n) of the ends, zero where nothing follows."""
         ...
 
 
@@ -50,7 +55,8 @@ class Blocks:
     channel_gradient  (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
     transition, end   the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
     covariance        (K, n, n) that process noise adds to the end state; None without
-    lift              how interior states follow, only of collocation
+    lift              how interior states follow, only of collocation; gradients are then those at the predictions that
+                      satisfy its linearised equations
     """
 
     hessian: np.ndarray
@@ -124,7 +130,11 @@ class Dynamics(Protocol):
     """
 
     layout: Layout
-    points0: np.ndarray | None
+
+    @property
+    def points0(self) -> np.ndarray | None:
+        """Interior unknowns at the start."""
+        ...
 
     @property
     def soft(self) -> bool:
@@ -132,7 +142,7 @@ class Dynamics(Protocol):
         ...
 
     @property
-    def kernel(self) -> Kernel | None:
+    def kernel(self) -> Reducing | None:
         """The compiled kernel when there is one now."""
         ...
 

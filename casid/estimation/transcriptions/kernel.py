@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Generic, Protocol, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ from casid.native.compiler import c_compiler, cached_library, compile_first, com
 from casid.native.emitter import UnknownOperationError
 from casid.native.kernel_source import Sizes, kernel_source, sizes_of
 
+K = TypeVar("K")
 _LOG = logging.getLogger(__name__)
 # with the vector mathematics of glibc where that exists
 _GLIBC = platform.libc_ver()[0] == "glibc" and platform.machine() == "x86_64"
@@ -46,7 +48,7 @@ class Packed:
     def part(self, blocks: slice, first: int, stop: int) -> Packed:
         """Of some blocks, samples first ... stop-1."""
         data, live = self.data[blocks, first:stop], np.clip(self.live[blocks] - first, 0, stop - first)
-        return replace(self, data=_aligned_copy(data), live=live)
+        return replace(self, data=aligned_copy(data), live=live)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,6 +64,84 @@ class KernelBlocks:
     rows: np.ndarray | None
 
 
+def pack(layout: Layout, sizes: Sizes, lanes: int) -> Packed:
+    """The data of a layout; the last block is filled up with the last segment."""
+    count, w = layout.segments, lanes
+    blocks, m, o = -(-count // w), sizes.m, sizes.o
+    packed = aligned((blocks, layout.length, sizes.stride, w))
+    parts = (
+        (0, layout.u0),
+        (m, layout.u1),
+        (2 * m, layout.dt[..., None]),
+        (2 * m + 1, layout.z),
+        (2 * m + 1 + o, layout.pattern[..., None]),
+    )
+    which = np.minimum(np.arange(blocks * w), count - 1).reshape(blocks, w)
+    for first, values in parts:
+        last = first + values.shape[2]
+        packed[:, :, first:last] = values[which].transpose(0, 2, 3, 1)
+    used = np.zeros(count, dtype=ctypes.c_long)
+    for record, times in enumerate(layout.times):
+        own = layout.segments_of(record)
+        used[own] = layout.length
+        used[own.stop - 1] = len(times) - (own.stop - 1 - own.start) * layout.length
+    return Packed(data=packed, live=used[which].max(axis=1), seen=layout.seen)
+
+
+class Reduction:
+    """The step of a record by compiled code; see `reduce.c`."""
+
+    def __init__(self, loaded: ctypes.CDLL, sizes: Sizes) -> None:
+        self.sizes = sizes
+        self._reduce, self._work = loaded.reduce, loaded.work
+        self._reduce.argtypes = (ctypes.c_long, *[ctypes.c_void_p] * 10)
+        self._work.argtypes, self._work.restype = (ctypes.c_long,), ctypes.c_long
+        self._space = np.empty(0)
+
+    def __call__(
+        self,
+        hessian: np.ndarray,
+        gradient: np.ndarray,
+        transition: np.ndarray,
+        defect: np.ndarray,
+        covariance: np.ndarray | None,
+        scale: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """states (M, n, 1+f), multipliers (M-1, n, 1+f) and (f, 1+f) minus the gradient and information, see `kkt`; not
+        for two threads at once. Raises numpy.linalg.LinAlgError when the system is singular."""
+        count, sides = len(hessian), 1 + self.sizes.f
+        n, size = self.sizes.n, int(self._work(len(hessian)))
+        if len(self._space) < size:
+            self._space = aligned((size,))
+        states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
+        information = np.empty((self.sizes.f, sides))
+        if call(
+            self._reduce,
+            count,
+            hessian,
+            gradient,
+            transition,
+            defect,
+            covariance,
+            scale,
+            self._space,
+            states,
+            multipliers,
+            information,
+        ):
+            raise np.linalg.LinAlgError("singular states and multipliers")
+        return states, multipliers, information
+
+
+class Reducing(Protocol):
+    """A kernel, of shooting or collocation, that has the step of a record."""
+
+    @property
+    def reduce(self) -> Reduction:
+        """The step."""
+        ...
+
+
 class Kernel:
     """A compiled kernel: simulation and linearisation of segments, lanes at a time, and the step of a record."""
 
@@ -69,38 +149,16 @@ class Kernel:
         loaded = ctypes.CDLL(library)
         self.sizes, self.lanes = sizes, int(loaded.lanes())
         number, address = ctypes.c_long, ctypes.c_void_p
-        self._simulate, self._linearise, self._reduce = loaded.simulate, loaded.linearise, loaded.reduce
+        self._simulate, self._linearise = loaded.simulate, loaded.linearise
         self._simulate.argtypes = (number, number, *[address] * 9)
         self._linearise.argtypes = (number, number, *[address] * 5, number, *[address] * 7)
-        self._reduce.argtypes = (number, *[address] * 10)
         self._simulate.restype = self._linearise.restype = None
-        self._work = loaded.work
-        self._work.argtypes, self._work.restype = (number,), number
-        self._space = np.empty(0)
+        self.reduce = Reduction(loaded, sizes)
         self._below = np.tril_indices(sizes.o)
 
     def pack(self, layout: Layout) -> Packed:
         """The data of a layout; the last block is filled up with the last segment."""
-        count, w = layout.segments, self.lanes
-        blocks, m, o = -(-count // w), self.sizes.m, self.sizes.o
-        packed = _aligned((blocks, layout.length, self.sizes.stride, w))
-        parts = (
-            (0, layout.u0),
-            (m, layout.u1),
-            (2 * m, layout.dt[..., None]),
-            (2 * m + 1, layout.z),
-            (2 * m + 1 + o, layout.pattern[..., None]),
-        )
-        which = np.minimum(np.arange(blocks * w), count - 1).reshape(blocks, w)
-        for first, values in parts:
-            last = first + values.shape[2]
-            packed[:, :, first:last] = values[which].transpose(0, 2, 3, 1)
-        used = np.zeros(count, dtype=ctypes.c_long)
-        for record, times in enumerate(layout.times):
-            own = layout.segments_of(record)
-            used[own] = layout.length
-            used[own.stop - 1] = len(times) - (own.stop - 1 - own.start) * layout.length
-        return Packed(data=packed, live=used[which].max(axis=1), seen=layout.seen)
+        return pack(layout, self.sizes, self.lanes)
 
     def simulate(
         self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray
@@ -109,7 +167,7 @@ class Kernel:
         (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         states, y = np.empty((count, length, n)), np.empty((count, length, o))
         end, squares = np.empty((count, n)), np.empty((count, o))
-        _call(
+        call(
             self._simulate,
             count,
             length,
@@ -145,7 +203,7 @@ class Kernel:
             covariance=np.empty((count, n, n)) if self.sizes.v else None,
             rows=np.zeros((count, length, o, nf)) if rows else None,
         )
-        _call(
+        call(
             self._linearise,
             count,
             length,
@@ -165,40 +223,6 @@ class Kernel:
         )
         return found
 
-    def reduce(
-        self,
-        hessian: np.ndarray,
-        gradient: np.ndarray,
-        transition: np.ndarray,
-        defect: np.ndarray,
-        covariance: np.ndarray | None,
-        scale: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """states (M, n, 1+f), multipliers (M-1, n, 1+f) and (f, 1+f) minus the gradient and information, see `kkt`; not
-        for two threads at once. Raises numpy.linalg.LinAlgError when the system is singular."""
-        count, sides = len(hessian), 1 + self.sizes.f
-        n, size = self.sizes.n, int(self._work(len(hessian)))
-        if len(self._space) < size:
-            self._space = _aligned((size,))
-        states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
-        information = np.empty((self.sizes.f, sides))
-        if _call(
-            self._reduce,
-            count,
-            hessian,
-            gradient,
-            transition,
-            defect,
-            covariance,
-            scale,
-            self._space,
-            states,
-            multipliers,
-            information,
-        ):
-            raise np.linalg.LinAlgError("singular states and multipliers")
-        return states, multipliers, information
-
 
 def is_dense(weights: np.ndarray) -> bool:
     """Whether any of the matrices (patterns, o, o) has more than a diagonal."""
@@ -215,7 +239,7 @@ def whitened(values: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> np
     return (matrix @ values[..., None])[..., 0] if vector else matrix @ values
 
 
-def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
     """Zeros that start where a vector may."""
     size = int(np.prod(shape))
     held = np.zeros(size + 8)
@@ -223,13 +247,13 @@ def _aligned(shape: tuple[int, ...]) -> np.ndarray:
     return held[first : first + size].reshape(shape)
 
 
-def _aligned_copy(values: np.ndarray) -> np.ndarray:
-    copy = _aligned(values.shape)
+def aligned_copy(values: np.ndarray) -> np.ndarray:
+    copy = aligned(values.shape)
     copy[...] = values
     return copy
 
 
-def _call(function, *arguments: np.ndarray | float | None) -> int:
+def call(function, *arguments: np.ndarray | float | None) -> int:
     """Arrays go as the address of their numbers in C order."""
     kept = [np.ascontiguousarray(a) if isinstance(a, np.ndarray) else a for a in arguments]
     return function(*[a.__array_interface__["data"][0] if isinstance(a, np.ndarray) else a for a in kept])
@@ -240,12 +264,8 @@ def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Ker
     Raises UnknownOperationError."""
     if c_compiler() is None:
         return None
-    return _compiled(kernel_source(*functions, noises), sizes_of(functions[1], noises))
-
-
-def _compiled(source: str, sizes: Sizes) -> Kernel | None:
-    library = compile_library(source, FLAGS)
-    return None if library is None else Kernel(str(library), sizes)
+    library = compile_library(kernel_source(*functions, noises), FLAGS)
+    return None if library is None else Kernel(str(library), sizes_of(functions[1], noises))
 
 
 @cache
@@ -254,20 +274,23 @@ def _say(model: str, why: str) -> None:
     _LOG.warning("model '%s' is estimated without the fast kernel, slower with the same result: %s", model, why)
 
 
-class KernelOffer:
-    """The kernel of a model once it has earned its compilation: what was spent without it pays for it.
+class KernelOffer(Generic[K]):
+    """A kernel of a model once it has earned its compilation: what was spent without it pays for it.
 
     `get()` is None until then, and for good where there is no compiler or the emitter does not know an operation.
+
+    write   makes the source and says how many instructions it has
+    load    makes the kernel of the compiled library
     """
 
-    def __init__(self, name: str, functions: Callable[[], tuple[ca.Function, ca.Function]], noises: int) -> None:
+    def __init__(self, name: str, write: Callable[[], tuple[str, int]], load: Callable[[str], K]) -> None:
         self.spent = 0.0
-        self._name, self._functions, self._noises = name, functions, noises
-        self._kernel: Kernel | None = None
+        self._name, self._make, self._load = name, write, load
+        self._kernel: K | None = None
         self._settled = False
-        self._source: tuple[str, Sizes, float] | None = None
+        self._source: tuple[str, float] | None = None
 
-    def get(self) -> Kernel | None:
+    def get(self) -> K | None:
         """The kernel, when it is there or worth its while now."""
         if self._settled:
             return self._kernel
@@ -275,20 +298,31 @@ class KernelOffer:
             self._settled = True
             return None
         try:
-            source, sizes, price = self._source or self._write()
+            source, price = self._source or self._write()
         except UnknownOperationError as error:
             _say(self._name, str(error))
             self._settled = True
             return None
         if compile_first() or self.spent >= price or cached_library(source, FLAGS) is not None:
-            self._kernel, self._settled = _compiled(source, sizes), True
+            library = compile_library(source, FLAGS)
+            self._kernel, self._settled = None if library is None else self._load(str(library)), True
         return self._kernel
 
-    def _write(self) -> tuple[str, Sizes, float]:
+    def _write(self) -> tuple[str, float]:
         begin = time.perf_counter()
-        plain, linear = self._functions()
-        source = kernel_source(plain, linear, self._noises)
-        price = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * (plain.n_instructions() + linear.n_instructions())
-        self._source = source, sizes_of(linear, self._noises), price
+        source, instructions = self._make()
+        self._source = source, _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
         self.spent -= time.perf_counter() - begin
         return self._source
+
+
+def shooting_offer(
+    name: str, functions: Callable[[], tuple[ca.Function, ca.Function]], noises: int
+) -> KernelOffer[Kernel]:
+    """The offer of the kernel of shooting, of what `stage_functions` gives."""
+
+    def write() -> tuple[str, int]:
+        plain, linear = functions()
+        return kernel_source(plain, linear, noises), plain.n_instructions() + linear.n_instructions()
+
+    return KernelOffer(name, write, lambda library: Kernel(library, sizes_of(functions()[1], noises)))

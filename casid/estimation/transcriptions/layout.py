@@ -70,13 +70,10 @@ def _padded(values: np.ndarray, count: int, last: bool) -> np.ndarray:
     return np.concatenate([values, tail])
 
 
-def build_layout(problem: Problem, interval: int | None, substeps: int = 1, whole: bool = True) -> Layout:
-    """Segments of `interval` samples, None: one segment per record, with `substeps` steps between two samples.
-
-    whole: whether a segment spans whole sample intervals; otherwise the points between samples start segments too.
-    """
+def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> Layout:
+    """Segments of `interval` samples, None: one segment per record, with `substeps` steps between two samples."""
     model = problem.model
-    length = (interval or max(len(record) for record in problem.records)) * (substeps if whole else 1)
+    length = (interval or max(len(record) for record in problem.records)) * substeps
     parts: dict[str, list[np.ndarray]] = {k: [] for k in ("u0", "u1", "dt", "z", "present", "guess")}
     record_of, first, tied, sample, times = [], [], [], [], []
     count = 0

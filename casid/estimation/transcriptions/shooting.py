@@ -18,7 +18,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.transcriptions.curvature import shot_derivatives
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
-from casid.estimation.transcriptions.kernel import Kernel, KernelOffer, Packed, whitened
+from casid.estimation.transcriptions.kernel import Kernel, Packed, shooting_offer, whitened
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.steps import (
     cached,
@@ -62,7 +62,7 @@ class Shooting:
         self._offer = cached(
             model,
             ("kernel", *key),
-            lambda: KernelOffer(
+            lambda: shooting_offer(
                 model.name, lambda: stage_functions(model, free, self.noise_names, feedback), len(self.noise_names)
             ),
         )

@@ -52,7 +52,8 @@ def shot(model: Model, free: np.ndarray, layout: Layout, at: ProblemSymbols) -> 
 def collocated(
     model: Model, free: np.ndarray, layout: Layout, tau: np.ndarray, c: np.ndarray, at: ProblemSymbols
 ) -> Simulated:
-    """By polynomials through a node and the interior states after it; tau and c as `radau` gives them."""
+    """By polynomials through the state before a step and the interior states after it; tau and c as `radau` gives
+    them."""
     degree, scale = len(tau), ca.DM(model.scale_vector())
     of, f = SampleSymbols(model, free, degree), dynamics_function(model)
     together = ca.horzcat(of.x, of.points)
@@ -62,12 +63,17 @@ def collocated(
     ]
     scaled = ca.vertcat(*equations) / ca.repmat(scale, degree, 1)
     inputs = [of.x, of.points, of.u0, of.u1, of.dt, of.base, of.q]
-    interval = with_data("interval", inputs, [of.points[:, -1], scaled], (0, 1, 6))
-    count = layout.segments
+    interval = with_data("interval", inputs, [scaled], (0, 1, 6))
     assert at.points is not None
-    end, gap = interval.map(count)(at.nodes, at.points, at.u0, at.u1, at.dt, at.base, at.free)
-    y = _outputs(model, of).map(count)(at.nodes, at.u0, at.base, at.free)
-    return Simulated(states=at.nodes, end=end, y=y, gap=ca.vec(gap))
+    length, steps = layout.length, layout.segments * layout.length
+    after = at.points[:, degree - 1 :: degree]
+    before = [k // length if k % length == 0 else layout.segments + k - 1 for k in range(steps)]
+    states = ca.horzcat(at.nodes, after)[:, before]
+    record = [k // length for k in range(steps)]
+    base, own = at.base[:, record], at.free[:, record]
+    gap = ca.vec(interval.map(steps)(states, at.points, at.u0, at.u1, at.dt, base, own))
+    y = _outputs(model, of).map(steps)(states, at.u0, base, own)
+    return Simulated(states=states, end=after[:, length - 1 :: length], y=y, gap=gap)
 
 
 def _outputs(model: Model, of: SampleSymbols) -> ca.Function:

@@ -10,7 +10,7 @@ from casid.arguments import number, numbers_by_name, whole
 from casid.errors import EstimationError, InputError
 from casid.estimation.cost import RangeWeights
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.shooting import Shooting
@@ -134,7 +134,7 @@ class Collocation:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
 
     def dynamics(self, problem: Problem) -> Dynamics:
-        """One segment per step.
+        """Segments of some samples, whose states are unknowns all the same.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Collocation:
                 "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or "
                 "MultipleShooting()"
             )
-        layout = build_layout(problem, 1, self.substeps or 1, whole=False)
+        layout = build_layout(problem, CONDENSED, self.substeps or 1)
         return LiftedCollocation(problem.model, problem.free_index, layout, self.degree)
 
 

@@ -1,33 +1,5 @@
 /* Simulate segments, or linearise them and gather their Gram blocks on the way; kernel_source.py writes what goes
    before: sizes, the functions of the model, and the rows of its matrices. */
-#define SEGMENT(l) (first + (l) < count ? first + (l) : count - 1)
-
-int lanes(void) { return W; }
-
-static inline void gather(V *to, const double *from, int width, long first, long count)
-{
-    for (int i = 0; i < width; i++)
-        for (int l = 0; l < W; l++) to[i][l] = from[SEGMENT(l) * width + i];
-}
-
-static inline void scatter(double *to, const V *from, int width, long row, long rows, long first, long count)
-{
-    for (int l = 0; l < W && first + l < count; l++)
-        for (int i = 0; i < width; i++) to[((first + l) * rows + row) * width + i] = from[i][l];
-}
-
-#define PATTERN (2 * M + 1 + O)
-#define TRIANGLE (O * (O + 1) / 2)
-
-/* the row of a table that each lane's pattern says; `held` is the pattern that `to` is of already */
-static inline void choose(V *to, V *held, const V *pattern, const double *table, int width)
-{
-    if (!memcmp(held, pattern, sizeof(V))) return;
-    *held = *pattern;
-    for (int l = 0; l < W; l++)
-        for (int i = 0; i < width; i++) to[i][l] = table[(long)(*pattern)[l] * width + i];
-}
-
 /* live (blocks): samples after which nothing but padding follows; seen (patterns, O): 1 where present;
    states (count, length, N), y (count, length, O), end (count, N), squares (count, O) of present residuals */
 void simulate(long count, long length, const long *live, const V *data, const double *nodes, const double *parameters,

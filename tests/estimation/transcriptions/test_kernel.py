@@ -18,7 +18,7 @@ from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 from casid.estimation import MultipleShooting, OutputError, Problem, SingleShooting, solve
 from casid.estimation.estimate import build_objective
 from casid.estimation.transcriptions import kernel
-from casid.estimation.transcriptions.kernel import KernelOffer
+from casid.estimation.transcriptions.kernel import shooting_offer
 from casid.estimation.transcriptions.shooting import Shooting
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
@@ -257,6 +257,6 @@ def test_without_a_compiler_no_kernel_is_offered(monkeypatch):
     def never() -> tuple[ca.Function, ca.Function]:
         raise AssertionError("the source was written for nothing")
 
-    offer = KernelOffer("m", never, 0)
+    offer = shooting_offer("m", never, 0)
     offer.spent = 1e9
     assert offer.get() is None

@@ -1,0 +1,124 @@
+"""The compiled kernel of collocation on numpy arrays; `LiftedCollocation` is its only user."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.transcriptions.kernel import KernelOffer, Packed, Reduction, aligned, call, is_dense, pack
+from casid.estimation.transcriptions.layout import Layout
+from casid.native.kernel_source import Sizes, collocation_sizes, collocation_source
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiftedBlocks:
+    """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), shift (K, n+f+2) as in
+    collocate.c; `kept` is what `CollocationKernel.follow` takes, rows (K, L, o, n+f) where they were asked for."""
+
+    hessian: np.ndarray
+    channel_gradient: np.ndarray
+    transition: np.ndarray
+    end: np.ndarray
+    shift: np.ndarray
+    kept: np.ndarray | None
+    rows: np.ndarray | None
+
+
+class CollocationKernel:
+    """Residuals and linearisation of collocation, lanes of segments at a time, and the step of a record."""
+
+    def __init__(self, library: str, sizes: Sizes, degree: int) -> None:
+        loaded = ctypes.CDLL(library)
+        self.sizes, self.degree, self.lanes, self.reduce = sizes, degree, int(loaded.lanes()), Reduction(loaded, sizes)
+        number, address = ctypes.c_long, ctypes.c_void_p
+        loaded.kept.restype = number
+        self._kept = int(loaded.kept())
+        self._gaps, self._lift, self._follow = loaded.gaps, loaded.lift, loaded.follow
+        self._gaps.argtypes = (number, number, *[address] * 8)
+        self._lift.argtypes = (number, number, *[address] * 5, number, *[address] * 8)
+        self._follow.argtypes = (number, number, *[address] * 7)
+        self._gaps.restype = self._lift.restype = self._follow.restype = None
+        points = degree * sizes.n
+        self._work = aligned((points * (points + 1 + sizes.n + sizes.f) * self.lanes,))
+        self._below = np.tril_indices(sizes.o)
+
+    def pack(self, layout: Layout) -> Packed:
+        """The data of a layout."""
+        return pack(layout, self.sizes, self.lanes)
+
+    def gaps(
+        self, packed: Packed, nodes: np.ndarray, points: np.ndarray, parameters: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """y (K, L, o), gap like points (K, L d, n), squares (K, o)."""
+        count, length, o = len(nodes), packed.data.shape[1], self.sizes.o
+        y, gap, squares = np.empty((count, length, o)), np.empty(points.shape), np.empty((count, o))
+        call(self._gaps, count, length, packed.data, nodes, points, parameters, packed.seen, y, gap, squares)
+        return y, gap, squares
+
+    def lift(
+        self,
+        packed: Packed,
+        nodes: np.ndarray,
+        points: np.ndarray,
+        parameters: np.ndarray,
+        weights: np.ndarray,
+        rows: bool = False,
+    ) -> LiftedBlocks:
+        """weights (patterns, o, o) as in `Shooting.blocks`; with rows nothing is kept."""
+        (count, n), (blocks, length) = nodes.shape, packed.data.shape[:2]
+        o, nf = self.sizes.o, n + self.sizes.f
+        found = LiftedBlocks(
+            hessian=np.empty((count, nf, nf)),
+            channel_gradient=np.empty((count, o, nf)),
+            transition=np.empty((count, n, nf)),
+            end=np.empty((count, n)),
+            shift=np.empty((count, nf + 2)),
+            kept=None if rows else aligned((blocks, length, self._kept, self.lanes)),
+            rows=np.zeros((count, length, o, nf)) if rows else None,
+        )
+        call(
+            self._lift,
+            count,
+            length,
+            packed.data,
+            nodes,
+            points,
+            parameters,
+            weights[:, *self._below],
+            is_dense(weights),
+            self._work,
+            found.hessian,
+            found.channel_gradient,
+            found.transition,
+            found.end,
+            found.shift,
+            found.kept,
+            found.rows,
+        )
+        return found
+
+    def follow(
+        self, kept: np.ndarray, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Step of the interior states (K, L d, n) for steps of nodes (K, n) and parameters (K, f), and the largest
+        costate times scale (n,), from the multipliers (K, n) of the ends."""
+        (count, n), length = nodes.shape, kept.shape[1]
+        steps, price = np.empty((count, length * self.degree, n)), np.empty(count)
+        call(self._follow, count, length, kept, nodes, local, multipliers, scale, steps, price)
+        return steps, float(price.max(initial=0.0))
+
+
+def collocation_offer(
+    name: str, functions: Mapping[str, ca.Function], tau: np.ndarray, c: np.ndarray
+) -> KernelOffer[CollocationKernel]:
+    """The offer of the kernel; arguments as of `collocation_source`."""
+
+    def write() -> tuple[str, int]:
+        return collocation_source(functions, tau, c), sum(f.n_instructions() for f in functions.values())
+
+    sizes = collocation_sizes(functions)
+    return KernelOffer(name, write, lambda library: CollocationKernel(library, sizes, len(tau)))
