@@ -96,10 +96,16 @@ _ROOMS = {
         "Isolability",
         "isolability",
     ),
+    "casid.acceptance.match": (
+        "MatchedTest",
+        "ProofOfMatch",
+        "proof_of_match",
+    ),
     "casid.acceptance.theil": (
         "Theil",
         "theil",
     ),
+    "casid.acceptance.tolerances": ("Standard",),
     "casid.frequency.output_error": ("FourierOutputError",),
     "casid.frequency.regression": ("FourierEquationError",),
     "casid.design": (

@@ -1,6 +1,8 @@
 from casid.acceptance.handbook import Handbook, modes
 from casid.acceptance.isolability import Isolability, isolability
+from casid.acceptance.match import MatchedTest, ProofOfMatch, proof_of_match
 from casid.acceptance.theil import Theil, theil
+from casid.acceptance.tolerances import Standard
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
 from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
 from casid.diagnosis.data.check import DataFindings as DataFindings
@@ -96,6 +98,7 @@ __all__ = [
     "Isolability",
     "Library",
     "LinearModel",
+    "MatchedTest",
     "Minimum",
     "Mismatch",
     "MismatchEnvelope",
@@ -106,12 +109,14 @@ __all__ = [
     "Port",
     "Problem",
     "ProfileInterval",
+    "ProofOfMatch",
     "RangeWeights",
     "Record",
     "ResponseComparison",
     "SampledFeedback",
     "Simulation",
     "SingleShooting",
+    "Standard",
     "Starts",
     "StateHistory",
     "Steps",
@@ -143,6 +148,7 @@ __all__ = [
     "parameter",
     "path",
     "profile",
+    "proof_of_match",
     "read_record",
     "read_records",
     "simulate",

@@ -27,6 +27,9 @@ VIEWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "comparison.plot": ("casid.report.bode_figures", "plot_comparison"),
         "diagnosis.frame": ("casid.report.diagnosis_view", "frame"),
         "diagnosis.html": ("casid.report.diagnosis_view", "html"),
+        "match.plot": ("casid.report.match_figures", "plot"),
+        "match.frame": ("casid.report.match_page", "frame"),
+        "match.report": ("casid.report.match_page", "write_match"),
     }
 )
 

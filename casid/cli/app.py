@@ -16,6 +16,7 @@ COMMANDS = {
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",
     "response": "casid.cli.response:response",
+    "match": "casid.cli.match:match",
     "identifiability": "casid.cli.identifiability:identifiability",
     "design": "casid.cli.design:design",
     "modes": "casid.cli.modes:modes",

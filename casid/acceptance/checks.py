@@ -1,0 +1,248 @@
+"""Flight against simulation by the rows of a test: deviation, limit, time out of tolerance, pass or fail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.acceptance.flown import Flown, calibrated_airspeed
+from casid.acceptance.manoeuvres import Window
+from casid.acceptance.quantities import QUANTITIES, UNKNOWN, Oscillation, Quantity, oscillation
+from casid.acceptance.smoothing import Smooth, smooth
+from casid.acceptance.tolerances import CALIBRATED, StandardTest, Tolerance
+from casid.model.dynamics import standard_density
+from casid.records.record import Record
+
+_ROUNDING = 1e-9  # of a limit: at the limit is within
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flight:
+    """The measured side of a test.
+
+    Attributes
+    ----------
+    t
+        (N,) clock of the record [s].
+    samples
+        Channel -> (N,) as measured.
+    curves
+        Channel -> (N,) with its noise smoothed: what is compared.
+    noise
+        Channel -> 1-sigma that was taken off.
+    quantities
+        Row of the test -> derived quantity.
+    """
+
+    t: np.ndarray
+    samples: Mapping[str, np.ndarray]
+    curves: Mapping[str, np.ndarray]
+    noise: Mapping[str, float]
+    quantities: Mapping[Tolerance, Quantity]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One row of a test, judged.
+
+    Attributes
+    ----------
+    tolerance
+        The row.
+    passed
+        Within tolerance; None: not judged, `why` says why.
+    used
+        Largest part of the tolerance that is used, 1 at the limit.
+    deviation, limit
+        Simulation minus flight, and the tolerance, where most of it is used.
+    at_s
+        When that is, on the clock of the record; of a time history.
+    in_s, out_s
+        Time in and out of tolerance [s]; of a time history.
+    flight, simulation
+        Of a derived quantity.
+    """
+
+    tolerance: Tolerance
+    passed: bool | None
+    used: float = math.nan
+    deviation: float = math.nan
+    limit: float = math.nan
+    at_s: float = math.nan
+    in_s: float = math.nan
+    out_s: float = math.nan
+    flight: Quantity | None = None
+    simulation: Quantity | None = None
+    why: str = ""
+
+
+def smoothed_channels(record: Record, names: Sequence[str]) -> dict[str, Smooth]:
+    """Channels that a record measures, over its whole length."""
+    there = {name: _with_calibrated(record.channels, record, name) for name in names}
+    return {
+        n: smooth(record.t, values) for n, values in there.items() if values is not None and np.isfinite(values).any()
+    }
+
+
+def flight_of(test: StandardTest, record: Record, smoothed: Mapping[str, Smooth], window: Window) -> Flight:
+    """What a record, whose channels are `smoothed`, has of a test."""
+    inside = (record.t >= window.start) & (record.t <= window.end)
+    part = record.between(window.start, np.nextafter(window.end, np.inf))
+    there = [name for name in test.channels if name in smoothed]
+    samples = {name: _with_calibrated(part.channels, part, name) for name in there}
+    y = {name: values for name, values in samples.items() if values is not None}
+    return Flight(
+        t=part.t,
+        samples=y,
+        curves={name: smoothed[name].curve[inside] for name in there},
+        noise={name: smoothed[name].sigma for name in there},
+        quantities=_quantities(test, part.t, y, window),
+    )
+
+
+def _with_calibrated(channels: Mapping[str, np.ndarray], record: Record, name: str) -> np.ndarray | None:
+    """A channel, or the calibrated airspeed from what there is; density and altitude are those of flight for both."""
+    if name != CALIBRATED:
+        return channels.get(name)
+    altitude = smooth(record.t, record["altitude"]).curve if "altitude" in record else None
+    rho = record["rho"] if "rho" in record else None if altitude is None else standard_density(altitude)
+    if "V" not in channels or rho is None:
+        return None
+    return calibrated_airspeed(channels["V"], rho, altitude)
+
+
+def _quantities(
+    test: StandardTest, t: np.ndarray, y: Mapping[str, np.ndarray], window: Window
+) -> dict[Tolerance, Quantity]:
+    """Row -> its quantity; one oscillation is fitted for all rows that look at the same channels and span."""
+    fitted: dict[tuple, Oscillation | None] = {}
+    found = {}
+    for row in (one for one in test.tolerances if one.quantity is not None):
+        names = [name for name in (row.channel, row.reference) if name]
+        if any(name not in y for name in names):
+            found[row] = UNKNOWN
+            continue
+        inside = span(row, t, window)
+        kind = QUANTITIES[row.quantity or ""]
+        if kind.of_response is not None:
+            found[row] = kind.of_response(t[inside], y[row.channel][inside])
+            continue
+        key = (*names, row.from_s, row.to_s)
+        if key not in fitted:
+            fitted[key] = oscillation(t[inside], [y[name][inside] for name in names])
+        one = fitted[key]
+        found[row] = UNKNOWN if one is None or kind.of_oscillation is None else kind.of_oscillation(one)
+    return found
+
+
+def span(row: Tolerance, t: np.ndarray, window: Window) -> np.ndarray:
+    """(N,) where a row applies."""
+    low = -math.inf if row.from_s is None else window.begin + row.from_s
+    high = math.inf if row.to_s is None else window.begin + row.to_s
+    return (t >= low - _ROUNDING) & (t <= high + _ROUNDING)
+
+
+def compared_channels(flown: Flown, record: Record, window: Window, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Channels of a simulation as they are compared with flight; without those that it does not give."""
+    part = record.between(window.start, np.nextafter(window.end, np.inf))
+    given = {name: _with_calibrated(flown.channels, part, name) for name in names}
+    return {name: values for name, values in given.items() if values is not None}
+
+
+def checks_of(test: StandardTest, record: Record, window: Window, flight: Flight, flown: Flown) -> tuple[Check, ...]:
+    """Every row of a test, in their order."""
+    if flown.diverged:
+        return tuple(Check(tolerance=row, passed=False, used=math.inf, why=flown.diverged) for row in test.tolerances)
+    there = compared_channels(flown, record, window, test.channels)
+    measured = _quantities(test, flight.t, there, window)
+    return tuple(_check(row, test, window, flight, there, measured) for row in test.tolerances)
+
+
+def _check(
+    row: Tolerance,
+    test: StandardTest,
+    window: Window,
+    flight: Flight,
+    simulated: Mapping[str, np.ndarray],
+    measured: Mapping[Tolerance, Quantity],
+) -> Check:
+    for name in (one for one in (row.channel, row.reference) if one):
+        if name not in flight.curves:
+            return Check(tolerance=row, passed=None, why=f"{name} is not measured")
+        if name not in simulated:
+            return Check(tolerance=row, passed=None, why=f"the simulation has no {name}")
+    if row.to_s is not None and window.begin + row.to_s > flight.t[-1] + np.median(np.diff(flight.t)):
+        lasts = flight.t[-1] - window.begin
+        return Check(tolerance=row, passed=None, why=f"the manoeuvre lasts {lasts:.1f} s, the row {row.to_s:g} s")
+    if row.quantity is not None:
+        enough = _fewer_are_enough(test, flight.quantities)
+        return _quantity_check(row, test, flight.quantities[row], measured[row], enough)
+    return _history_check(row, window, flight, simulated[row.channel])
+
+
+def _history_check(row: Tolerance, window: Window, flight: Flight, simulated: np.ndarray) -> Check:
+    """Within tolerance at every sample."""
+    inside = span(row, flight.t, window) & np.isfinite(flight.samples[row.channel])
+    if inside.sum() < 2:
+        return Check(tolerance=row, passed=None, why="no samples lie in its span")
+    t, curve = flight.t[inside], flight.curves[row.channel][inside]
+    deviation = simulated[inside] - curve
+    limit = row.limit(curve, float(np.abs(curve).max()))
+    used = np.abs(deviation) / np.maximum(limit, 1e-300)
+    out = used > 1.0 + _ROUNDING
+    step = np.gradient(t)
+    worst = int(np.argmax(used))
+    return Check(
+        tolerance=row,
+        passed=not out.any(),
+        used=float(used[worst]),
+        deviation=float(deviation[worst]),
+        limit=float(np.broadcast_to(limit, used.shape)[worst]),
+        at_s=float(t[worst]),
+        in_s=float(step[~out].sum()),
+        out_s=float(step[out].sum()),
+    )
+
+
+def _fewer_are_enough(test: StandardTest, quantities: Mapping[Tolerance, Quantity]) -> bool:
+    """Whether flight tells the quantity for which fewer cycles suffice within its tolerance."""
+    told = [(row, q) for row, q in quantities.items() if row.quantity == test.cycles_unless and math.isfinite(q.value)]
+    return any(q.std <= row.limit(q.value, abs(q.value)) for row, q in told)
+
+
+def _quantity_check(row: Tolerance, test: StandardTest, flight: Quantity, simulation: Quantity, enough: bool) -> Check:
+    """Within tolerance, if flight tells the quantity more closely than that. `enough`: cycles need not be counted."""
+    if not math.isfinite(flight.value):
+        return Check(tolerance=row, passed=None, flight=flight, simulation=simulation, why="flight does not show it")
+    limit = float(row.limit(flight.value, abs(flight.value)))
+    undecided = Check(tolerance=row, passed=None, limit=limit, flight=flight, simulation=simulation)
+    if flight.cycles < test.cycles and not enough:
+        why = f"{flight.cycles:.1f} cycles are seen, the standard asks for {test.cycles:g}"
+        return replace(undecided, why=why)
+    if flight.std > limit:
+        return replace(undecided, why="flight tells it less closely than the tolerance")
+    if not math.isfinite(simulation.value):
+        return replace(undecided, passed=False, used=math.inf, why="the simulation does not show it")
+    deviation = simulation.value - flight.value
+    used = abs(deviation) / limit
+    return replace(undecided, passed=used <= 1.0 + _ROUNDING, used=used, deviation=deviation)
+
+
+def verdict(checks: Sequence[Check]) -> bool | None:
+    """Of a test: fails with any row that fails and has no alternative that passes; None when a row is not judged."""
+    groups: dict[str, list[bool | None]] = {}
+    for i, one in enumerate(checks):
+        groups.setdefault(one.tolerance.either or f"row {i}", []).append(one.passed)
+    outcomes = [_of_alternatives(some) for some in groups.values()]
+    if False in outcomes:
+        return False
+    return None if None in outcomes else True
+
+
+def _of_alternatives(passed: Sequence[bool | None]) -> bool | None:
+    if True in passed:
+        return True
+    return None if None in passed else False

@@ -1,0 +1,77 @@
+"""What an extended aircraft has that the given one lacks, and the extended aircraft without each of these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+from casid.model.aircraft import Aircraft
+from casid.model.terms import derivative_term
+from casid.model.vocabulary import effect_title
+
+_BODY = (
+    "mass",
+    "inertia",
+    "gravity",
+    "area",
+    "moment_length_lateral",
+    "moment_length_pitch",
+    "rate_length_lateral",
+    "rate_length_pitch",
+    "thrust_line_z",
+    "engine_y",
+    "accelerometer",
+    "alpha_vane",
+    "beta_vane",
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FoundPart:
+    """A part of an extended aircraft: how it is called, and the aircraft `without` it, all else as extended."""
+
+    title: str
+    without: Aircraft
+
+
+def found_parts(given: Aircraft, extended: Aircraft) -> tuple[FoundPart, ...]:
+    """Each effect of the extended aircraft that the given one lacks, and what it has otherwise: the numbers of each
+    coefficient, and of the body."""
+    return (*_effects(given, extended), *_rows(given, extended), *_bodies(given, extended))
+
+
+def _effects(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
+    for effect in extended.effects:
+        if effect not in given.effects:
+            rest = [one for one in extended.effects if one is not effect]
+            title = effect_title(effect.kind, effect.target, effect.term)
+            yield FoundPart(title=title, without=replace(extended, effects=tuple(rest)))
+
+
+def _rows(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
+    if given.force_axes != extended.force_axes:
+        return
+    for coefficient in extended.coefficients:
+        own = _row(given, coefficient)
+        if own == _row(extended, coefficient):
+            continue
+        derivatives = {n: v for n, v in extended.derivatives.items() if derivative_term(n)[0] != coefficient}
+        terms = {c: dict(row) for c, row in extended.terms.items() if c != coefficient}
+        if own[1]:
+            terms[coefficient] = dict(own[1])
+        tables = (*(one for one in extended.tables if one.coefficient != coefficient), *own[2])
+        without = replace(extended, derivatives=derivatives | own[0], terms=terms, tables=tables)
+        yield FoundPart(title=f"numbers of {coefficient}", without=without)
+
+
+def _row(aircraft: Aircraft, coefficient: str) -> tuple[dict[str, float], dict[str, float], tuple]:
+    derivatives = {n: v for n, v in aircraft.derivatives.items() if derivative_term(n)[0] == coefficient}
+    tables = tuple(one for one in aircraft.tables if one.coefficient == coefficient)
+    return derivatives, dict(aircraft.terms.get(coefficient, {})), tables
+
+
+def _bodies(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
+    for one in fields(Aircraft):
+        if one.name in _BODY and getattr(given, one.name) != getattr(extended, one.name):
+            words = one.name.replace("_", " ")
+            yield FoundPart(title=words, without=replace(extended, **{one.name: getattr(given, one.name)}))

@@ -1,0 +1,189 @@
+"""A manoeuvre flown by a simulation, from the measured initial state and with the inputs of flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from casid.acceptance.manoeuvres import Window
+from casid.acceptance.smoothing import smooth
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.applied import Applied, apply_effects
+from casid.model.dynamics import standard_density
+from casid.model.path import INTEGRALS
+from casid.model.simulate import simulate
+from casid.model.system import Model
+from casid.records.record import Record
+from casid.signals import DEGREE
+
+DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that tell a state
+_NEWTON = 8
+_ATTITUDE_GAIN, _RATE_GAIN = 0.3, 0.3  # surface [rad] per attitude [rad], and per rate [rad/s]
+# surface -> (attitude, rate, largest correction [rad]), which is the tolerance of its trim position in table A2A of
+# 14 CFR Part 60, appendix A: elevator 1 deg (2.c.5), aileron 2 deg (2.d.4), rudder 1 deg (2.d.5)
+_LOOPS: Mapping[str, tuple[str | None, str, float]] = {
+    "delta_e": ("theta", "q", 1.0 * DEGREE),
+    "delta_a": ("phi", "p", 2.0 * DEGREE),
+    "delta_r": (None, "r", 1.0 * DEGREE),
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flown:
+    """What a simulation gives of a manoeuvre.
+
+    Attributes
+    ----------
+    channels
+        Name -> (N,) as the instruments would read it; empty when it diverged.
+    corrections
+        Surface -> (N,) what a closed-loop controller added [rad]; empty for open loop.
+    diverged
+        Where and why it left the range of numbers; "": it did not.
+    """
+
+    channels: Mapping[str, np.ndarray]
+    corrections: Mapping[str, np.ndarray]
+    diverged: str = ""
+
+
+def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...]:
+    """Measured channels that a model of these axes gives: what tells its state, and what is compared."""
+    given = {
+        "full": (*DIRECT, "ax", "ay", "az", "pdot", "qdot", "rdot"),
+        "longitudinal": ("V", "alpha", "q", "theta", "altitude", "ax", "az", "qdot"),
+        "lateral": ("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot"),
+    }[axes]
+    asked = [name for name in given if name in wanted or (name in DIRECT and name not in INTEGRALS)]
+    return tuple(name for name in asked if name in record and np.isfinite(record[name]).any())
+
+
+def fly(
+    aircraft: Aircraft,
+    record: Record,
+    curves: Mapping[str, np.ndarray],
+    axes: str,
+    wanted: Sequence[str],
+    windows: Sequence[Window],
+    closed: bool,
+) -> list[Flown]:
+    """A simulation of every window of a record, whose smoothed channels are `curves`.
+
+    wanted  channels that are compared;  closed  with the controller of `_LOOPS`
+    """
+    applied = apply_effects(aircraft, [record], axes, _outputs(record, axes, wanted))
+    ready = applied.records[0]
+    measured = {
+        name: curves[name]
+        if np.array_equal(ready[name], record[name], equal_nan=True)
+        else smooth(ready.t, ready[name]).curve
+        for name in DIRECT
+        if name in record and name in applied.model.outputs
+    }
+    followed = ready.with_channels(**measured)
+    return [_fly(applied, record, followed, tuple(measured), window, closed) for window in windows]
+
+
+def _fly(
+    applied: Applied, record: Record, followed: Record, measured: Sequence[str], window: Window, closed: bool
+) -> Flown:
+    """`followed`: the record made ready for the model, its `measured` channels smoothed."""
+    model, ready = applied.model, _part(followed, window)
+    start, law = measured_state(model, ready, measured), None
+    try:
+        if closed:
+            model, ready, law = _with_controller(model, ready, start)
+        flown = simulate(model, ready, start)
+    except InputError as fault:
+        return Flown(channels={}, corrections={}, diverged=str(fault))
+    read = applied.readings(_part(record, window), flown.outputs)
+    channels = {name: read[:, i] for i, name in enumerate(model.outputs)}
+    corrections = {} if law is None else _corrections(law, model, flown.states, ready)
+    return Flown(channels=channels, corrections=corrections)
+
+
+def measured_state(model: Model, record: Record, measured: Sequence[str]) -> np.ndarray:
+    """(states,) the state whose outputs are the `measured` ones at the first sample of a record, by Newton's method.
+
+    States that these do not tell stay at the model's guess, as a surface behind its actuator: at its command.
+    """
+    rows = [model.outputs.index(name) for name in measured]
+    scale = model.scale_vector()
+    outputs = ca.Function(
+        "outputs", [model.x, model.u, model.p, model.w], [model.h[rows], ca.jacobian(model.h[rows], model.x)]
+    )
+    u, p, w = record.matrix(model.inputs)[0], model.nominal_vector(), np.zeros(len(model.disturbances))
+    x, z = model.guess(record)[0].astype(float), np.array([record[name][0] for name in measured])
+    for _ in range(_NEWTON):
+        h, H = (one.full() for one in outputs(x, u, p, w))
+        x = x + scale * np.linalg.lstsq(H * scale, z - h[:, 0], rcond=None)[0]
+    return x
+
+
+def _part(record: Record, window: Window) -> Record:
+    """The samples of a window, both ends with it."""
+    return record.between(window.start, np.nextafter(window.end, np.inf))
+
+
+def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[Model, Record, ca.Function]:
+    """The model with small corrections of its surfaces towards the measured attitude and rates, the record with these
+    as inputs, and the law (x, u) -> corrections.
+
+    The sign of each is that of the surface's effect on the rate at the start.
+    """
+    loops = {
+        s: loop for s, loop in _LOOPS.items() if s in model.inputs and loop[1] in model.states and loop[1] in record
+    }
+    followed = dict.fromkeys(
+        name for loop in loops.values() for name in loop[:2] if name in model.states and name in record
+    )
+    aims = {name: ca.SX.sym(f"flight {name}") for name in followed}
+    control = ca.Function("control", [model.x, model.u, model.p, model.w], [ca.jacobian(model.f, model.u)])
+    at_start = record.matrix(model.inputs)[0]
+    effect = control(start, at_start, model.nominal_vector(), np.zeros(len(model.disturbances))).full()
+    laws, corrected = [], ca.SX(model.u)
+    for surface, (attitude, rate, most) in loops.items():
+        column = model.inputs.index(surface)
+        sign = float(np.sign(effect[model.states.index(rate), column]))
+        law = sign * _RATE_GAIN * (aims[rate] - model.x[model.states.index(rate)])
+        if attitude in aims:
+            law += sign * _ATTITUDE_GAIN * (aims[attitude] - model.x[model.states.index(attitude)])
+        laws.append(ca.fmin(ca.fmax(law, -most), most))
+        corrected[column] = model.u[column] + laws[-1]
+    u = ca.vertcat(model.u, *aims.values())
+    f, h = ca.substitute([model.f, model.h], [model.u], [corrected])
+    added = {f"flight {name}": record[name] for name in aims}
+    steered = replace(model, inputs=(*model.inputs, *added), u=u, f=f, h=h, equation=None)
+    return steered, record.with_channels(**added), ca.Function("law", [model.x, u], laws, ["x", "u"], list(loops))
+
+
+def _corrections(law: ca.Function, model: Model, states: np.ndarray, record: Record) -> dict[str, np.ndarray]:
+    found = law.map(len(record))(states.T, record.matrix(model.inputs).T)
+    found = found if isinstance(found, tuple) else (found,)
+    return {name: one.full()[0] for name, one in zip(law.name_out(), found, strict=True)}
+
+
+def calibrated_airspeed(V: np.ndarray, rho: np.ndarray, altitude: np.ndarray | None) -> np.ndarray:
+    """(N,) calibrated airspeed [m/s] of true airspeed in air of this density at this pressure altitude.
+
+    The pressure that the impact pressure of compressible flow gives at sea level of the standard atmosphere, as an
+    airspeed indicator shows it. Without an altitude, that of the standard atmosphere with this density.
+    """
+    p0, rho0, gamma = 101325.0, 1.225, 1.4
+    if altitude is None:
+        altitude = _altitude_of_density(rho)
+    pressure = p0 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
+    mach2 = V**2 * rho / (gamma * pressure)
+    impact = pressure * ((1.0 + 0.5 * (gamma - 1.0) * mach2) ** (gamma / (gamma - 1.0)) - 1.0)
+    ratio = (impact / p0 + 1.0) ** ((gamma - 1.0) / gamma) - 1.0
+    return np.sqrt(2.0 / (gamma - 1.0) * gamma * p0 / rho0 * ratio)
+
+
+def _altitude_of_density(rho: np.ndarray) -> np.ndarray:
+    """Where the standard troposphere has a density: `standard_density` inverted."""
+    grid = np.linspace(-2000.0, 20000.0, 2201)
+    return np.interp(-rho, -standard_density(grid), grid)

@@ -1,0 +1,101 @@
+"""`casid match`: proof of match, flight against simulation by the tolerances of a standard."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from casid.acceptance.match import ProofOfMatch, proof_of_match
+from casid.cli.options import AsJson, Axes, Files, Flag, Folder, Maps, aircraft_of, records_of, say_idle_effects
+from casid.errors import InputError
+from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.match_page import write_match
+
+
+def match(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Files,
+    tolerances: str = "part60",
+    tests: Annotated[list[str] | None, Parameter(name="--test", consume_multiple=True, negative="")] = None,
+    closed_loop: Flag = False,
+    axes: Axes | None = None,
+    maps: Maps | None = None,
+    out: Folder | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Prove that a simulation matches flight by the tolerances of a standard, or find where it does not.
+
+    Flies every test of the table whose manoeuvre a record shows, from the measured state and with the inputs of flight.
+    With an extended aircraft, each part that it has and the given one lacks is taken out in turn: which tolerances it
+    costs is told. The status is 0 when no test fails and 1 when one does, judged by the last aircraft.
+    With --out also DIR/match.html, one test per printed page, DIR/match.json and DIR/match_figures.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv'.
+    aircraft
+        The aircraft file (TOML), and behind it the extended one where there is one.
+    tolerances
+        part60, or a TOML file of one's own.
+    tests
+        Ids of tests, like 2.c.10; with a time, like 2.c.4=12:30, of one record [s]. Default: every test whose manoeuvre
+        is found.
+    closed_loop
+        Let small corrections of the surfaces follow the measured attitude; what they are is told.
+    axes
+        Default: what the surfaces allow.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    out
+        Folder for the page.
+    as_json
+        Print match.json and nothing else.
+    """
+    if not records:
+        raise InputError("RECORD is missing; expected: match RECORD ... --aircraft FILE [EXTENDED]")
+    if len(aircraft) > 2:
+        raise InputError(f"--aircraft: {len(aircraft)} files; expected the given one, and the extended one behind it")
+    files = [aircraft_of(file) for file in aircraft]
+    read = records_of(records, maps or [])
+    for one in files:
+        say_idle_effects(one, read)
+    proof = proof_of_match(
+        files[0],
+        read,
+        extended=files[1] if len(files) > 1 else None,
+        tolerances=tolerances,
+        tests=None if tests is None else dict(map(_test, tests)),
+        axes=axes,
+        closed_loop=closed_loop,
+    )
+    _write(proof, out, as_json)
+    return 0 if proof.passed else 1
+
+
+def _test(text: str) -> tuple[str, tuple[float, float] | None]:
+    """The id of a test and its time, of "2.c.4" or "2.c.4=12:30"."""
+    name, given, time = text.partition("=")
+    if not given:
+        return name, None
+    try:
+        start, end = map(float, time.split(":"))
+    except ValueError:
+        raise InputError(f"--test {text}: the time is '{time}'; expected START:END in s, like {name}=12:30") from None
+    return name, (start, end)
+
+
+def _write(proof: ProofOfMatch, out: Path | None, as_json: bool) -> None:
+    text = json.dumps(proof.to_dict(), indent=1)
+    if out is not None:
+        made_with = provenance(0)
+        with whole_folder(out) as folder:
+            write_match(proof, folder)
+            (folder / "match.json").write_text(text + "\n", encoding="utf-8")
+            write_provenance(made_with, folder / "run.json")
+    print(text if as_json else proof)
+    if out is not None and not as_json:
+        print(f"page: {out / 'match.html'}")

@@ -1,0 +1,226 @@
+"""The page of a proof of match, like that of a qualification test guide: a summary, and one test per printed page."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from casid.acceptance.checks import Check
+from casid.acceptance.match import EXTENDED, MatchedTest, ProofOfMatch, Side
+from casid.acceptance.quantities import Quantity
+from casid.acceptance.tolerances import Tolerance
+from casid.report.match_figures import match_figure
+from casid.report.notebook import data_frame
+from casid.report.table import ReportTable, Row
+from casid.report.templating import drawn_into, figures_of, render
+from casid.report.words import digits, with_std
+from casid.signals import label_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+FIGURES = "match_figures"
+_COLOURS = {True: "#00694E", False: "#A3122A"}
+_VERDICTS = {True: "pass", False: "FAIL", None: "not judged"}
+
+
+def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
+    """Write `match.html` and `match_figures/*.svg` into `folder`, which is made."""
+    pictures = {f"test{i}": match_figure(one) for i, one in enumerate(proof.tests)}
+    drawn = drawn_into(Path(folder) / FIGURES, {picture.name: picture for picture in pictures.values()})
+    figures = figures_of(drawn, {})
+    context = {
+        "colour": _COLOURS[proof.passed],
+        "proof": proof,
+        "loop": _loop(proof),
+        "summary": _summary(proof),
+        "left_out": _left_out(proof),
+        "tests": [_page(one, figures[pictures[f"test{i}"].name]) for i, one in enumerate(proof.tests)],
+        "word": "Pass" if proof.passed else "Fail",
+        "sentence": _sentence(proof),
+    }
+    (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
+
+
+def frame(proof: ProofOfMatch) -> DataFrame:
+    """A row for each row of each test and each side."""
+    rows: dict[str, dict[str, object]] = {}
+    for one in proof.tests:
+        for label, side in one.sides.items():
+            for check in side.checks:
+                name = f"{one.test.id} {one.record.name} {one.window.start:g} s: {check.tolerance.name}, {label}"
+                numbers = {key: getattr(check, key) for key in ("used", "deviation", "limit", "at_s", "in_s", "out_s")}
+                rows[name] = {"passed": check.passed, **numbers, "paragraph": one.test.paragraph, "why": check.why}
+    return data_frame(rows, "row")
+
+
+def _sentence(proof: ProofOfMatch) -> str:
+    """How many tests each side passes."""
+    count, told = len(proof.tests), []
+    for label in proof.aircraft:
+        passed = sum(one.sides[label].passed is True for one in proof.tests)
+        failed = sum(one.sides[label].passed is False for one in proof.tests)
+        told.append(f"{label} it passes {passed} of {count} tests and fails {failed}")
+    said = "; ".join(told)
+    return f"{said[0].upper()}{said[1:]}."
+
+
+def _loop(proof: ProofOfMatch) -> str:
+    if not proof.closed_loop:
+        return "Open loop: the recorded surfaces and thrust drive the simulation, which starts at the measured state."
+    return (
+        "Closed loop: small corrections of the surfaces towards the measured attitude and rates are added to the "
+        "recorded ones, no larger than 1 deg of elevator and rudder and 2 deg of aileron. The simulation starts at the "
+        "measured state."
+    )
+
+
+def _summary(proof: ProofOfMatch) -> ReportTable:
+    rows = []
+    for one in proof.tests:
+        cells = [
+            f"{one.test.id} {one.test.title}",
+            f"{one.record.name}, {one.window.start:.1f} to {one.window.end:.1f} s",
+        ]
+        for side in one.sides.values():
+            cells += [_most_used(side.checks), _VERDICTS[side.passed]]
+        rows.append(Row(cells=tuple(cells), marked=one.passed is False))
+    head = ["test", "record"]
+    for label in proof.aircraft:
+        head += [f"{label}: tolerance used", label]
+    return ReportTable(head=tuple(head), rows=tuple(rows), caption="Tests, in the order of the standard.")
+
+
+def _most_used(checks: tuple[Check, ...]) -> str:
+    used = [one.used for one in checks if math.isfinite(one.used)]
+    return _used(max(used)) if used else "–"
+
+
+def _left_out(proof: ProofOfMatch) -> ReportTable:
+    rows = tuple(Row(cells=(f"{name} {proof.standard.tests[name].title}", why)) for name, why in proof.left_out.items())
+    return ReportTable(head=("test", "why"), rows=rows, caption="Tests of the table that were not compared.")
+
+
+def _page(one: MatchedTest, figure: Any) -> dict[str, Any]:
+    return {
+        "one": one,
+        "verdicts": {label: _VERDICTS[side.passed] for label, side in one.sides.items()},
+        "figure": figure,
+        "histories": _histories(one),
+        "quantities": _quantities(one),
+        "costs": _costs(one),
+        "idle": [cost.part for cost in one.costs if not cost.lost],
+        "added": {label: _added(side) for label, side in one.sides.items() if side.flown.corrections},
+        "diverged": [f"{label}: {s.flown.diverged}" for label, s in one.sides.items() if s.flown.diverged],
+    }
+
+
+def _added(side: Side) -> str:
+    """What a controller added at most."""
+    most = {name: math.degrees(float(np.abs(values).max())) for name, values in side.flown.corrections.items()}
+    return ", ".join(f"{label_of(name)} up to {degrees:.2f} deg" for name, degrees in most.items())
+
+
+def _histories(one: MatchedTest) -> ReportTable:
+    """A line for each time history and side."""
+    rows = []
+    for label, check in _each(one, of_quantities=False):
+        first = label == next(iter(one.sides))
+        rows.append(
+            Row(
+                cells=(
+                    check.tolerance.words if first else "",
+                    _limit_in_words(one, check.tolerance) if first else "",
+                    label,
+                    _in_unit(check.deviation, check.tolerance),
+                    f"{check.at_s:.2f}" if math.isfinite(check.at_s) else "–",
+                    f"{check.out_s:.2f} of {check.in_s + check.out_s:.2f}" if math.isfinite(check.out_s) else "–",
+                    _used(check.used),
+                    _outcome(check),
+                ),
+                marked=check.passed is False,
+            )
+        )
+    head = ("compared", "tolerance", "simulation", "largest deviation", "at [s]", "time out [s]", "tolerance used", "")
+    return ReportTable(head=head, rows=tuple(rows), caption="Time histories", numeric=True)
+
+
+def _quantities(one: MatchedTest) -> ReportTable:
+    rows = []
+    for label, check in _each(one, of_quantities=True):
+        first = label == next(iter(one.sides))
+        rows.append(
+            Row(
+                cells=(
+                    check.tolerance.words if first else "",
+                    _limit_in_words(one, check.tolerance) if first else "",
+                    _quantity(check.flight, check.tolerance) if first else "",
+                    label,
+                    _quantity(check.simulation, check.tolerance),
+                    _in_unit(check.deviation, check.tolerance),
+                    _used(check.used),
+                    _outcome(check),
+                ),
+                marked=check.passed is False,
+            )
+        )
+    head = ("quantity", "tolerance", "flight ± 1σ", "simulation", "value ± 1σ", "deviation", "tolerance used", "")
+    return ReportTable(head=head, rows=tuple(rows), caption="Derived quantities, measured from both in the same way")
+
+
+def _each(one: MatchedTest, of_quantities: bool) -> list[tuple[str, Check]]:
+    """(side, check), row by row."""
+    return [
+        (label, side.checks[i])
+        for i, row in enumerate(one.test.tolerances)
+        if (row.quantity is not None) == of_quantities
+        for label, side in one.sides.items()
+    ]
+
+
+def _limit_in_words(one: MatchedTest, row: Tolerance) -> str:
+    others = [r.words for r in one.test.tolerances if r.either and r.either == row.either and r != row]
+    return f"{row}" + (f", or {' or '.join(others)}" if others else "")
+
+
+def _in_unit(value: float, row: Tolerance) -> str:
+    if not math.isfinite(value):
+        return "–"
+    return f"{digits(value / row.factor)} {row.unit}" if row.unit != "1" else digits(value)
+
+
+def _quantity(value: Quantity | None, row: Tolerance) -> str:
+    if value is None or not math.isfinite(value.value):
+        return "–"
+    return with_std(value.value / row.factor, value.std / row.factor, row.unit)
+
+
+def _used(value: float) -> str:
+    """In per cent, and closer near the limit: at 100 % a row passes."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{100.0 * value:.2f} %" if 0.99 < value < 1.01 else f"{100.0 * value:.0f} %"
+
+
+def _outcome(check: Check) -> str:
+    return _VERDICTS[check.passed] + (f": {check.why}" if check.why else "")
+
+
+def _costs(one: MatchedTest) -> ReportTable:
+    """How much of each tolerance is used with all parts, and without each that costs one."""
+    names, words = [row.name for row in one.test.tolerances], {row.name: row.words for row in one.test.tolerances}
+    rows = []
+    for cost in (each for each in one.costs if each.lost):
+        lost = ", ".join(words[name] for name in cost.lost)
+        told = f"{lost} out of tolerance{'; the test fails' if cost.fails else ''}"
+        cells = (f"without {cost.part}", *(_used(cost.used[name]) for name in names), told)
+        rows.append(Row(cells=cells, marked=cost.fails))
+    if rows:
+        whole = {check.tolerance.name: check.used for check in one.sides[EXTENDED].checks}
+        rows.insert(0, Row(cells=("extended, whole", *(_used(whole[name]) for name in names), "")))
+    head = ("part taken out", *(words[name] for name in names), "costs")
+    caption = "Which part costs which tolerance: tolerance used, parts of the extended aircraft taken out in turn"
+    return ReportTable(head=head, rows=tuple(rows), caption=caption)

@@ -1,0 +1,187 @@
+"""Proof of match. Truth: flights simulated with a known actuator lag, which the given aircraft lacks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.acceptance.flown import calibrated_airspeed
+from casid.cli.options import DEMO
+from casid.errors import InputError
+from casid.model.applied import apply_effects
+
+LAG = cs.EffectValue(kind="actuator_lag", target="delta_e", value=0.25, unit="s")
+NOISE = {"V": 0.25, "alpha": 2e-3, "q": 8e-4, "theta": 8e-4, "az": 0.07, "ax": 0.02, "altitude": 0.5}
+RATE_HZ = 50.0
+
+
+@pytest.fixture(scope="module")
+def given() -> cs.Aircraft:
+    return cs.Aircraft.read(DEMO / "aircraft.toml")
+
+
+def steps(t: np.ndarray, *edges: float) -> np.ndarray:
+    """1 and -1 in turn between the edges."""
+    total = np.zeros(len(t))
+    for sign, (first, after) in zip((1.0, -1.0) * len(edges), zip(edges[:-1], edges[1:], strict=True), strict=False):
+        total += sign * ((t >= first) & (t < after))
+    return total
+
+
+def flown(
+    truth: cs.Aircraft, duration: float, delta_e: tuple[float, ...], size: float = 0.06, noise: bool = True
+) -> cs.Record:
+    """A longitudinal flight of an aircraft from trim, with noise on what is measured."""
+    level, rng = cs.trim(truth, V=95.0, altitude=2500.0), np.random.default_rng(3)
+    t = np.arange(0.0, duration, 1.0 / RATE_HZ)
+    channels = {name: np.full(len(t), value) for name, value in level.inputs.items()}
+    channels["delta_e"] = channels["delta_e"] + size * steps(t, *delta_e)
+    rest = {"V": level.V, "alpha": level.alpha, "theta": level.theta, "altitude": 2500.0}
+    blank = {n: np.full(len(t), rest.get(n, 0.0)) for n in (*NOISE, "beta", "p", "r", "phi", "psi")}
+    record = cs.Record(name="m", t=t, channels=channels | blank)
+    applied = apply_effects(truth, [record], "longitudinal", list(NOISE))
+    model, ready = applied.model, applied.records[0]
+    simulated = cs.simulate(model, ready, model.guess(ready)[0]).as_record("m")
+    measured = {n: simulated[n] + noise * rng.normal(0.0, NOISE[n], len(t)) for n in NOISE}
+    return record.with_channels(**measured)
+
+
+@pytest.fixture(scope="module")
+def proof(given: cs.Aircraft) -> cs.ProofOfMatch:
+    """The given aircraft and the one with the lag, on a flight of the latter."""
+    extended = replace(given.with_effects([LAG]), mass=1.0005 * given.mass)
+    record = flown(given.with_effects([LAG]), 12.0, (3.0, 4.0, 5.0))
+    return cs.proof_of_match(given, record, extended=extended, axes="longitudinal")
+
+
+def test_the_extended_aircraft_passes_what_the_given_one_fails(proof: cs.ProofOfMatch) -> None:
+    (one,) = proof.tests
+    assert one.test.id == "2.c.10"
+    assert one.sides["as given"].passed is False and one.sides["extended"].passed is True
+    assert proof.passed
+    assert all(check.used < 0.2 for check in one.sides["extended"].checks)
+
+
+def test_the_lag_costs_the_tolerances_and_the_mass_none(proof: cs.ProofOfMatch) -> None:
+    costs = {cost.part: cost for cost in proof.tests[0].costs}
+    assert set(costs) == {"elevator: actuator lag", "mass"}
+    assert costs["elevator: actuator lag"].fails and "az" in costs["elevator: actuator lag"].lost
+    assert not costs["mass"].lost and not costs["mass"].fails
+    without = {c.tolerance.name: c.used for c in proof.tests[0].sides["as given"].checks}
+    assert costs["elevator: actuator lag"].used == pytest.approx(without, rel=0.05)
+
+
+def test_the_manoeuvre_is_where_the_elevator_moves(proof: cs.ProofOfMatch) -> None:
+    window = proof.tests[0].window
+    assert window.begin == pytest.approx(3.0, abs=0.06)
+    assert window.start == pytest.approx(2.0, abs=0.06)
+
+
+def test_the_result_says_the_paragraph_and_is_json(proof: cs.ProofOfMatch) -> None:
+    told = json.loads(json.dumps(proof.to_dict(), allow_nan=False))
+    assert told["schema"] == "casid.match/1" and told["passed"] is True and told["closed_loop"] is False
+    (test,) = told["tests"]
+    assert "2.c.10" in test["paragraph"]
+    assert {row["name"] for row in test["sides"]["extended"]["rows"]} == {"theta", "q", "az"}
+    assert {one["test"] for one in told["left_out"]} | {"2.c.10"} == set(proof.standard.tests)
+    assert "elevator: actuator lag" in str(proof) and "2.c.10" in str(proof)
+
+
+def test_flight_without_noise_is_matched_to_rounding(given: cs.Aircraft) -> None:
+    """Truth: the simulation that made the flight, from the same state."""
+    record = flown(given, 12.0, (3.0, 4.0, 5.0), noise=False)
+    found = cs.proof_of_match(given, record, axes="longitudinal").tests[0].sides["as given"]
+    assert max(check.used for check in found.checks) < 1e-3
+
+
+def test_a_phugoid_is_measured_and_compared(given: cs.Aircraft) -> None:
+    """Drag is twice that of the file in flight: the period stays, the damping does not."""
+    draggy = given.with_derivatives({"CD_0": 2.0 * given.derivatives["CD_0"]})
+    record = flown(draggy, 150.0, (3.0, 5.0), size=0.03)
+    both = cs.proof_of_match(given, record, extended=draggy, axes="longitudinal", tests=["2.c.9"])
+    (one,) = both.tests
+    by_name = {label: {c.tolerance.quantity: c for c in side.checks} for label, side in one.sides.items()}
+    assert by_name["as given"]["period"].passed is True
+    assert by_name["as given"]["damping"].passed is False and by_name["as given"]["time_to_half"].passed is False
+    assert one.sides["as given"].passed is False and one.sides["extended"].passed is True
+    costs = {cost.part: cost for cost in one.costs}
+    assert costs["numbers of CD"].fails
+
+
+def test_closed_loop_corrections_are_small_and_bring_the_attitude_nearer(given: cs.Aircraft) -> None:
+    record = flown(given.with_effects([LAG]), 12.0, (3.0, 4.0, 5.0))
+    left = {}
+    for closed in (False, True):
+        side = cs.proof_of_match(given, record, axes="longitudinal", closed_loop=closed).tests[0].sides["as given"]
+        left[closed] = side.checks[0].used
+        assert bool(side.flown.corrections) is closed
+    assert 0.0 < np.abs(side.flown.corrections["delta_e"]).max() <= np.radians(1.0) + 1e-12
+    assert left[True] < left[False]
+
+
+def test_of_two_identical_aircraft_closed_loop_corrects_nothing(given: cs.Aircraft) -> None:
+    record = flown(given, 12.0, (3.0, 4.0, 5.0), noise=False)
+    side = cs.proof_of_match(given, record, axes="longitudinal", closed_loop=True).tests[0].sides["as given"]
+    assert np.abs(side.flown.corrections["delta_e"]).max() < 1e-5
+
+
+def test_a_time_that_is_given_is_where_it_is_compared(given: cs.Aircraft) -> None:
+    record = flown(given, 12.0, (3.0, 4.0, 5.0))
+    (one,) = cs.proof_of_match(given, record, axes="longitudinal", tests={"2.c.4": (2.0, 9.0)}).tests
+    assert (one.window.start, one.window.end) == (2.0, 9.0)
+    assert {"calibrated_airspeed", "altitude", "theta"} == set(one.flight.curves)
+    assert one.passed is True
+    assert any("15 s" in said for said in one.shortfalls)
+
+
+@pytest.mark.parametrize(
+    ("tests", "named"),
+    [
+        (["2.c.99"], "2.c.9"),
+        (["2.d.2"], "aileron input"),
+        ({"2.c.4": (2.0, 90.0)}, "90"),
+        (["2.c.4"], "give its time"),
+        ("2.c.10", "list"),
+        ({"2.c.4": 3.0}, "start, end"),
+    ],
+)
+def test_what_cannot_be_compared_is_said(given: cs.Aircraft, tests: object, named: str) -> None:
+    record = flown(given, 12.0, (3.0, 4.0, 5.0))
+    with pytest.raises(InputError) as caught:
+        cs.proof_of_match(given, record, axes="longitudinal", tests=tests)  # pyright: ignore
+    assert named in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_calibrated_airspeed() -> None:
+    """Truth: true airspeed at sea level; equivalent airspeed at low Mach numbers; 271.0 kt at Mach 0.8, 35 000 ft (by
+    hand from the isentropic formula with p = 23 842 Pa, T = 218.8 K)."""
+    one = np.ones(1)
+    assert calibrated_airspeed(100.0 * one, 1.225 * one, 0.0 * one)[0] == pytest.approx(100.0, rel=1e-6)
+    assert calibrated_airspeed(30.0 * one, 0.9 * one, 3000.0 * one)[0] == pytest.approx(
+        30.0 * np.sqrt(0.9 / 1.225), rel=1e-3
+    )
+    pressure, temperature = 23842.0, 218.808
+    V, rho = 0.8 * np.sqrt(1.4 * 287.05287 * temperature), pressure / (287.05287 * temperature)
+    found = calibrated_airspeed(V * one, rho * one, 10668.0 * one)[0]
+    impact = pressure * ((1.0 + 0.2 * 0.64) ** 3.5 - 1.0)
+    by_hand = 340.294 * np.sqrt(5.0 * ((impact / 101325.0 + 1.0) ** (2.0 / 7.0) - 1.0))
+    assert found == pytest.approx(by_hand, rel=1e-3)
+    assert found * 3600.0 / 1852.0 == pytest.approx(271.0, abs=1.0)
+
+
+@pytest.mark.slow
+def test_the_demo_passes_once_its_lag_is_known() -> None:
+    """The embedded flight, whose lag is found from three records, on the fourth."""
+    aircraft = cs.Aircraft.read(DEMO / "aircraft.toml")
+    records = [cs.read_record(DEMO / f"m{i}.csv") for i in (1, 2, 3, 4)]
+    found = cs.diagnose(aircraft, records[:3], hold_out=records[3:])
+    assert isinstance(found, cs.Diagnosis)
+    proof = cs.proof_of_match(aircraft, records[3], extended=found.extended_aircraft)
+    short_period = [one for one in proof.tests if one.test.id == "2.c.10"]
+    assert short_period and all(one.sides["as given"].passed is False for one in short_period)
+    assert all(one.sides["extended"].passed is True for one in proof.tests)
+    assert any("actuator lag" in cost.part and cost.fails for one in short_period for cost in one.costs)
