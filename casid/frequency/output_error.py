@@ -25,8 +25,8 @@ import numpy as np
 from casid.errors import EstimationError, unknown
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.equation import EquationValue
-from casid.frequency.linear_model import LinearModel, entering, linearise
 from casid.frequency.regression import Piece, check_band, pieces_of, real_rows
+from casid.frequency.sensitivity import LinearSensitivity, entering, sensitivity_at
 from casid.records.record import Record
 
 _SHOWN = 1e-9  # of the largest singular value: with a smaller one the output does not show a step in that direction
@@ -119,9 +119,9 @@ class FourierOutputs:
             yield slice(first, first + len(rows)), rows
             first += len(rows)
 
-    def _linear(self, one: _Transformed, parameters: np.ndarray) -> LinearModel:
+    def _linear(self, one: _Transformed, parameters: np.ndarray) -> LinearSensitivity:
         model, free = self._problem.model, self._problem.free_index
-        return linearise(model, free, one.x, one.u, parameters[one.piece.record])
+        return sensitivity_at(model, free, one.x, one.u, parameters[one.piece.record])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,7 +177,7 @@ class _Outputs:
     """Modelled outputs of a piece: residuals (rows, outputs), NaN where not measured, and their derivatives (rows,
     outputs, free), zero there. Both are free of the unknown step, output by output."""
 
-    def __init__(self, one: _Transformed, linear: LinearModel) -> None:
+    def __init__(self, one: _Transformed, linear: LinearSensitivity) -> None:
         self._one, self._linear = one, linear
         self._transition = linear.sampled(one.piece.stretch.dt, one.held)
         n, m = linear.states, len(one.u)

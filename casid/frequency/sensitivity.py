@@ -16,7 +16,7 @@ from casid.model.system import Model
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LinearModel:
+class LinearSensitivity:
     """dx/dt = A x + B u, y = C x + D u about a point.
 
     Attributes
@@ -82,15 +82,15 @@ def _exponentials(a: np.ndarray, slopes: np.ndarray, dt: float) -> tuple[list[np
     return [value[:n, k] for k in columns], [moved[:, :, k] for k in columns]
 
 
-def linearise(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> LinearModel:
-    """The model about states x (n,) and inputs u (m,) at parameters p, by exact derivatives, without disturbances.
+def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> LinearSensitivity:
+    """That of a model about states x (n,) and inputs u (m,) at parameters p, by exact derivatives, without disturbances.
 
     `free` (f,) are the indices of the free parameters in `model.parameters`.
     """
     n, m, o = len(model.states), len(model.inputs), len(model.outputs)
     function = cached(model, ("linear model", *free), lambda: _function(model, free))
     matrix, slopes = (part.full() for part in function(x, u, p))
-    return LinearModel(
+    return LinearSensitivity(
         matrix=matrix,
         slopes=slopes.reshape((n + o, n + m, len(free)), order="F").transpose(2, 0, 1),
         states=n,
