@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Folder, Maps, records_of
+from casid.cli.options import AsJson, Begin, End, Folder, Maps, between, say_notes
 from casid.diagnosis.data.check import check as checked
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.records.column_map import ColumnMap
+from casid.records.readers import read_each
 from casid.report.check_page import write_check
 from casid.report.folder import whole_folder
 
@@ -20,13 +23,15 @@ def check(
     *records: Annotated[str, Parameter(name="RECORD")],
     aircraft: Path | None = None,
     maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
     out: Folder | None = None,
     as_json: AsJson = False,
 ) -> int:
     """Check flight records by physics that needs no aerodynamics: signs, units, swapped, frozen or clipped channels.
 
-    Prints a table of the channels, every finding, and numbers of the aircraft file that cannot be. The status is 0 when
-    nothing is wrong and 1 when something is.
+    Prints every finding, numbers of the aircraft file that cannot be, and a table of the channels. A file that cannot
+    be read is told, and the others are checked. The status is 0 when nothing is wrong and 1 when something is.
     With --out also DIR/check.html, a page with suspected channels as a picture, and DIR/check.json.
 
     Parameters
@@ -37,6 +42,10 @@ def check(
         The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
     maps
         Column map: alpha=ALCG:deg, or a TOML file.
+    begin
+        Time [s] from which records are read.
+    end
+        Time [s] up to which records are read.
     out
         Folder for the page.
     as_json
@@ -45,7 +54,11 @@ def check(
     if not records:
         raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")
     file = None if aircraft is None else Aircraft.read(aircraft)
-    found = checked(records_of(records, maps or []), file)
+    read, refused = read_each(list(records), ColumnMap.from_options(maps or []), between=between(begin, end))
+    if not read:
+        raise next(iter(refused.values()))
+    say_notes(read)
+    found = replace(checked(read, file), unread={str(one): str(error) for one, error in refused.items()})
     text = json.dumps(found.to_dict(), indent=1)
     if out is not None:
         with whole_folder(out) as folder:

@@ -12,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from casid.cli.model_file import diagnose_model, model_of
-from casid.cli.options import DEMO, AsJson, Axes, Files, Flag, Folder, Maps, Whole, records_of
+from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, Whole, records_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.result import Diagnosis
@@ -50,6 +50,8 @@ def diagnose(
     model: str | None = None,
     hold_out: Files | None = None,
     maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
     axes: Axes | None = None,
     out: Folder = Path("out/diagnosis"),
     seed: Whole = 0,
@@ -77,6 +79,10 @@ def diagnose(
         Records that are never fitted. Without, the last record is held back, or of a single one its last third.
     maps
         Column map: alpha=ALCG:deg, or a TOML file.
+    begin
+        Time [s] from which records are read.
+    end
+        Time [s] up to which records are read.
     axes
         What is judged. Without, what surfaces and motion of the records can tell of.
     out
@@ -106,7 +112,7 @@ def diagnose(
         raise InputError(f"--aircraft {aircraft} needs records; expected: diagnose RECORD ... --aircraft FILE")
     system = None if model is None else model_of(model)
     own = () if system is None else (*system.inputs, *system.outputs)
-    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [], own)
+    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [], own, (begin, end))
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     if system is not None:
@@ -134,13 +140,21 @@ def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson
 
 
 def _flight(
-    patterns: Sequence[str], held: Sequence[str], maps: Sequence[str], own: Sequence[str]
+    patterns: Sequence[str],
+    held: Sequence[str],
+    maps: Sequence[str],
+    own: Sequence[str],
+    span: tuple[float | None, float | None],
 ) -> tuple[list[Record], list[Record]]:
     """Records to fit and records held out. What is held out is not fitted, also when it is given twice."""
     held_files = files_of(held)
     apart = {file.resolve() for file in held_files}
     fit_files = [file for file in files_of(patterns) if file.resolve() not in apart]
-    both = records_of([str(file) for file in (*fit_files, *held_files)], maps, own)  # names of two folders differ
+    if not fit_files:
+        names = ", ".join(file.name for file in held_files[:3])
+        raise InputError(f"--hold-out {names}: every record is held out; leave at least one to be fitted")
+    files = [str(file) for file in (*fit_files, *held_files)]
+    both = records_of(files, maps, own, span)  # names of two folders differ
     return both[: len(fit_files)], both[len(fit_files) :]
 
 

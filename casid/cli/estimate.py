@@ -11,7 +11,19 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, Whole, aircraft_of, records_of, say_idle_effects
+from casid.cli.options import (
+    AsJson,
+    Axes,
+    Begin,
+    End,
+    Files,
+    Folder,
+    Maps,
+    Whole,
+    aircraft_of,
+    records_of,
+    say_idle_effects,
+)
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -52,6 +64,8 @@ def estimate(
     free: Files | None = None,
     axes: Axes | None = None,
     maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
     out: Folder = Path("out/estimate"),
     as_json: AsJson = False,
 ) -> None:
@@ -84,6 +98,10 @@ def estimate(
         Default: what the surfaces allow.
     maps
         Column map: alpha=ALCG:deg, or a TOML file.
+    begin
+        Time [s] from which records are read.
+    end
+        Time [s] up to which records are read.
     out
         Folder for the results.
     as_json
@@ -95,7 +113,7 @@ def estimate(
         cost=cost, equation_weight=equation_weight, method=method, interval=interval, defects=defects, solver=solver
     )
     file = aircraft_of(aircraft)
-    read = records_of(records, maps or [])
+    read = records_of(records, maps or [], span=(begin, end))
     say_idle_effects(file, read)
     made_with = provenance(0)
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:

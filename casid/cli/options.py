@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter, Token
 
+from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import impossibilities
 from casid.records.column_map import ColumnMap
@@ -34,22 +36,44 @@ DEMO = Path(__file__).resolve().parent / "demo"
 Files = Annotated[list[str], Parameter(consume_multiple=True, negative="")]
 Folder = Annotated[Path, Parameter(name="--out", converter=_folder)]
 Maps = Annotated[list[str], Parameter(name="--map", negative="")]
+Begin = Annotated[float | None, Parameter(name="--from")]
+End = Annotated[float | None, Parameter(name="--to")]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Flag = Annotated[bool, Parameter(negative="")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="")]
 Axes = Literal["full", "longitudinal", "lateral"]
 
 
-def records_of(patterns: Sequence[str], maps: Sequence[str], own: Sequence[str] = ()) -> list[Record]:
+def records_of(
+    patterns: Sequence[str],
+    maps: Sequence[str],
+    own: Sequence[str] = (),
+    span: tuple[float | None, float | None] = (None, None),
+) -> list[Record]:
     """The records of files or glob patterns, their columns named by ``--map``; what their reader remarks is said.
 
-    `own`: channels of no aircraft.
+    `own`: channels of no aircraft; `span`: values of ``--from`` and ``--to``.
     """
-    records = read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own)
+    records = read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own, between=between(*span))
+    say_notes(records)
+    return records
+
+
+def say_notes(records: Sequence[Record]) -> None:
+    """Say what the reader of records remarks."""
     for record in records:
         for note in record.notes:
             print(f"note: {record.name}: {note}", file=sys.stderr)
-    return records
+
+
+def between(begin: float | None, end: float | None) -> tuple[float, float] | None:
+    """The part of records [s] that ``--from`` and ``--to`` name; None where neither is given."""
+    if begin is None and end is None:
+        return None
+    low, high = -math.inf if begin is None else begin, math.inf if end is None else end
+    if not low < high:
+        raise InputError(f"--from {low:g} --to {high:g}: no time lies between them; --from must be the earlier one")
+    return low, high
 
 
 def aircraft_of(file: str | Path) -> Aircraft:

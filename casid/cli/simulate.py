@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, aircraft_of, records_of, say_idle_effects
+from casid.cli.options import AsJson, Axes, Begin, End, Files, Folder, Maps, aircraft_of, records_of, say_idle_effects
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state
@@ -32,6 +32,8 @@ def simulate(
     aircraft: Files,
     axes: Axes | None = None,
     maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
     out: Folder = Path("out/simulate"),
     as_json: AsJson = False,
 ) -> None:
@@ -51,6 +53,10 @@ def simulate(
         Default: what the surfaces allow.
     maps
         Column map: alpha=ALCG:deg, or a TOML file.
+    begin
+        Time [s] from which records are read.
+    end
+        Time [s] up to which records are read.
     out
         Folder for the results.
     as_json
@@ -59,7 +65,7 @@ def simulate(
     if not records:
         raise InputError("RECORD is missing; expected: simulate RECORD ... --aircraft FILE ...")
     files = fleet([Path(file) for file in aircraft])
-    read = records_of(records, maps or [])
+    read = records_of(records, maps or [], span=(begin, end))
     for one in files.values():
         say_idle_effects(one, read)
     applied = {label: apply_effects(one, read, axes) for label, one in files.items()}

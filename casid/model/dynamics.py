@@ -248,8 +248,9 @@ def _value(aircraft: Aircraft, name: str) -> float:
 
 
 def standard_density(altitude: np.ndarray) -> np.ndarray:
-    """Density [kg/m3] of the standard troposphere at geometric altitude [m]."""
-    return 1.225 * (1.0 - 2.25577e-5 * altitude) ** 4.25588
+    """Density [kg/m3] of the standard atmosphere (ISO 2533) at geometric altitude [m], up to 20 km."""
+    below = 1.225 * (1.0 - 2.25577e-5 * np.minimum(altitude, 11000.0)) ** 4.25588
+    return below * np.exp((11000.0 - np.maximum(altitude, 11000.0)) / 6341.6)
 
 
 def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, axes: str = "full") -> Record:

@@ -22,9 +22,11 @@ _SLOWER, _STAIRCASE = 1.5, 0.4  # own sampling interval over the record's; part 
 _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
+_BESIDE = 5  # samples on either side of a plateau that tell how fast the channel moves there
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _QUICK = frozenset(("pdot", "qdot", "rdot"))  # what answers a surface at once, and may in a single sample
 _ANSWER = 3.0  # of the range of nine tenths of the samples: no answer to a surface is a peak as high
+_OF_ANSWER = (0.4, 2.5)  # of the answer by a file, whose derivatives are not exact, that a jump may be
 _SOON = 0.25  # s from a step of a surface within which an angular acceleration may peak; recorders are late by 0.2 s
 _GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
@@ -126,8 +128,13 @@ def stretches(at: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault]:
-    """The faults that channels of a record show by themselves, in the order in which they are to be taken out."""
+def channel_faults(
+    record: Record, limits: Limits = LIMITS, answers: Mapping[str, np.ndarray] | None = None
+) -> list[ChannelFault]:
+    """The faults that channels of a record show by themselves, in the order in which they are to be taken out.
+
+    `answers`: channel -> (N,) what surfaces make of it at once. A sample that this explains is no outlier.
+    """
     found: list[ChannelFault] = []
     parts, commanded = _unbroken(record), _commanded(record)
     for name, values in record.channels.items():
@@ -138,6 +145,8 @@ def channel_faults(record: Record, limits: Limits = LIMITS) -> list[ChannelFault
             wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else _MATTERS)
             if name in _QUICK and (wild & commanded).any():
                 wild &= ~commanded | _spikes(clean, parts, limits, least=_ANSWER)
+            if wild.any() and answers is not None and name in answers:
+                wild &= ~_answered(clean, answers[name])
             faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
         for kind, at in faults.items():
             if at.any():
@@ -312,16 +321,36 @@ def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: f
     first, last = max(plateaus, key=lambda plateau: plateau[1] - plateau[0])
     if last - first < 1 and len(plateaus) < 3 * LIMITS.rail:
         return False
-    quick = float(np.nanquantile(np.abs(np.diff(values)), 0.95))
-    exits = [abs(values[b + 1] - values[b]) for _, b in plateaus if b + 1 < len(values) and np.isfinite(values[b + 1])]
-    if exits and float(np.median(exits)) > 2.0 * quick:
+    exits = [ratio for ratio in (_exit(values, *plateau) for plateau in plateaus) if np.isfinite(ratio)]
+    if exits and float(np.median(exits)) > 2.0:
         return False  # it was held there, and has moved on
     half, outside = 0.5 * (last - first + 1), [k for k in (first - 3, last + 3) if 0 <= k < len(values)]
     drops = [abs(values[k] - values[first]) for k in outside if np.isfinite(values[k])]
     return bool(drops) and float(np.mean(drops)) > 4.0 * quantum * ((half + 3.0) / half) ** 2
 
 
+def _exit(values: np.ndarray, first: int, last: int) -> float:
+    """Step by which a channel leaves a plateau, over the largest step of the samples near it: what was held there moved
+    on meanwhile, what is clipped leaves as fast as it came. NaN where that is not known."""
+    steps = np.abs(np.diff(values[max(0, first - _BESIDE) : last + 2 + _BESIDE]))
+    at = last - max(0, first - _BESIDE)
+    near = np.concatenate([steps[: min(first, _BESIDE)], steps[at + 1 :]])
+    near = near[np.isfinite(near)]
+    if at >= len(steps) or not len(near) or near.max() == 0.0:
+        return math.nan
+    return float(steps[at] / near.max())
+
+
 _CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0
+
+
+def _answered(values: np.ndarray, answer: np.ndarray) -> np.ndarray:
+    """(N,) whether a sample is off the cubic through its neighbours as the answer to a surface is there."""
+    off, expected = (x - np.convolve(x, _CUBIC, mode="same") for x in (values, answer))
+    least, most = _OF_ANSWER
+    return (off * expected > 0.0) & (np.abs(off) > least * np.abs(expected)) & (np.abs(off) < most * np.abs(expected))
+
+
 _WINDOW, _NEAR = 25, 12  # samples on either side that tell what is usual
 
 

@@ -7,17 +7,23 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 
 from casid.errors import InputError, nearest
+from casid.records.noise import time_scale
 from casid.records.record import Record
-from casid.signals import FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, label_of, unit_of
+from casid.signals import DEGREE, FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, label_of, unit_of
 
 INPUTS = (*SURFACES, "thrust", "rho")
 MIN_SAMPLES = 50
-MIN_DURATION = 3.0  # s
+MIN_DURATION = 3.0  # s: from here on a record of any motion is taken
+MIN_PERIODS = 3.0  # of the motion: a shorter record is taken that has as many
+LONG_GAP = 1.0  # s: a longer pause parts a record
+
+_MOVING = ("p", "q", "r", "alpha", "beta", "phi", "theta", "ay", "az")  # what tells of the motion's time scale
+_NINES = (99.0, 999.0, 9999.0, 99999.0)  # usual marks of a missing sample, of either sign
 
 _DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
 _POSITIVE = ("V", "rho", "qbar")
 _JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
-_SLOW, _LONG_GAP = 0.5, 1.0  # s
+_SLOW = 0.5  # s
 
 Place = Callable[[int], str]  # sample -> file and row, for a message
 
@@ -36,8 +42,7 @@ def require(record: Record, channels: Iterable[str], why: str) -> None:
 
 
 def check_time(t: np.ndarray, place: Place, column: str, source: str, *, aircraft: bool = True) -> None:
-    """Time must be complete, strictly increasing and, of an aircraft, long enough to identify something from; else
-    InputError."""
+    """Time must be complete, strictly increasing and, of an aircraft, of 50 samples at least; else InputError."""
     missing = np.flatnonzero(np.isnan(t))
     if len(missing):
         raise InputError(f"{place(missing[0])}, {column}: the time stamp is missing; fill it in or remove the row")
@@ -49,11 +54,28 @@ def check_time(t: np.ndarray, place: Place, column: str, source: str, *, aircraf
             f"{place(row)}, {column}: time {fault}, {t[row]:.10g} s after {t[row - 1]:.10g} s; "
             "remove the row, or split the file there"
         )
-    if aircraft and (len(t) < MIN_SAMPLES or t[-1] - t[0] < MIN_DURATION):
+    if aircraft and len(t) < MIN_SAMPLES:
         raise InputError(
-            f"{source}: {len(t)} samples in {t[-1] - t[0]:.4g} s are too short to identify anything; expected at least "
-            f"{MIN_SAMPLES} samples and {MIN_DURATION:.0f} s (time is in s: write the header as 't [ms]' if it is not)"
+            f"{source}: {len(t)} samples are too few to identify anything; expected at least {MIN_SAMPLES}"
         )
+
+
+def check_length(t: np.ndarray, channels: Mapping[str, np.ndarray], source: str) -> None:
+    """A record must be longer than 3 s, or hold three periods of its motion; else InputError. A light model aircraft
+    moves in tenths of a second."""
+    seconds = float(t[-1] - t[0])
+    if seconds >= MIN_DURATION:
+        return
+    moving = [channels[name] for name in _MOVING if name in channels]
+    periods = [2.0 * np.pi * scale for scale in (time_scale(t, values) for values in moving) if np.isfinite(scale)]
+    period = min(periods, default=np.inf)
+    if seconds >= MIN_PERIODS * period:
+        return
+    motion = f"a period of its motion is {period:.2g} s" if np.isfinite(period) else "it shows no motion"
+    raise InputError(
+        f"{source}: {len(t)} samples in {seconds:.4g} s are too short to identify anything: {motion}; expected "
+        f"{MIN_PERIODS:.0f} periods, or {MIN_DURATION:.0f} s (time is in s: write the header as 't [ms]' if it is not)"
+    )
 
 
 def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> None:
@@ -71,6 +93,14 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> N
     if len(beyond):
         value, unit = values[beyond[0]], unit_of(name)
         degrees = unit.replace("rad", "deg")
+        code = next((v for v in values[beyond] if _is_code(v, RADIAN_LIMITS[name])), None)
+        if code is not None:
+            at = int(np.flatnonzero(values == code)[0])
+            number = code if _is_nines(code) else code / DEGREE
+            raise InputError(
+                f"{place(at)}, {column}: {number:.6g} marks a missing sample, {int(np.sum(values == code))} in all; "
+                + ("fill the gaps, or cut the record there" if name in INPUTS else "leave the cells empty")
+            )
         raise InputError(
             f"{place(beyond[0])}, {column}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
             f"{label_of(name)}; if the file has {degrees}, write the header as '{name} [{degrees}]' or map the column "
@@ -90,6 +120,16 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> N
             f"{place(first)}, {column}: {label_of(name)} must be positive, got {values[first]:.6g}; "
             "leave the cell empty if the sample is missing" + (", or fill the gap" if name in INPUTS else "")
         )
+
+
+def _is_nines(value: float) -> bool:
+    return any(abs(abs(value) - nines) < 1e-6 * nines for nines in _NINES)
+
+
+def _is_code(value: float, limit: float) -> bool:
+    """Whether a value [rad] beyond a limit is -999 or the like, as it stands or in degrees, and so no angle in either.
+    In degrees that a header names it has been converted already."""
+    return (_is_nines(value) and abs(value) * DEGREE > limit) or _is_nines(value / DEGREE)
 
 
 def check_surfaces(channels: Mapping[str, np.ndarray], source: str) -> None:
@@ -112,7 +152,7 @@ def time_notes(t: np.ndarray) -> list[str]:
         notes.append(f"time: one sample every {dt:.4g} s; if the time is in ms, write the header as 't [ms]'")
     if len(gaps):
         longest = int(np.argmax(steps))
-        advice = "split the record there" if steps[longest] > _LONG_GAP else "inputs are interpolated across"
+        advice = "split the record there" if steps[longest] > LONG_GAP else "inputs are interpolated across"
         notes.append(
             f"time: rows are missing in {len(gaps)} place(s), the longest gap is {steps[longest]:.4g} s "
             f"after t = {t[longest]:.6g} s; {advice}"

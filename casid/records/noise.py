@@ -246,6 +246,20 @@ def motion_edge(records: Sequence[Record]) -> float:
     return float(np.concatenate(frequency)[order][np.argmax(below >= _MOTION_SHARE * below[-1])])
 
 
+def time_scale(t: np.ndarray, values: np.ndarray) -> float:
+    """Time scale [s] of a motion (N,): 1-sigma of the signal over that of its rate, 1/omega of a sine. White noise is
+    taken off both; NaN where nothing but noise is left."""
+    there = np.isfinite(values)
+    if there.sum() < _FEWEST // 2:
+        return math.nan
+    t, series = t[there], signal.detrend(values[there])
+    step = float(np.median(np.diff(t)))
+    sigma = float(np.nan_to_num(high_band_sigma(series)))
+    moves = float(np.var(series)) - sigma**2
+    quick = float(np.mean(((series[2:] - series[:-2]) / (2.0 * step)) ** 2)) - 0.5 * (sigma / step) ** 2
+    return math.sqrt(moves / quick) if moves > sigma**2 and quick > 0.0 else math.nan
+
+
 def _own_step(record: Record, channel: str) -> float:
     """Mean time [s] between the samples that a channel has."""
     t = record.t[np.isfinite(record[channel])]

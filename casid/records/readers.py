@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import glob
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,21 @@ from casid.arguments import a_path, an, given, is_path
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
 from casid.records.arrays import read_mat, read_npz, read_parquet
-from casid.records.checks import INPUTS, channel_notes, check_channel, check_surfaces, check_time, time_notes
+from casid.records.checks import (
+    INPUTS,
+    channel_notes,
+    check_channel,
+    check_length,
+    check_surfaces,
+    check_time,
+    time_notes,
+)
 from casid.records.clock import from_first, on_one_clock
 from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of, split_header
 from casid.records.foreign import read_excel, read_hdf5, read_mdf, read_ulog
 from casid.records.record import Record
-from casid.records.table import RawTable, read_columns, read_csv
+from casid.records.table import RawTable, read_columns, read_csv, rows_of
 from casid.signals import CHANNELS
 
 _TEXT: Mapping[str, Callable[[Path], RawTable]] = MappingProxyType(
@@ -40,6 +48,8 @@ _BINARY: Mapping[str, Callable[[Path, str | None, str], RawTable]] = MappingProx
     }
 )
 
+Span = tuple[float, float] | None  # begin and end of a part [s]
+
 _IN_MEMORY = "; data in memory are cs.Record.from_frame(df) or cs.Record.from_arrays(name, t, channels)"
 
 
@@ -48,12 +58,14 @@ def read_record(
     column_map: ColumnMap | Mapping[str, str] | str | Path | None = None,
     *,
     own: Collection[str] = (),
+    between: Span = None,
 ) -> Record:
     """The flight record of one file, in SI units and radians; its name is the file's name without ending.
 
     A header may carry a unit, `alpha [deg]`; without one it is SI. `column_map`, the TOML file of one, or a table like
     `{"alpha": "ALCG:deg"}` says which column of a foreign file is which channel. `t` and at least one surface must be
     there. An empty cell or nan in a measured output is a missing sample; columns that casid does not know are kept.
+    `between`, a pair of times [s], takes the part of a long file with begin <= t < end; only that is checked.
     `record.notes` holds remarks. Of a system that is no aircraft, `own` names the channels: they are taken under these
     names, whatever they would mean of an aircraft, and neither a surface nor a length is asked for.
 
@@ -68,7 +80,7 @@ def read_record(
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
     path, column_map = Path(path), ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
-        return record_of_table(_read_table(path, column_map), _stem(path), column_map, own)
+        return record_of_table(_read_table(path, column_map), _stem(path), column_map, own, a_span(between))
 
 
 def read_records(
@@ -76,16 +88,31 @@ def read_records(
     column_map: ColumnMap | Mapping[str, str] | str | Path | None = None,
     *,
     own: Collection[str] = (),
+    between: Span = None,
 ) -> list[Record]:
     """Records of files and of patterns like `flight/m*.csv`, each pattern in alphabetical order.
 
-    `own` as for `read_record`. Records of one name from different folders are told apart as `folder/name`.
+    `own` and `between` as for `read_record`. Records of one name in different folders are called `folder/name`.
 
     Raises
     ------
     InputError
         When a pattern matches nothing or a file is given twice, and as `read_record`.
     """
+    read, refused = read_each(paths, column_map, own=own, between=between)
+    for error in refused.values():
+        raise error
+    return read
+
+
+def read_each(
+    paths: str | Path | Iterable[str | Path],
+    column_map: ColumnMap | Mapping[str, str] | str | Path | None = None,
+    *,
+    own: Collection[str] = (),
+    between: Span = None,
+) -> tuple[list[Record], dict[Path, InputError]]:
+    """Records of those files that can be read, as `read_records` has them, and by file the errors of the others."""
     files = files_of(paths)
     if not files:
         raise InputError("no record was given; expected at least one file or pattern, like flight/m*.csv")
@@ -93,14 +120,17 @@ def read_records(
         if sum(file.resolve() == other.resolve() for other in files) > 1:
             raise InputError(f"{file}: given twice; each record may take part once")
     column_map = ColumnMap.of(column_map)
-    records = [read_record(file, column_map, own=own) for file in files]
     stems = [_stem(file) for file in files]
-    return [
-        record
-        if stems.count(_stem(file)) == 1
-        else replace(record, name="/".join((*file.resolve().parts[-2:-1], _stem(file))))
-        for record, file in zip(records, files, strict=True)
-    ]
+    read, refused = list[Record](), dict[Path, InputError]()
+    for file in files:
+        try:
+            record = read_record(file, column_map, own=own, between=between)
+        except InputError as error:
+            refused[file] = error
+            continue
+        several = stems.count(_stem(file)) > 1
+        read.append(record.renamed("/".join((*file.resolve().parts[-2:-1], _stem(file)))) if several else record)
+    return read, refused
 
 
 def files_of(paths: str | Path | Iterable[str | Path]) -> list[Path]:
@@ -166,26 +196,63 @@ def _read_table(path: Path, column_map: ColumnMap) -> RawTable:
     return _BINARY[ending](path, column_map.variable, str(time))
 
 
-def record_of_table(table: RawTable, record_name: str, column_map: ColumnMap, own: Collection[str] = ()) -> Record:
+def a_span(value: Any) -> tuple[float, float] | None:
+    """A pair of times [s], the second one later; InputError for anything else. None is none."""
+    if value is None:
+        return None
+    try:
+        begin, end = value
+        if float(begin) < float(end):
+            return float(begin), float(end)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"between is {given(value)}; expected two times in s, the first one earlier, like (10.0, 40.0)")
+
+
+def _part(
+    table: RawTable, t: np.ndarray, channels: Mapping[str, np.ndarray], between: tuple[float, float]
+) -> tuple[RawTable, np.ndarray, dict[str, np.ndarray]]:
+    """The rows from one time to another; InputError where there are none."""
+    begin, end = between
+    rows = np.flatnonzero((t >= begin) & (t < end))
+    if not len(rows):
+        span = f"{np.nanmin(t):g} to {np.nanmax(t):g} s" if np.isfinite(t).any() else "no time at all"
+        raise InputError(f"{table.source}: no row from {begin:g} to {end:g} s; the file has {span}")
+    kept = rows_of(table, rows)
+    return kept, t[rows], {name: values[rows] for name, values in channels.items()}
+
+
+def record_of_table(
+    table: RawTable,
+    record_name: str,
+    column_map: ColumnMap,
+    own: Collection[str] = (),
+    between: tuple[float, float] | None = None,
+) -> Record:
     """The record of a table, checked: InputError for what cannot be used, notes for what a person should know."""
     columns = channels_of(table, column_map, own)
     channels = dict(columns.channels)
-    notes = list(columns.notes)
+    notes = [*table.notes, *columns.notes]
     if "t" not in channels:
         raise InputError(
             f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
         )
     t, counted = from_first(channels.pop("t"))
+    if between is not None:
+        table, t, channels = _part(table, t, channels, between)
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
+    empty: list[str] = []
     for name in list(channels):
         if name in CHANNELS and name not in own:
             check_channel(name, channels[name], table.place, columns.places[name])
         if np.isnan(channels[name]).all():
             notes.append(f"{name}: has no sample at all and is left out")
+            empty.append(name)
             del channels[name]
     if not own:
+        check_length(t, channels, table.source)
         check_surfaces(channels, table.source)
     notes += time_notes(t)
     for name, values in channels.items():
@@ -193,5 +260,11 @@ def record_of_table(table: RawTable, record_name: str, column_map: ColumnMap, ow
             continue
         notes += channel_notes(name, values)
     return Record(
-        name=record_name, t=t, channels=channels, hold=table.hold or "linear", source=table.source, notes=tuple(notes)
+        name=record_name,
+        t=t,
+        channels=channels,
+        hold=table.hold or "linear",
+        source=table.source,
+        notes=tuple(notes),
+        empty=tuple(empty),
     )

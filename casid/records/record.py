@@ -43,6 +43,8 @@ class Record:
         Where it came from, for messages.
     notes
         Remarks of whoever read it.
+    empty
+        Channels that the file names and of which it has no sample; they are left out.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class Record:
     hold: str | Mapping[str, str] = "linear"
     source: str = ""
     notes: tuple[str, ...] = field(default=())
+    empty: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):

@@ -9,7 +9,7 @@ import re
 import zlib
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,8 @@ class RawTable:
     lines     (N,) line of each row in a text file, or None
     text      column -> (row, cell) of the first cell that is no number
     hold      what a comment `# hold: held` says, or `# hold: u = held, v = cubic` of single channels; "" without
+    notes     remarks of whoever read it
+    first     number of the first row in the file, from 0
     """
 
     source: str
@@ -42,15 +44,23 @@ class RawTable:
     lines: np.ndarray | None = None
     text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
     hold: str | Mapping[str, str] = ""
+    notes: tuple[str, ...] = ()
+    first: int = 0
 
     def place(self, row: int) -> str:
         """File and row, counted from 1 without the header, for a message."""
         line = f" (line {self.lines[row]})" if self.lines is not None else ""
-        return f"{self.source}: row {row + 1}{line}"
+        return f"{self.source}: row {self.first + row + 1}{line}"
 
     def column(self, index: int) -> str:
         """Name of a column for a message, or its number counted from 1."""
         return f"column '{self.names[index]}'" if self.names else f"column {index + 1}"
+
+
+def rows_of(table: RawTable, rows: np.ndarray) -> RawTable:
+    """The table with neighbouring rows alone."""
+    lines = None if table.lines is None else table.lines[rows]
+    return replace(table, values=table.values[rows], lines=lines, first=int(rows[0]))
 
 
 def shown(cell: str) -> str:

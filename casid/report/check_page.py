@@ -23,7 +23,7 @@ def write_check(found: DataFindings, folder: str | Path) -> None:
     context = {
         "colour": _COLOURS[found.clean],
         "records": ", ".join(record.name for record in found.recorded),
-        "sentences": [one.sentence for one in found.findings],
+        "sentences": list(found.sentences),
         "figures": list(figures_of(drawn, {}).values()),
         "findings": tables.findings(found.findings),
         "channels": _channels(found),

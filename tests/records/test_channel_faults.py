@@ -112,3 +112,33 @@ def test_the_table_is_in_degrees() -> None:
         pytest.approx(3.0),
     )
     assert "suspect" in as_text([row], {"beta": "suspect"})
+
+
+@pytest.mark.parametrize("pause", [3.0, 6.0, 12.0])
+def test_a_rate_gyro_at_its_rail_in_short_bursts_is_clipped(pause: float) -> None:
+    """Rolls of 0.5 s one way and the other at up to 3.5 rad/s, between pauses, by a gyro that ends at 2 rad/s (114.59
+    deg/s): 23 samples in a row. What moves little for most of the time made them look like held values."""
+    t = np.arange(1500) / 50.0
+    roll = np.zeros(len(t))
+    for start in np.arange(1.0, t[-1] - 2.0, pause):
+        for begin, sign in ((start, 1.0), (start + 0.6, -1.0)):
+            answer = [np.where(t >= at, -np.expm1(-np.maximum(t - at, 0.0) / 0.08), 0.0) for at in (begin, begin + 0.5)]
+            roll += sign * 3.5 * (answer[0] - answer[1])
+    roll += 0.01 * np.random.default_rng(1).standard_normal(len(t))
+    p = np.clip(roll, -2.0, 2.0)
+    flown = Record(name="m", t=t, channels={"delta_a": 0.02 * np.sin(t), "p": p})
+    (fault,) = (one for one in channel_faults(flown) if one.target == "p")
+    assert fault.kind == "data_clipped" and (fault.at == (np.abs(p) == 2.0)).all()
+
+
+def test_what_answers_a_surface_by_the_file_is_no_outlier() -> None:
+    """One sample of az that an elevator moved from -6 to +4 deg makes at once, known to within a third."""
+    az = motion(0.02)
+    jump = np.zeros(len(T))
+    jump[500] = 0.8
+    flown = record(az + jump, "az")
+    (alone,) = channel_faults(flown)
+    assert alone.kind == "data_spikes" and alone.at[500]
+    for part in (0.7, 1.0, 1.3):
+        assert not channel_faults(flown, answers={"az": part * jump})
+    assert channel_faults(flown, answers={"az": -jump})

@@ -124,9 +124,73 @@ def test_lines_count_from_the_top_of_the_file(tmp_path):
         read_record(path)
 
 
-@pytest.mark.parametrize(("n", "part"), [(40, "40 samples in 0.78 s are too short"), (149, "149 samples in 2.96 s")])
-def test_a_short_record(tmp_path, n, part):
-    assert part in message(tmp_path, NAMES, rows(n))
+def test_a_record_of_few_samples(tmp_path):
+    assert "40 samples are too few" in message(tmp_path, NAMES, rows(40))
+
+
+def moving_at(omega, seconds, noise=0.0, rate_hz=50.0):
+    """Rows of a motion of a frequency [rad/s], with white noise on all outputs."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    wave = 0.05 * np.sin(omega * t) + noise * np.random.default_rng(3).standard_normal(len(t))
+    columns = (t, 100 + wave, wave, wave, -9.8 + wave, wave, 1e4 + 0 * t, 0.9 + 0 * t)
+    return [list(map(repr, row)) for row in np.stack(columns, axis=1).tolist()]
+
+
+def write(tmp_path, cells, names=NAMES):
+    path = tmp_path / "m1.csv"
+    path.write_text("\n".join([",".join(names), *map(",".join, cells)]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_shortest_record_is_a_matter_of_its_motion(tmp_path, noise):
+    """2.5 s hold 6 periods at 15 rad/s, as of a light model aircraft, and 0.8 at 2 rad/s, as of a transport."""
+    assert len(read_record(write(tmp_path, moving_at(15.0, 2.5, noise)))) == 125
+    line = message(tmp_path, NAMES, moving_at(2.0, 2.5, noise))
+    assert "125 samples in 2.48 s are too short" in line and "a period of its motion is" in line
+    assert len(read_record(write(tmp_path, moving_at(2.0, 3.1, noise)))) == 155
+
+
+def test_noise_alone_is_no_quick_motion(tmp_path):
+    assert "it shows no motion" in message(tmp_path, NAMES, moving_at(0.0, 2.5, 0.01))
+
+
+@pytest.mark.parametrize("header", ["alpha", "alpha [deg]"])
+def test_a_mark_of_a_missing_sample_is_no_angle_in_degrees(tmp_path, header):
+    cells = rows()
+    for row in (4, 9):
+        cells[row][2] = "-999"
+    line = message(tmp_path, [header if name == "alpha" else name for name in NAMES], cells)
+    assert "row 5 (line 6)" in line and "-999 marks a missing sample, 2 in all; leave the cells empty" in line
+
+
+def test_a_column_without_samples_is_kept_in_mind(tmp_path):
+    cells = rows()
+    for row in cells:
+        row[3] = ""
+    record = read_record(write(tmp_path, cells))
+    assert record.empty == ("q",) and "q" not in record
+
+
+def test_a_part_of_a_file(tmp_path):
+    """What is wrong elsewhere in a long file does not matter to the part, whose times stay."""
+    cells = rows(1000)
+    cells[20][NAMES.index("delta_e")] = ""
+    path = write(tmp_path, cells)
+    with pytest.raises(InputError, match="sample of an input is missing"):
+        read_record(path)
+    part = read_record(path, between=(4.0, 12.0))
+    assert (part.t[0], len(part)) == (pytest.approx(4.0), 400)
+    for span in ((-math.inf, 4.0), (4.0, math.inf)):
+        assert len(read_record(path, between=span) if span[0] == 4.0 else part) in (400, 800)
+    with pytest.raises(InputError, match="no row from 30 to 40 s; the file has 0 to 19.98 s"):
+        read_record(path, between=(30.0, 40.0))
+    for wrong in ((5.0, 4.0), 3.0, ("a", "b"), (math.nan, 1.0)):
+        with pytest.raises(InputError, match="expected two times"):
+            read_record(path, between=wrong)
+    cells[300][NAMES.index("q")] = "x"
+    with pytest.raises(InputError, match=re.escape("row 301 (line 302)")):
+        read_record(write(tmp_path, cells), between=(4.0, 12.0))
 
 
 @pytest.mark.parametrize(

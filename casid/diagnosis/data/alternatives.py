@@ -30,6 +30,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "alpha+beta": ("alpha", "beta"),
     "+".join(SURFACES): SURFACES,
 }
+INSTRUMENTS = tuple(GROUPS[name] for name in ("p+q+r", "ax+ay+az", "pdot+qdot+rdot"))  # axes of one instrument
 _SIGNED = ("alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", *SURFACES)
 
 
@@ -71,6 +72,8 @@ def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> li
     for label, members in GROUPS.items():
         if there.issuperset(members):
             found += _units(label, members)
+        elif members in INSTRUMENTS and len(some := tuple(name for name in members if name in there)) > 1:
+            found += _units("+".join(some), some)
     found += [_swap(a, b) for a, b in _SWAPPED if {a, b} <= there]
     found += [_time(factor, unit) for unit, factor in TIMES.items()]
     return [*found, *(_time(factor, None) for factor in stretched)]

@@ -7,8 +7,8 @@ together, by physics that needs no aerodynamics, where alternatives to the recor
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from casid.arguments import an
 from casid.diagnosis.data import words
+from casid.diagnosis.data.answers import answers
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.file_units import SI_OF, FileUnit
 from casid.diagnosis.data.finding import Finding, Handled
@@ -26,8 +27,8 @@ from casid.model.given import given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
 from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults
-from casid.records.channel_table import ChannelRow, as_text, channel_table
-from casid.records.checks import INPUTS
+from casid.records.channel_table import ChannelRow, as_text, channel_table, gaps
+from casid.records.checks import INPUTS, LONG_GAP
 from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import SURFACES, for_a_person, unit_of
@@ -40,7 +41,7 @@ class DataFindings:
     Attributes
     ----------
     findings
-        Faults, those of channels alone first.
+        Faults: first signs, units and swaps, which concern whole channels, then samples, then what is missing.
     records
         As they should be: signs, units and swaps corrected, samples that are not to be believed missing.
     recorded
@@ -51,6 +52,8 @@ class DataFindings:
         Numbers of the aircraft file that cannot be, or with which flight agrees in another unit only.
     impossible
         Effects of the aircraft file of a size that cannot be, and an inertia of no rigid body.
+    unread
+        File -> why it could not be read and was not checked; of the command `casid check`.
     """
 
     findings: tuple[Finding, ...]
@@ -59,11 +62,19 @@ class DataFindings:
     table: tuple[ChannelRow, ...]
     doubts: tuple[Doubt, ...] = ()
     impossible: tuple[Doubt, ...] = ()
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def clean(self) -> bool:
         """Whether nothing is wrong."""
-        return not (self.findings or self.doubts or self.impossible)
+        return not (self.findings or self.doubts or self.impossible or self.unread)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All that is wrong, in words."""
+        file = (f"Aircraft file: {one.sentence}" for one in (*self.doubts, *self.impossible))
+        unread = (f"{file} was not checked: {why}" for file, why in self.unread.items())
+        return (*(one.sentence for one in self.findings), *file, *unread)
 
     @property
     def reported(self) -> tuple[Finding, ...]:
@@ -77,6 +88,7 @@ class DataFindings:
             "data": [one.to_dict() for one in self.findings],
             "file": [one.to_dict() for one in (*self.doubts, *self.impossible)],
             "channels": {row.name: row.to_dict() for row in self.table},
+            "unread": dict(self.unread),
         }
 
     def __str__(self) -> str:
@@ -85,11 +97,8 @@ class DataFindings:
             for name in one.target.split("+"):
                 suspected.setdefault(name, []).append(one.kind.removeprefix("data_"))
         text = as_text(self.table, {name: ", ".join(kinds) for name, kinds in suspected.items()})
-        said = [f"- {one.sentence}" for one in self.findings] or [
-            "Nothing is wrong with these data, as far as they tell."
-        ]
-        file = [f"- Aircraft file: {one.sentence}" for one in (*self.doubts, *self.impossible)]
-        return "\n".join([text, "", *(said if self.findings or not file else []), *file])
+        said = [f"- {one}" for one in self.sentences] or ["Nothing is wrong with these data, as far as they tell."]
+        return "\n".join([*said, "", text])
 
 
 @single_threaded()
@@ -129,20 +138,22 @@ def check(
     an(undo, bool, "check: undo", "undo=True or undo=False")
     if criteria is not None:
         an(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
-    faults = [fault for record in given for fault in channel_faults(record)] + constant_in_one(given)
+    answered = [answers(record, plane) if plane is not None else None for record in given]
+    alone = (channel_faults(record, answers=known) for record, known in zip(given, answered, strict=True))
+    faults = [fault for some in alone for fault in some] + constant_in_one(given)
     kept = tuple(without_faults(record, faults) for record in given)
     cannot_be = doubts(plane) if plane is not None else ()
     believed = believable(plane, cannot_be) if plane is not None else None
     weighing = Weighing(kept, believed, criteria or DataCriteria())
     weighed = weighing.found()
-    alone = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     together = [_of_alternative(one, len(given), undo) for one in weighed]
-    still = _no_input(given)
+    samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
+    missing = [*_pauses(given), *_without_samples(given), *_no_input(given)]
     if not undo:
         kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     return DataFindings(
-        findings=(*alone, *together, *still),
-        records=given if undo else tuple(_noted(record, (*alone, *together)) for record in kept),
+        findings=(*together, *samples, *missing),
+        records=given if undo else tuple(_noted(record, (*together, *samples)) for record in kept),
         recorded=given,
         table=channel_table(given),
         doubts=_of_the_file(plane, cannot_be, weighing.units),
@@ -162,6 +173,44 @@ def _of_the_file(
     given = given if isinstance(given, float) else math.nan
     found = Doubt(parameter=best.parameter, given=given, unit=SI_OF[best.parameter], sentence=sentence)
     return (found, *doubts(best.corrected(aircraft)))
+
+
+def _pauses(records: Sequence[Record]) -> list[Finding]:
+    """Long pauses in the time of records."""
+    found = []
+    for record in records:
+        pauses = tuple((a, b) for a, b in gaps(record) if b - a > LONG_GAP)
+        if pauses:
+            sentence = words.of_pauses(record.name, pauses)
+            one = Finding(
+                kind="data_dropout",
+                target="t",
+                records=(record.name,),
+                intervals_s={record.name: pauses},
+                handled="excluded",
+                sentence=sentence,
+            )
+            found.append(one)
+    return found
+
+
+def _without_samples(records: Sequence[Record]) -> list[Finding]:
+    """Channels that are named and have no sample."""
+    having: dict[str, list[str]] = {}
+    for record in records:
+        named = (name for name, values in record.channels.items() if not np.isfinite(values).any())
+        for name in (*record.empty, *named):
+            having.setdefault(name, []).append(record.name)
+    return [
+        Finding(
+            kind="data_dropout",
+            target=name,
+            records=tuple(names),
+            handled="excluded",
+            sentence=words.of_nothing(name, names, len(names) == len(records) > 1),
+        )
+        for name, names in having.items()
+    ]
 
 
 def _no_input(records: Sequence[Record]) -> list[Finding]:
@@ -208,7 +257,7 @@ def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: S
 
 def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
     one = weighed.alternative
-    handled: Handled = "corrected" if weighed.alone and not undo else "reported"
+    handled: Handled = "corrected" if weighed.alone and not (undo or weighed.refused) else "reported"
     every = len(weighed.records) == count > 1
     rivals = [described(r) for r in weighed.rivals]
     sentence = words.of_alternative(one.kind, one.target, one.value, one.unit, weighed.records, every)
@@ -219,6 +268,6 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
         value=one.value,
         unit="1" if one.value is not None else None,
         handled=handled,
-        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo),
+        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo, weighed.refused),
         indistinguishable_from=tuple({"kind": r.kind, "target": r.target} for r in weighed.rivals),
     )

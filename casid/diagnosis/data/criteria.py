@@ -17,6 +17,12 @@ class DataCriteria:
         "derived: one set of records in five has one, in one of some 80 ways",
         signed=True,
     )
+    apart: float = number(
+        -5.0,
+        "log prior odds of one axis of an instrument in another unit, beside all of its axes",
+        "measured: all axes against one gain -0.4 at least where all are, one against all 7.9 where one is",
+        signed=True,
+    )
     said: float = number(7.0, "log posterior odds from which a fault is said", "derived: 1000 to 1")
     file_said: float = number(
         3.0,
@@ -28,6 +34,15 @@ class DataCriteria:
         -3.0, "log likelihood ratio below which a record contradicts a fault", "derived: 20 to 1", signed=True
     )
     load_factor: float = number(0.15, "1-sigma of the logarithm of the mean load factor of a test flight")
+    unknown_attitude: float = number(
+        0.3, "1-sigma of the same beside that, where no attitude is recorded", "derived: banks of 40 deg"
+    )
+    sideslip_time: float = number(
+        5.0,
+        "time constant over which sideslip is integrated from the motion",
+        "chosen: longer than a Dutch roll, shorter than what biases need to add up to a sideslip",
+        unit="s",
+    )
     climb: float = number(20.0, "1-sigma of the change of the rate of climb in a record", unit="m/s")
     path_known: float = number(0.05, "1-sigma of theta - alpha against the climb, by biases", unit="rad")
     path_unknown: float = number(0.15, "1-sigma of the angle of climb where no altitude is recorded", unit="rad")

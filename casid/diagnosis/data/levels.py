@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy import special
+from scipy import signal, special
 
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
 from casid.model.aircraft import Aircraft
+from casid.model.dynamics import standard_density
 from casid.model.plausible import doubts
 
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
@@ -36,7 +37,8 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
     phi, theta = c.value("phi"), c.value("theta")
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
-    sigma = math.hypot(criteria.load_factor, criteria.climb / (g * c.duration))
+    attitude = 0.0 if c.has("theta") else criteria.unknown_attitude
+    sigma = math.hypot(criteria.load_factor, criteria.climb / (g * c.duration), attitude)
     return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma, criteria) if at.any() else 0.0
 
 
@@ -128,39 +130,57 @@ def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCr
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """Density of the standard troposphere at the recorded altitude."""
     height = min(max(_mean(c, "altitude"), -1000.0), 19000.0)
-    return _ratio(_mean(c, "rho"), standard_density(height), criteria.atmosphere, criteria)
+    return _ratio(_mean(c, "rho"), float(standard_density(np.array(height))), criteria.atmosphere, criteria)
 
 
 def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., float]:
     """A force opposes its flow angle, whatever flies: side force that of sideslip, lift that of attack."""
 
     def level(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-        at = c.known(force, angle, "V", *(name for name in beside if c.has(name)))
-        if at.sum() < 20:
-            return 0.0
-        others = [c.value(name)[at] for name in beside if c.has(name)]
-        X = np.stack([c.value(angle)[at], *others, np.ones(int(at.sum()))], axis=1)
-        X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
-        y = c.value(force)[at]
-        inverse = np.linalg.pinv(X.T @ X, rcond=1e-10)
-        found = inverse @ X.T @ y
-        every = len(y) / max(c.independent * float(at.mean()), 1.0)
-        scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
-        sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
-        return max(float(special.log_ndtr(sigmas)), criteria.impossible)
+        there = [name for name in beside if c.has(name)]
+        at = c.known(force, angle, "V", *there)
+        others = [c.value(name) for name in there]
+        return _opposes(c.value(force), [c.value(angle), *others], at, c, criteria)
 
     return level
 
 
-def standard_density(altitude: float) -> float:
-    """Density [kg/m3] of the standard atmosphere up to 20 km (ISO 2533)."""
-    if altitude <= 11000.0:
-        return 1.225 * (1.0 - 2.25577e-5 * altitude) ** 4.2559
-    return 0.36391 * math.exp(-(altitude - 11000.0) / 6341.6)
+def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c: Read, criteria: DataCriteria) -> float:
+    """Log probability that the slope of a force over the first of its regressors is negative."""
+    if at.sum() < 20:
+        return 0.0
+    X = np.stack([*(one[at] for one in regressors), np.ones(int(at.sum()))], axis=1)
+    X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
+    y = force[at]
+    inverse = np.linalg.pinv(X.T @ X, rcond=1e-10)
+    found = inverse @ X.T @ y
+    every = len(y) / max(c.independent * float(at.mean()), 1.0)
+    scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
+    sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
+    return max(float(special.log_ndtr(sigmas)), criteria.impossible)
+
+
+def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """Side force opposes the sideslip that the motion makes, where no vane tells it.
+
+    The rate of sideslip in a coordinated frame, p sin(alpha) - r cos(alpha) + (ay + g sin(phi) cos(theta)) / V, is
+    integrated, and both sides are passed through one high-pass filter, so that biases do not add up.
+    """
+    if c.has("beta"):
+        return 0.0
+    alpha, phi, theta = c.value("alpha"), c.value("phi"), c.value("theta")
+    across = (c.value("ay") + g * np.sin(phi) * np.cos(theta)) / np.maximum(c.value("V"), 1.0)
+    rate = c.value("p") * np.sin(alpha) - c.value("r") * np.cos(alpha) + across
+    decay = math.exp(-c.step / criteria.sideslip_time)
+    there = ["p", "r", *(["delta_r"] if c.has("delta_r") else [])]
+    at = c.known("ay", "V", "phi", "theta", "alpha", *there)
+    sideslip = signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate)
+    passed = [signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0]) for x in (c.value("ay"), *map(c.value, there))]
+    return _opposes(passed[0], [sideslip, *passed[1:]], at, c, criteria)
 
 
 _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ...] = (
-    (("az", "theta"), ("ax", "ay", "az", "phi", "theta", "t"), _load_factor),
+    (("az",), ("ax", "ay", "az", "phi", "theta", "t"), _load_factor),
     (("theta", "alpha"), ("theta", "alpha", "altitude", "V", "t"), _flight_path),
     (("alpha", "V", "rho", "az"), ("alpha", "V", "rho", "az"), _lift),
     (("V",), ("V",), _trimmed("V", lambda c: c.trim_speed)),
@@ -171,6 +191,7 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
     (("thrust",), ("thrust",), _usual_thrust),
     (("ay", "beta"), ("ay", "beta", "p", "r", "delta_r"), _slope_of("ay", "beta", ("p", "r", "delta_r"))),
     (("az", "alpha"), ("az", "alpha", "q", "delta_e"), _slope_of("az", "alpha", ("q", "delta_e"))),
+    (("ay", "p", "r", "phi", "V"), ("V", "alpha", "beta", "p", "r", "phi", "theta", "ay", "t"), _kinematic_sideslip),
     (("rho", "altitude"), ("rho", "altitude"), _atmosphere),
 )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from casid.diagnosis.data.smooth import Smooth
+from casid.model.dynamics import standard_density
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,14 +48,27 @@ class Read:
         self._record, self._reading = record, reading
 
     def has(self, *names: str) -> bool:
-        return all(self._reading.source.get(name, name) in self._record for name in names)
+        return all(self._recorded(name) or (name == "rho" and self._density_known) for name in names)
+
+    def _recorded(self, name: str) -> bool:
+        return self._reading.source.get(name, name) in self._record
+
+    @property
+    def _density_known(self) -> bool:
+        return self._recorded("altitude") or self._record.density is not None
 
     def value(self, name: str) -> np.ndarray:
-        """(N,) in SI; zero of a channel that is not recorded."""
+        """(N,) in SI; zero of a channel that is not recorded, but for a density that is known otherwise."""
         source = self._reading.source.get(name, name)
         if source not in self._record:
-            return np.zeros(len(self._record.t))
+            return self._density() if name == "rho" and self._density_known else np.zeros(len(self._record.t))
         return self._reading.factor.get(name, 1.0) * self._record.values[source]
+
+    def _density(self) -> np.ndarray:
+        """(N,) of the standard atmosphere at the recorded altitude, or that of the trim."""
+        if self._recorded("altitude"):
+            return np.asarray(standard_density(self.value("altitude")), dtype=float)
+        return np.full(len(self._record.t), self._record.density)
 
     def rate(self, name: str) -> np.ndarray:
         """(N,) per second."""

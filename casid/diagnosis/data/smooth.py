@@ -21,6 +21,7 @@ class Smooth:
     values, rates  channel -> (N,) mean over a Hann window, and its slope per second of the record's time
     known          channel -> (N,) whether enough samples of the window are there
     independent    number of independent samples of a smoothed series: windows in the record
+    density        [kg/m3] where neither density nor altitude is recorded; None where nothing says it
     """
 
     name: str
@@ -29,6 +30,7 @@ class Smooth:
     rates: Mapping[str, np.ndarray]
     known: Mapping[str, np.ndarray]
     independent: float
+    density: float | None = None
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.values
@@ -38,7 +40,7 @@ class Smooth:
         return float(self.t[-1] - self.t[0])
 
 
-def smooth(record: Record, window: float, criteria: DataCriteria) -> Smooth:
+def smooth(record: Record, window: float, criteria: DataCriteria, density: float | None = None) -> Smooth:
     """The record on a uniform grid of its median interval, every channel by a mean over a `window` [s]."""
     dt = record.dt
     count = max(criteria.fewest, min(round(window / dt), len(record) // criteria.windows)) | 1
@@ -54,14 +56,23 @@ def smooth(record: Record, window: float, criteria: DataCriteria) -> Smooth:
         even = np.interp(t, record.t[good], there)
         values[name] = np.convolve(np.pad(even, count // 2, mode="edge"), weights, mode="valid")
         rates[name] = np.gradient(values[name], dt)
-        nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * dt
+        own = max(dt, float(np.median(np.diff(record.t[good]))))  # of a slower channel
+        nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * own
         known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.present
         known[name][: count // 2], known[name][-(count // 2) :] = False, False
     every = slice(None, None, max(1, count // criteria.instants))
     kept = ({name: series[every] for name, series in table.items()} for table in (values, rates, known))
     values, rates, known = kept
     independent = max(2.0, len(t) / count)
-    return Smooth(name=record.name, t=t[every], values=values, rates=rates, known=known, independent=independent)
+    return Smooth(
+        name=record.name,
+        t=t[every],
+        values=values,
+        rates=rates,
+        known=known,
+        independent=independent,
+        density=density,
+    )
 
 
 def _nearest(sorted_times: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from casid.diagnosis.data.alternatives import TIMES, Alternative, alternatives
+from casid.diagnosis.data.alternatives import INSTRUMENTS, TIMES, Alternative, alternatives
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.file_units import FILE_UNITS, FileUnit
 from casid.diagnosis.data.levels import level_terms
@@ -18,6 +18,7 @@ from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
 from casid.diagnosis.data.smooth import Smooth, smooth
 from casid.model.aircraft import Aircraft
+from casid.model.dynamics import standard_density
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
 from casid.signals import SURFACES
@@ -34,12 +35,14 @@ class Weighed:
     records    that have it
     log_odds   posterior, against the records as they stand
     rivals     other explanations that these data cannot tell from it
+    refused    whether another kind of fault concerns the same channel, so that neither is corrected
     """
 
     alternative: Alternative
     records: tuple[str, ...]
     log_odds: float
     rivals: tuple[Alternative, ...]
+    refused: bool = False
 
     @property
     def alone(self) -> bool:
@@ -53,8 +56,9 @@ class Weighing:
         self._criteria = criteria
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else 9.80665
-        self._quick = [smooth(record, criteria.quick, criteria) for record in records]
-        self._slow = [smooth(record, criteria.slow, criteria) for record in records]
+        density = _trimmed_density(aircraft)
+        self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
+        self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
         self.names = [record.name for record in records]
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
@@ -74,10 +78,10 @@ class Weighing:
             return term
 
         dynamic = [(frozenset((*r.uses, "t")), r.slow, of(r)) for r in RELATIONS]
-        return [
-            *dynamic,
-            *((uses, False, term) for uses, term in level_terms(self._aircraft, self._gravity, self._criteria)),
-        ]
+        levels = level_terms(self._aircraft, self._gravity, self._criteria)
+        # density comes from the altitude where it is not recorded itself
+        wide = ((uses | {"altitude"} if "rho" in uses else uses, term) for uses, term in levels)
+        return [*dynamic, *((uses, False, term) for uses, term in wide)]
 
     def _read(self, j: int, slow: bool, reading: Reading) -> Read:
         return Read((self._slow if slow else self._quick)[j], reading)
@@ -93,7 +97,18 @@ class Weighing:
             self._take(best)
         if self._response is not None:
             self._find_surfaces(found)
-        return found
+        return self._one_kind_each(found)
+
+    def _one_kind_each(self, found: Sequence[Weighed]) -> list[Weighed]:
+        """The faults, with those refused that would correct one channel of a record in more than one way. A column that
+        needs two corrections is more likely to be another thing, or records that were joined."""
+        judged = [replace(one, refused=any(_clash(one, other) for other in found)) for one in found]
+        self.trusted = [AS_RECORDED for _ in self.names]
+        for one in judged:
+            for j, name in enumerate(self.names):
+                if one.alone and not one.refused and name in one.records:
+                    self.trusted[j] = self.trusted[j].then(one.alternative.reading)
+        return judged
 
     def _find_surfaces(self, found: list[Weighed]) -> None:
         """What the response says of surfaces, or else of the units of the file."""
@@ -149,8 +164,6 @@ class Weighing:
         for j, name in enumerate(self.names):
             if name in best.records:
                 self.readings[j] = self.readings[j].then(best.alternative.reading)
-                if best.alone:
-                    self.trusted[j] = self.trusted[j].then(best.alternative.reading)
 
     def _outputs(self) -> list[Alternative]:
         channels = {name for one in self._quick for name in one.values}
@@ -237,7 +250,7 @@ class Weighing:
     def _best(self, gains: Sequence[tuple[Alternative, list[float]]]) -> Weighed | None:
         """The alternative with the largest posterior odds, in the records that do not contradict it."""
         scored = sorted(
-            ((self._total(per_record), a, self._concerned(per_record)) for a, per_record in gains),
+            ((self._total(per_record) + self._prior(a), a, self._concerned(per_record)) for a, per_record in gains),
             key=lambda row: -row[0],
         )
         if not scored or scored[0][0] + self._criteria.fault < self._criteria.said:
@@ -249,6 +262,13 @@ class Weighing:
         )
         return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
 
+    def _prior(self, alternative: Alternative) -> float:
+        """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own."""
+        names = alternative.reading.factor.keys()
+        group = next((members for members in INSTRUMENTS if names < set(members)), ())
+        there = {name for record in self._quick for name in group if name in record}
+        return self._criteria.apart if alternative.kind == "data_unit" and len(there) > len(names) else 0.0
+
     def _total(self, gains: Sequence[float]) -> float:
         """Gain in all records, or in some of them, of which there are many choices."""
         if min(gains) > self._criteria.against:
@@ -258,6 +278,21 @@ class Weighing:
     def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
         everywhere = min(gains) > self._criteria.against
         return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > -self._criteria.against)
+
+
+def _clash(one: Weighed, other: Weighed) -> bool:
+    """Whether two faults of different kinds would both be corrected in one channel of a record."""
+    a, b = one.alternative, other.alternative
+    both = a.channels & b.channels and set(one.records) & set(other.records)
+    return bool(both) and a.kind != b.kind and one.alone and other.alone
+
+
+def _trimmed_density(aircraft: Aircraft | None) -> float | None:
+    """Density [kg/m3] of the trim of a file, where it says one."""
+    trim = aircraft.trim if aircraft is not None else {}
+    if "rho" in trim:
+        return trim["rho"]
+    return float(standard_density(np.array(trim["altitude"]))) if "altitude" in trim else None
 
 
 def _surfaces_of(alternative: Alternative) -> set[str]:

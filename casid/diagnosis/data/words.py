@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from casid.signals import CHANNELS, label_of, unit_of
+from casid.signals import CHANNELS, SURFACES, label_of, unit_of
 
 _LABELS = {"t": "time"}
 
@@ -38,6 +38,8 @@ def of_alternative(
     """A sign, a unit or a swap, as a statement."""
     where, label = _where(records, every), named(target)
     plural = "+" in target
+    if target in SURFACES and kind == "data_sign":
+        return f"{target}: sign convention opposite to the file in {where}"
     if kind == "data_sign":
         return f"The recorded {label} has the wrong sign in {where}"
     if kind == "data_swap":
@@ -53,15 +55,32 @@ def of_alternative(
     return f"The recorded {label} {stands} in {where}"
 
 
-def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bool) -> str:
-    """What was done about it."""
+def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bool, refused: bool = False) -> str:
+    """What was done about it; `refused` where another kind of correction concerns the same channel."""
     if rivals:
         return f"; or else {' or '.join(rivals[:3])}: these data cannot tell, and nothing was changed."
+    if refused:
+        return "; but the channel has another kind of fault, too: two corrections at once are not made."
     if undone:
         return "; nothing was changed, as asked."
     if kind == "data_swap":
         return "; they were changed back."
     return f"; it was multiplied by {value:.4g}."
+
+
+def of_pauses(record: str, pauses: Sequence[tuple[float, float]]) -> str:
+    """Long pauses in the time of a record: begin and end [s]."""
+    begin, end = max(pauses, key=lambda pause: pause[1] - pause[0])
+    more = f" and in {len(pauses) - 1} more places" if len(pauses) > 1 else ""
+    return (
+        f"Rows are missing in {record} for {end - begin:.4g} s after t = {begin:.6g} s{more}: split the record there, "
+        "for inputs are interpolated across it."
+    )
+
+
+def of_nothing(channel: str, records: Sequence[str], every: bool) -> str:
+    """A channel without any sample."""
+    return f"{channel} has no sample at all in {_where(records, every)}: it is left out."
 
 
 def of_file_unit(parameter: str, unit: str, rivals: Sequence[str]) -> str:

@@ -236,3 +236,94 @@ def test_an_angle_is_told_in_degrees(flown: tuple[Aircraft, tuple[Record, ...]])
     (one,) = cs.check([record.with_channels(beta=beta)]).findings
     assert one.kind == "data_stuck" and "frozen at 5.73 deg in" in one.sentence
     assert one.value == pytest.approx(0.1) and one.unit == "rad"
+
+
+# -- what outsiders met ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("without", [(), ("rho",), ("rho", "altitude")], ids=str)
+@pytest.mark.parametrize("surface", ["delta_e", "delta_r"])
+def test_a_surface_of_the_other_sign_is_the_first_line(
+    without: tuple[str, ...], surface: str, flown: tuple[Aircraft, tuple[Record, ...]]
+) -> None:
+    """Also where density is not recorded, but known from the trim of the file."""
+    aircraft, records = flown
+    flipped = [r.with_channels(**{surface: -r[surface]}).without(*without) for r in records]
+    checked = cs.check(flipped, aircraft)
+    assert kinds(checked.findings) == [("data_sign", surface)]
+    assert str(checked).startswith(f"- {surface}: sign convention opposite to the file")
+    assert not cs.check([r.without(*without) for r in records], aircraft).findings
+
+
+@pytest.mark.parametrize("knows", [True, False])
+def test_lateral_acceleration_of_the_other_sign_without_a_vane(
+    knows: bool, flown: tuple[Aircraft, tuple[Record, ...]]
+) -> None:
+    """Side force opposes sideslip, which p, r and the bank angle make."""
+    aircraft, records = flown
+    bare = [r.without("beta") for r in records]
+    file = aircraft if knows else None
+    assert not cs.check(bare, file).findings
+    turned = [r.with_channels(ay=-r["ay"]) for r in bare]
+    assert kinds(cs.check(turned, file).findings) == [("data_sign", "ay")]
+
+
+@pytest.mark.parametrize("without", [(), ("phi", "theta"), ("ay", "alpha", "beta")], ids=str)
+def test_accelerations_in_g(without: tuple[str, ...], flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """All axes of an accelerometer at once, also in one record alone and without attitude or vanes."""
+    record = flown[1][0].without(*without)
+    axes = [name for name in ("ax", "ay", "az") if name in record]
+    in_g = record.with_channels(**{name: record[name] / 9.80665 for name in axes})
+    (found,) = cs.check([in_g]).findings
+    assert (found.target, found.handled) == ("+".join(axes), "corrected")
+    one_axis = record.with_channels(az=record["az"] / 9.80665)
+    assert "ax" not in {n for one in cs.check([one_axis]).findings if one.handled == "corrected" for n in one.target}
+
+
+def test_altitude_in_feet_without_density() -> None:
+    """The demonstration: the density of the altitude cannot carry the aircraft."""
+    aircraft, records = Aircraft.read(DEMO / "aircraft.toml"), read_records([DEMO / "m*.csv"])
+    feet = [r.with_channels(altitude=r["altitude"] / FOOT).without("rho") for r in records]
+    assert kinds(cs.check(feet, aircraft).findings) == [("data_unit", "altitude")]
+
+
+def test_two_kinds_of_correction_in_one_channel_are_refused(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """A vertical acceleration that is reversed and in g: told, and left as it is."""
+    aircraft, records = flown
+    both = [r.with_channels(az=-r["az"] / 9.80665, q=-r["q"]) for r in records]
+    checked = cs.check(both, aircraft)
+    of_az = [one for one in checked.findings if "az" in one.target]
+    assert len(of_az) == 2 and all(one.handled == "reported" for one in of_az), checked
+    assert "two corrections at once are not made" in of_az[0].sentence
+    assert all(np.array_equal(a["az"], b["az"]) for a, b in zip(checked.records, both, strict=True))
+    assert all(np.array_equal(a["q"], b["q"]) for a, b in zip(checked.records, records, strict=True))
+
+
+def test_a_long_pause_and_a_channel_without_samples_are_told(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    aircraft, (first, second) = flown
+    paused = replace(first, t=np.where(first.t > 8.0, first.t + 100.0, first.t))
+    empty = second.with_channels(q=np.full(len(second), np.nan))
+    checked = cs.check([paused, empty], aircraft)
+    assert kinds(checked.findings) == [("data_dropout", "t"), ("data_dropout", "q")]
+    assert "missing in m1 for 100" in str(checked) and "q has no sample at all in m2" in str(checked)
+    ((begin, end),) = checked.findings[0].intervals_s["m1"]
+    assert begin == pytest.approx(8.0, abs=0.05) and end - begin == pytest.approx(100.0, abs=0.05)
+
+
+def test_a_reversed_elevator_makes_no_outlier() -> None:
+    """Simulated at 10 Hz: the elevator goes from -5.95 to +4.08 deg within a sample and back, and az with it."""
+    aircraft = Aircraft.read(DEMO / "aircraft.toml").with_derivatives({"CL_delta_e": 1.2})
+    at = cs.trim(aircraft, V=aircraft.trim["V"], altitude=aircraft.trim["altitude"])
+    t = np.arange(300) / 10.0
+    channels = {name: np.full(len(t), value) for name, value in at.inputs.items()}
+    channels["delta_e"] = channels["delta_e"] + np.where(t < 10.0, 0.0, np.where(t < 12.0, -0.1038, 0.0))
+    channels["delta_e"][120] += 0.0712
+    model = cs.aircraft_model(aircraft)
+    flight = cs.simulate(model, Record(name="m", t=t, channels=channels), at.state).as_record("m")
+    rng = np.random.default_rng(2)
+    noisy = flight.with_channels(az=flight["az"] + 0.05 * rng.standard_normal(len(t)))
+    assert not [one for one in cs.check([noisy], aircraft).findings if one.target == "az"]
+    code = noisy["az"].copy()
+    code[200] += 12.0
+    found = cs.check([noisy.with_channels(az=code)], aircraft).findings
+    assert [one.kind for one in found if one.target == "az"] == ["data_spikes"]
