@@ -174,8 +174,10 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
     decay = math.exp(-c.step / criteria.sideslip_time)
     there = ["p", "r", *(["delta_r"] if c.has("delta_r") else [])]
     at = c.known("ay", "V", "phi", "theta", "alpha", *there)
-    sideslip = signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate)
-    passed = [signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0]) for x in (c.value("ay"), *map(c.value, there))]
+    sideslip = np.asarray(signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate))
+    passed = [
+        np.asarray(signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0])) for x in (c.value("ay"), *map(c.value, there))
+    ]
     return _opposes(passed[0], [sideslip, *passed[1:]], at, c, criteria)
 
 
