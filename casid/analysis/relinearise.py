@@ -42,7 +42,7 @@ class AtFit:
     @cached_property
     def free(self) -> np.ndarray:
         """(parameters, directions) in which no active limit of the fit holds the parameters."""
-        return self.objective.free_directions(self.fit.multipliers)
+        return self.objective.free_directions(self.point.theta, self.fit.multipliers)
 
     @cached_property
     def inverse(self) -> np.ndarray:

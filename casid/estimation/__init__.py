@@ -1,6 +1,6 @@
 """Estimation: cost x transcription x solver, chosen independently of each other."""
 
-from casid.estimation.constraints import linear, parameter, path
+from casid.estimation.constraints import linear, nonlinear, parameter, path
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
@@ -33,6 +33,7 @@ __all__ = [
     "Starts",
     "StateHistory",
     "linear",
+    "nonlinear",
     "parameter",
     "path",
     "solve",

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from casid.arguments import an, given, names, number, numbers_by_name, table_of
 from casid.errors import EstimationError, InputError, unknown
-from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
+from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import RangeWeights
 from casid.estimation.initial_state import InitialState
 from casid.model.aircraft import Aircraft
+from casid.model.expressions import Symbols, expressions
 from casid.model.feedback import SampledFeedback
 from casid.model.path import INPUTS, STATES
 from casid.model.system import Model
@@ -151,20 +153,40 @@ def check_noise(noise: Any, model: Model) -> None:
         )
 
 
+_CONSTRAINTS = (LinearConstraint, NonlinearConstraint, PathConstraint)
+
+
 def check_constraints(constraints: Any) -> tuple[Constraint, ...]:
     """Constraints as a tuple; one alone is a list of one."""
-    if isinstance(constraints, (LinearConstraint, PathConstraint)):
+    if isinstance(constraints, _CONSTRAINTS):
         return (constraints,)
     if isinstance(constraints, (str, Mapping)) or not hasattr(constraints, "__iter__"):
         raise InputError(f"Problem: constraints is {given(constraints)}; write [cs.parameter('Cm_q', upper=0.0)]")
     for one in constraints:
         an(
             one,
-            (LinearConstraint, PathConstraint),
+            _CONSTRAINTS,
             "Problem: a constraint",
-            "cs.parameter(...), cs.linear(...) or cs.path(...)",
+            "cs.parameter(...), cs.linear(...), cs.nonlinear(...) or cs.path(...)",
         )
     return tuple(constraints)
+
+
+def check_function(constraint: NonlinearConstraint, model: Model, free: Sequence[str]) -> None:
+    """Raise InputError for a function of unknown names or of no free parameter."""
+    expression = parameter_function(constraint.function, model)
+    used = ca.which_depends(expression, model.p, 1, False)
+    if not any(name in free for name, uses in zip(model.parameters, used, strict=True) if uses):
+        raise InputError(
+            f"Problem: a nonlinear constraint contains no free parameter; expected a function of {', '.join(free)}"
+        )
+
+
+def parameter_function(function: Callable[[Any], Any], model: Model) -> ca.SX:
+    """The expression of a user's function of the model's parameters. Raises InputError for what is none."""
+    where = "nonlinear constraint"
+    space = Symbols(f"{where}: parameters", {name: model.p[i] for i, name in enumerate(model.parameters)})
+    return expressions(lambda s: {"value": function(s)}, space, ("value",), "function", where)
 
 
 def check_feedback(feedback: Any, model: Model) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,15 +21,26 @@ class LinearConstraint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathConstraint:
-    """lower <= state or output `name` <= upper at every sample of every record."""
+class NonlinearConstraint:
+    """lower <= function(parameters) <= upper; an equality when both are the same."""
 
-    name: str
+    function: Callable[[Any], Any]
     lower: float
     upper: float
 
 
-Constraint = LinearConstraint | PathConstraint
+@dataclass(frozen=True, kw_only=True)
+class PathConstraint:
+    """lower <= state or output `name` <= upper at every sample of every record. With a finite `price` the limits may be
+    exceeded: each sample then adds price * excess to the cost."""
+
+    name: str
+    lower: float
+    upper: float
+    price: float = math.inf
+
+
+Constraint = LinearConstraint | NonlinearConstraint | PathConstraint
 
 
 def _limits(what: str, lower: float | None, upper: float | None) -> tuple[float, float]:
@@ -65,7 +76,62 @@ def linear(
     return LinearConstraint(coefficients=table, lower=low, upper=high)
 
 
-def path(name: str, *, lower: float | None = None, upper: float | None = None) -> PathConstraint:
-    """Limits on a state or an output along the whole trajectory, at the samples."""
+def nonlinear(
+    function: Callable[[Any], Any], *, lower: float | None = None, upper: float | None = None
+) -> NonlinearConstraint:
+    """Limits on a nonlinear function of parameters.
+
+    Parameters
+    ----------
+    function
+        Takes a namespace of the model's parameters and returns one expression. Where it contains a per-record
+        parameter, the limits hold in every record.
+    lower, upper
+        Limits of the expression; both the same for an equality.
+
+    Raises
+    ------
+    InputError
+        For what is no function or no number.
+    EstimationError
+        Where neither limit is given, or they contradict each other.
+
+    Examples
+    --------
+    The short period has a natural frequency of at most 3 rad/s:
+
+    >>> cs.nonlinear(lambda s: s.Za * s.Mq - s.Ma, upper=9.0)  # doctest: +SKIP
+    """
+    if not callable(function):
+        raise InputError(f"nonlinear: the function is {given(function)}; write like cs.nonlinear(lambda s: s.a * s.b)")
+    low, high = _limits("a function of parameters", lower, upper)
+    return NonlinearConstraint(function=function, lower=low, upper=high)
+
+
+def path(
+    name: str, *, lower: float | None = None, upper: float | None = None, price: float | None = None
+) -> PathConstraint:
+    """Limits on a state or an output along the whole trajectory, at the samples.
+
+    Parameters
+    ----------
+    name
+        State or output of the model.
+    lower, upper
+        Limits, in its unit.
+    price
+        None: the limits hold. Otherwise they are soft: every sample beyond a limit adds `price` times the excess to the
+        cost, which is half the sum of squared residuals in standard deviations. The limits still hold exactly where
+        that costs less.
+
+    Raises
+    ------
+    InputError
+        For a name that is no text or a price that is not positive.
+    EstimationError
+        Where neither limit is given, or they contradict each other.
+    """
     low, high = _limits(f"path '{_name(name, 'path', 'alpha')}'", lower, upper)
-    return PathConstraint(name=name, lower=low, upper=high)
+    if price is not None:
+        number(price, f"path '{name}': price", positive=True)
+    return PathConstraint(name=name, lower=low, upper=high, price=math.inf if price is None else float(price))

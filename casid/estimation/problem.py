@@ -14,6 +14,7 @@ from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.checks import (
     check_constraints,
     check_feedback,
+    check_function,
     check_initial_state,
     check_model,
     check_names,
@@ -23,7 +24,7 @@ from casid.estimation.checks import (
     check_start,
     with_measured_states,
 )
-from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
+from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
 from casid.estimation.initial_state import InitialState
 from casid.model.feedback import SampledFeedback
@@ -68,7 +69,7 @@ class Problem:
     prior
         Use `model.prior_std` about the nominal values, for the free parameters that have one.
     constraints
-        From `parameter`, `linear`, `path`.
+        From `parameter`, `linear`, `nonlinear`, `path`.
     measured
         State -> channel of the records that measures it, where that has another name than the state. Equation error and
         combined error take their states from there; it is also the first guess of the simulated states.
@@ -140,6 +141,8 @@ class Problem:
             for name in constraint.coefficients:
                 if name not in self.parameters and name not in self.local:
                     raise unknown("free parameter", name, self.parameters, "Problem: constraint")
+        elif isinstance(constraint, NonlinearConstraint):
+            check_function(constraint, self.model, (*self.shared, *self.local))
         elif constraint.name not in (*self.model.states, *self.model.outputs):
             names = (*self.model.states, *self.model.outputs)
             raise unknown("state or output", constraint.name, names, "Problem: path constraint")
@@ -271,13 +274,14 @@ class Problem:
         for constraint in self.constraints:
             if not isinstance(constraint, LinearConstraint):
                 continue
-            for row in self._rows(constraint):
+            for row in self.linear_rows_of(constraint):
                 rows.append(row)
                 lower.append(constraint.lower)
                 upper.append(constraint.upper)
         return np.reshape(rows, (-1, len(self.parameters))), np.array(lower), np.array(upper)
 
-    def _rows(self, constraint: LinearConstraint) -> list[np.ndarray]:
+    def linear_rows_of(self, constraint: LinearConstraint) -> list[np.ndarray]:
+        """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters."""
         per_record = any(name in self.local for name in constraint.coefficients)
         rows = []
         for record in self.records if per_record else self.records[:1]:
@@ -334,14 +338,15 @@ def _check_logarithmic(problem: Problem) -> None:
         for full, value in start.items():
             if full.split("[")[0] == name and not value > 0.0:
                 raise EstimationError(f"Problem: log: the start of '{full}' is {value:g}; expected a positive value")
+
+
     for constraint in problem.constraints:
-        if not isinstance(constraint, LinearConstraint) or len(constraint.coefficients) < 2:
-            continue
-        for name in constraint.coefficients:
-            if name.split("[")[0] in problem.logarithmic:
+        coefficients = constraint.coefficients if isinstance(constraint, LinearConstraint) else {}
+        for name in coefficients if len(coefficients) > 1 else ():
+            if "[" in name and name.split("[")[0] in problem.logarithmic:
                 raise EstimationError(
-                    f"Problem: '{name}' is estimated by its logarithm and stands in a sum with others; only limits of "
-                    "its own are linear then"
+                    f"Problem: '{name}' of one record is estimated by its logarithm and stands in a sum with others; "
+                    "estimate it as it is, without log"
                 )
 
 

@@ -99,7 +99,8 @@ class Uncertainty:
 
     @cached_property
     def _free(self) -> np.ndarray:
-        return self.objective.free_directions(self.limit_multipliers)
+        assert self.linear is not None
+        return self.objective.free_directions(self.linear.point.theta, self.limit_multipliers)
 
     @cached_property
     def _inverse(self) -> np.ndarray | None:

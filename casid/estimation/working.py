@@ -8,22 +8,25 @@ input that is cubic between its samples is a polynomial in the time since the la
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.constraints import LinearConstraint
+from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.guess import looked_up, with_guess
 from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.limits import ParameterLimits
 from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.uncertainty import Rescaled
+from casid.model.expressions import Symbols
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, unguessed_states
 from casid.records.record import Record
@@ -54,12 +57,11 @@ class Working:
         return self._with_noise(found) if self.posed.sigma_channels else found
 
     def _size_of_limits(self, values: Mapping[str, float]) -> np.ndarray:
-        """(rows,) change of a parameter per change of what its limit holds here."""
-        by_log, size = _logarithmic(self.posed), []
-        for row in self.posed.linear_rows[0]:
-            name = self.posed.parameters[int(np.flatnonzero(row)[0])]
-            size.append(values[name] if name in by_log else 1.0)
-        return np.array(size)
+        """(rows,) change of what a limit holds as it was posed per change of what it holds here: bounds of parameters
+        are bounds of their logarithms."""
+        by_log, names = _logarithmic(self.posed), self.posed.parameters
+        which = ParameterLimits(self.posed).single
+        return np.array([values[names[i]] if i is not None and names[i] in by_log else 1.0 for i in which])
 
     def _states(self, fit: Fit, values: Mapping[str, float]) -> dict[str, StateHistory]:
         theta = np.array([values[name] for name in self.posed.parameters])
@@ -225,18 +227,36 @@ def _sigma(problem: Problem, record: Record) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def _constraint(constraint, problem: Problem):
-    """A limit of a parameter as one of its logarithm."""
-    if not isinstance(constraint, LinearConstraint) or len(constraint.coefficients) != 1:
+def _constraint(constraint: Constraint, problem: Problem) -> Constraint:
+    """A limit on parameters as one on what is estimated, the logarithm of some of them."""
+    if isinstance(constraint, PathConstraint) or not problem.logarithmic:
         return constraint
+    if isinstance(constraint, NonlinearConstraint):
+        return replace(constraint, function=partial(_of_logarithms, problem, constraint.function))
+    by_log = [name for name in constraint.coefficients if name.split("[")[0] in problem.logarithmic]
+    if not by_log:
+        return constraint
+    if len(constraint.coefficients) > 1:
+        weighted_sum = partial(_of_logarithms, problem, partial(_weighted_sum, dict(constraint.coefficients)))
+        return NonlinearConstraint(function=weighted_sum, lower=constraint.lower, upper=constraint.upper)
     ((name, factor),) = constraint.coefficients.items()
-    if name.split("[")[0] not in problem.logarithmic:
-        return constraint
     low, high = sorted((constraint.lower / factor, constraint.upper / factor))
     with np.errstate(divide="ignore"):
         return LinearConstraint(
             coefficients={name: 1.0}, lower=float(np.log(max(low, 0.0))), upper=float(np.log(max(high, 0.0)))
         )
+
+
+def _of_logarithms(problem: Problem, function: Callable[[Any], Any], s: Any) -> Any:
+    """A user's function of parameters, where the namespace `s` has the logarithms of some."""
+    values = {n: getattr(s, n) for n in problem.model.parameters}
+    return function(
+        Symbols("parameters", {n: ca.exp(v) if n in problem.logarithmic else v for n, v in values.items()})
+    )
+
+
+def _weighted_sum(coefficients: Mapping[str, float], s: Any) -> Any:
+    return sum(c * getattr(s, name) for name, c in coefficients.items())
 
 
 def _initial_state(problem: Problem) -> InitialState:

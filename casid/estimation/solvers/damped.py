@@ -51,7 +51,7 @@ class DampedIteration:
             status=status,
             iterations=iteration,
             stationarity=self.stationarity,
-            limit_multipliers=np.zeros(len(self.objective.lower)),
+            limit_multipliers=np.zeros(len(self.objective.limits)),
             linear=self.linear,
         )
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.errors import EstimationError
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome, check_limits
@@ -44,16 +43,7 @@ class GaussNewton:
             Of the problem as it is transcribed.
         patient
             Whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
-
-        Raises
-        ------
-        EstimationError
-            For path constraints.
         """
-        if objective.problem.path_constraints:
-            raise EstimationError(
-                "solve: a path constraint acts on the states, which GaussNewton eliminates; use Ipopt()"
-            )
         return _Iteration(objective, self, patient).run()
 
 
@@ -70,6 +60,8 @@ class _Iteration:
 
     def __init__(self, objective: Objective, solver: GaussNewton, patient: bool = True) -> None:
         self.objective, self.solver, self.patient = objective, solver, patient
+        self.deadline = time.perf_counter() + solver.seconds
+        self._late = f"stopped after {solver.seconds:g} s, not converged"
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping = 0.0
@@ -82,21 +74,20 @@ class _Iteration:
         self.before = 0.0  # stationarity at the point from which the last step came, if it was whole and undamped
         self.attracted = False
         self.course: list[float] = []  # stationarity of all iterations
-        self.multipliers = np.zeros(len(objective.lower))
+        self.multipliers = np.zeros(len(objective.limits))
         self.linear: Linearised | None = None
 
     def run(self) -> Outcome:
         if not np.isfinite(self.value.cost):
             return self._outcome("departed: the simulation diverges at the start values; try MultipleShooting", 0)
-        deadline = time.perf_counter() + self.solver.seconds
         for iteration in range(1, self.solver.iterations + 1):
             status = self._iterate()
             if status:
                 return self._outcome(status, iteration)
             if not self.patient and self._creeps():
                 return self._outcome(CREEPS, iteration)
-            if time.perf_counter() > deadline:
-                return self._outcome(f"stopped after {self.solver.seconds:g} s, not converged", iteration)
+            if time.perf_counter() > self.deadline:
+                return self._outcome(self._late, iteration)
         return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
 
     def _iterate(self) -> str:
@@ -129,7 +120,11 @@ class _Iteration:
             if not self._more_damping():
                 if objective.negligible(undamped, self.value, _ROUNDED) and self.value.worst() < _DEFECT:
                     return "converged"  # what is left of the step is rounding
+                if not step.feasible:
+                    return "failed: the constraints cannot be satisfied together"
                 return "failed: no descent from a point that is not stationary"
+            if time.perf_counter() > self.deadline:
+                return self._late
         whole = found[2] == 1.0 and self.damping < _WHOLE
         self.before, self.attracted = self.stationarity if whole else 0.0, self.attracted and whole
         self.point, self.value = found[:2]

@@ -23,7 +23,7 @@ def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndar
     faint = tuple(n for n, m in zip(objective.problem.parameters, moves, strict=True) if m < _FAINT)
     if faint:
         return faint
-    free = objective.free_directions(limit_multipliers)
+    free = objective.free_directions(linear.point.theta, limit_multipliers)
     inner = free.T @ linear.hessian @ free
     if not len(inner) or not np.isfinite(inner).all():
         return ()
@@ -39,7 +39,7 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
 
     limit_multipliers: a parameter that an active limit holds is not lost.
     """
-    names, free = objective.problem.parameters, objective.free_directions(limit_multipliers)
+    names, free = objective.problem.parameters, objective.free_directions(linear.point.theta, limit_multipliers)
     inner = free.T @ linear.hessian @ free
     scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -92,7 +92,7 @@ _WORDS = {
 def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     point = objective.start()
     value = objective.value(point)
-    nothing = np.zeros(len(objective.lower))
+    nothing = np.zeros(len(objective.limits))
     if not np.isfinite(value.cost):
         status = "departed: the simulation diverges at the start values; try MultipleShooting"
         return _outcome(point, value, status, 0, np.inf, nothing)
@@ -134,7 +134,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
         if time.perf_counter() > deadline:
             break
     limit_multipliers = multipliers[programme.linear]
-    active = np.abs(limit_multipliers) * np.abs(objective.rows @ scale) > 1e-5
+    active = np.abs(limit_multipliers) * np.abs(objective.limits.at(point.theta)[1] @ scale) > 1e-5
     limit_multipliers = np.where(active, limit_multipliers / gain, 0.0)
     return _outcome(point, value, status, iterations, _stationarity(objective, point, value), limit_multipliers)
 
@@ -205,7 +205,7 @@ def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
         else ()
     )
     lengths = tuple(len(record) for record in problem.records)
-    limits = (objective.rows.tobytes(), objective.lower.tobytes(), objective.upper.tobytes(), problem.path_constraints)
+    limits = (objective.limits.key, problem.path_constraints)
     return shapes, layout, lengths, problem.parameters, limits, type(problem.cost)
 
 

@@ -65,13 +65,15 @@ class Automatic:
 
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status."""
-        if objective.problem.path_constraints:
-            return Ipopt(seconds=self.seconds).minimise(objective)
         begin = time.perf_counter()
         usual = GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds)
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
         outcome = usual.minimise(objective, patient=objective.soft)
         found = _found(objective, outcome)
+        if objective.problem.path_constraints:  # the cost within them is no function of the parameters alone
+            left = self.seconds - (time.perf_counter() - begin)
+            other = Ipopt(seconds=left).minimise(objective) if left > 0.0 and outcome.status != "converged" else outcome
+            return other if other.status == "converged" else outcome
         if objective.soft or (found and outcome.attracted) or time.perf_counter() - begin > self.seconds:
             return outcome
         if found:  # a start that is stationary already, or a search that ended in rounding
@@ -165,13 +167,15 @@ class _Newton:
         if exact is None:
             late = time.perf_counter() > self.deadline
             return at, f"stopped after {self.solver.seconds:g} s, not converged" if late else _NO_MOTION
+        exact += root.T @ self.objective.limits.curvature(at.point.theta, self.multipliers) @ root
         first = self._step(at, root, exact, 0.0)
         if self.objective.negligible(first, at.value, self.solver.tolerance):
-            return at, self._judged(root, exact, first)
+            return at, self._judged(at, root, exact, first)
         step = first if self.damping == 0.0 else self._step(at, root, exact, self.damping)
         while True:
             found = self._tried(at, step)
             if found is not None:
+                self.multipliers = step.limit_multipliers
                 self.damping = self.damping / 10 if self.damping > _LEAST else 0.0
                 return found, ""
             self.damping = max(10 * self.damping, _LEAST)
@@ -179,7 +183,7 @@ class _Newton:
                 break
             step = self._step(at, root, exact, self.damping)
         if self.objective.negligible(first, at.value, _ROUNDED):
-            return at, self._judged(root, exact, first)
+            return at, self._judged(at, root, exact, first)
         return at, "failed: no descent from a point that is not stationary"
 
     def _step(self, at: _Settled, root: np.ndarray, exact: np.ndarray, damping: float) -> SolverStep:
@@ -187,15 +191,16 @@ class _Newton:
         objective = self.objective
         values, vectors = np.linalg.eigh(exact)
         curvature = (vectors * (np.maximum(np.abs(values), _FLAT) + damping)) @ vectors.T
-        beyond = objective.rows @ at.point.theta
-        limits = objective.lower - beyond, objective.upper - beyond
-        z, multipliers = parameter_step(curvature, root.T @ at.linear.gradient, objective.rows @ root, *limits)
+        reached, rows = objective.limits.at(at.point.theta)
+        limits = objective.limits.lower - reached, objective.limits.upper - reached
+        z, multipliers = parameter_step(curvature, root.T @ at.linear.gradient, rows @ root, *limits)
         return objective.step_along(at.point, at.linear, root @ z, multipliers)
 
-    def _judged(self, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> str:
+    def _judged(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> str:
         """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""
         self.multipliers = step.limit_multipliers
-        basis = np.linalg.qr(np.linalg.inv(root) @ self.objective.free_directions(step.limit_multipliers))[0]
+        free = self.objective.free_directions(at.point.theta, step.limit_multipliers)
+        basis = np.linalg.qr(np.linalg.inv(root) @ free)[0]
         least = float(np.linalg.eigvalsh(basis.T @ exact @ basis).min(initial=np.inf))
         if least > _FLAT:
             return "converged"
@@ -225,7 +230,7 @@ class _Newton:
         return 0.5 * (np.array(columns) + np.array(columns).T)
 
     def _gradient(self, at: _Settled, theta: np.ndarray) -> np.ndarray | None:
-        nothing = np.zeros(len(self.objective.lower))
+        nothing = np.zeros(len(self.objective.limits))
         step = self.objective.step_along(at.point, at.linear, theta, nothing)
         found = self._settled(moved(at.point, step, 1.0), at.value.noise)
         return None if found is None else found.linear.gradient
@@ -233,7 +238,7 @@ class _Newton:
     def _settled(self, point: Point, noise: NoiseState) -> _Settled | None:
         """States and noise to their optimum with the parameters as they are; None when they find none."""
         objective, former = self.objective, np.inf
-        fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.lower))
+        fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.limits))
         value = objective.value(point, noise)
         for _ in range(_INNER):
             if not np.isfinite(value.cost):

@@ -75,6 +75,8 @@ def variables(objective: Objective, point: Point, scale: np.ndarray) -> dict[str
         found["nodes"] = (point.nodes / objective.scale).T
         if objective.soft:
             found["noise"] = point.noise.T
+        if objective.paths is not None and objective.paths.soft.any():
+            found["excess"] = objective.paths.soft_excess(objective.value(point))
         if point.points is not None:
             found["points"] = (point.points / objective.scale).reshape(-1, len(objective.scale)).T
     return found
@@ -142,9 +144,10 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
     arguments = _arguments(objective, v, s) if objective.dynamics is not None else None
     motion = objective.dynamics.symbolic(arguments) if objective.dynamics is not None and arguments else None
     residual, constraints = _posed(objective, v, s, motion)
+    paid = _paid(objective, v)
     lower = np.concatenate([np.broadcast_to(low, (g.numel(),)) for g, low, _ in constraints])
     upper = np.concatenate([np.broadcast_to(up, (g.numel(),)) for g, _, up in constraints])
-    linear = slice(len(lower) - len(objective.lower), len(lower))
+    linear = slice(len(lower) - len(objective.limits), len(lower))
     separable = None
     by_segment = "weights" in s and not objective.problem.path_constraints
     if by_segment and motion is not None and motion.derivatives is not None and arguments is not None:
@@ -154,7 +157,7 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
         p=d.vector,
         gain=s["gain"],
         residual=residual,
-        f=0.5 * s["gain"] * ca.sumsqr(residual),
+        f=s["gain"] * (0.5 * ca.sumsqr(residual) + paid),
         g=ca.vertcat(*[g for g, _, _ in constraints]),
         lower=lower,
         upper=upper,
@@ -200,10 +203,10 @@ def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> 
         if "noise" in v:
             residuals.append(ca.vec(v["noise"]))
         constraints += [(defect, 0.0, 0.0), (motion.gap, 0.0, 0.0)]
-        constraints += _paths(objective, motion.states, motion.y)
+        constraints += _paths(objective, v, motion.states, motion.y)
     if isinstance(objective.equations, EquationPart):
         residuals.append(_equations(objective, objective.equations, _free(objective, v, s), s))
-    constraints.append((ca.DM(objective.rows) @ theta, objective.lower, objective.upper))
+    constraints.append((objective.limits.symbolic(theta), objective.limits.lower, objective.limits.upper))
     return ca.vertcat(*residuals), constraints
 
 
@@ -239,17 +242,36 @@ def _defects(objective: Objective, nodes: ca.MX, end: ca.MX, v: dict, s: dict) -
     return ca.vec(defect / ca.repmat(ca.DM(objective.scale), 1, len(tied)))
 
 
-def _paths(objective: Objective, states: ca.MX, y: ca.MX) -> list[tuple[ca.MX, float, float]]:
-    problem = objective.problem
+def _paths(objective: Objective, v: dict, states: ca.MX, y: ca.MX) -> list[_Bounded]:
+    """Limits at the samples, in sizes of the quantities; where they are soft, an excess >= 0 takes off what is beyond."""
+    problem, paths = objective.problem, objective.paths
     samples = [int(i) for sample in objective.layout.sample for i in sample]
-    found = []
-    for constraint in problem.path_constraints:
+    found: list[_Bounded] = []
+    for c, constraint in enumerate(problem.path_constraints):
+        assert paths is not None
         names, values = problem.model.states, states
         if constraint.name not in names:
             names, values = problem.model.outputs, y
-        signal = values[names.index(constraint.name), samples]
-        found.append((ca.vec(signal), constraint.lower, constraint.upper))
+        size = float(paths.scale[c])
+        signal = ca.vec(values[names.index(constraint.name), samples]) / size
+        low, high = constraint.lower / size, constraint.upper / size
+        if not paths.soft[c]:
+            found.append((signal, low, high))
+            continue
+        excess = v["excess"][:, int(paths.soft[:c].sum())]
+        found += [(excess, 0.0, np.inf)]
+        found += [(signal - excess, -np.inf, high)] if np.isfinite(high) else []
+        found += [(signal + excess, low, np.inf)] if np.isfinite(low) else []
     return found
+
+
+def _paid(objective: Objective, v: dict) -> ca.MX | float:
+    """What the excess over soft path limits costs."""
+    if "excess" not in v or objective.paths is None:
+        return 0.0
+    paths = objective.paths
+    price = (paths.price * paths.scale)[paths.soft]
+    return ca.dot(ca.sum1(v["excess"]).T, ca.DM(price))
 
 
 def _equations(objective: Objective, equations: EquationPart, free: list[ca.MX], s: dict) -> ca.MX:

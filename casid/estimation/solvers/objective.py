@@ -8,6 +8,7 @@ weighed with goes with the value, and every method is a function of its argument
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,13 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels
+from casid.estimation.solvers.limits import ParameterLimits
+from casid.estimation.solvers.paths import PathLimits, PathStep
 from casid.estimation.solvers.point import Levels, Linearised, NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
 from casid.estimation.transcriptions.equation import EquationValue, equations_of
+from casid.estimation.transcriptions.kernel import Kernel
 
 _ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
@@ -35,7 +39,8 @@ class Objective:
         self.equations = equations_of(problem) if self.equation_share else None
         n = len(problem.model.states)
         self.scale = problem.model.scale_vector()
-        self.rows, self.lower, self.upper = problem.linear_rows
+        self.limits = ParameterLimits(problem)
+        self.paths: PathLimits | None = None
         own = [problem.columns(r) for r in range(len(problem.records))]
         self._columns = [(columns, np.ix_(columns, columns)) for columns in own]
         factor = None
@@ -48,6 +53,8 @@ class Objective:
             self.initial_precision = np.where(self.exact, 0.0, 1.0 / np.where(self.exact, 1.0, std))
             if self.soft:
                 factor = np.zeros((len(layout.tied), n, n))
+            if problem.path_constraints:
+                self.paths = PathLimits(problem, dynamics)
         self.noise = NoiseState(levels=self._noise_levels(), factor=factor)
 
     def _count(self, record: int) -> int:
@@ -163,7 +170,7 @@ class Objective:
     ) -> ObjectiveValue:
         prior = (point.theta - self.problem.nominal) / self.problem.prior_std
         rest = float(prior @ prior)
-        defects = gap = np.zeros((0, 0))
+        defects = gap = beyond_path = np.zeros((0, 0))
         if trajectory is not None:
             layout = self.layout
             x0 = (point.nodes[layout.first] - self.centre) * self.initial_precision
@@ -174,9 +181,12 @@ class Objective:
             defects = defects / self.scale
             if trajectory.gap is not None:
                 gap = trajectory.gap / self.scale
+            if self.paths is not None:
+                at_samples = self.paths.values(trajectory)
+                beyond_path, rest = self.paths.violation(at_samples), rest + 2.0 * self.paths.paid(at_samples)
         squares = self._squares(trajectory, equations)
-        at = self.rows @ point.theta
-        beyond = np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)
+        at, limits = self.limits.at(point.theta)[0], self.limits
+        beyond = np.maximum(at - limits.upper, 0.0) + np.minimum(at - limits.lower, 0.0)
         return ObjectiveValue(
             cost=0.5 * rest + noise.levels.cost(squares),
             rest=0.5 * rest,
@@ -188,6 +198,7 @@ class Objective:
             defects=defects,
             limits=beyond,
             gap=gap,
+            path=beyond_path,
         )
 
     # ---- linearisation
@@ -203,7 +214,7 @@ class Objective:
         gradient = precision * (point.theta - self.problem.nominal)
         channels = np.zeros((len(self.channel_names), len(gradient)))
         reduced: list[Reduced] = []
-        blocks, noise = None, value.noise
+        blocks, paths, noise = None, None, value.noise
         if value.trajectory is not None and self.dynamics is not None:
             layout, n = self.layout, len(self.scale)
             parameters = value.parameters[layout.record]
@@ -215,6 +226,8 @@ class Objective:
                 self._hold(blocks)
             if self.soft and blocks.covariance is not None:
                 noise = replace(noise, factor=_square_root(blocks.covariance[layout.tied], self.scale))
+            if self.paths is not None:
+                paths = self.paths.linearised(self, value.trajectory, parameters)
             for r in range(len(self.problem.records)):
                 reduced.append(self._reduce(r, blocks, point))
                 columns, grid = self._columns[r]
@@ -242,6 +255,7 @@ class Objective:
             channel_gradients=channels,
             equation_hessian=equation_hessian,
             noise=noise,
+            paths=paths,
         )
 
     def _hold(self, blocks: Blocks) -> None:
@@ -263,17 +277,33 @@ class Objective:
 
     def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
         own = self.layout.segments_of(record)
+        bordered = blocks.hessian[own], blocks.gradient[own], blocks.transition[own]
+        kernel = self.dynamics.kernel if self.dynamics is not None else None
+        return self.reduced(record, bordered, blocks.covariance, blocks.end, point, kernel)
+
+    def reduced(
+        self,
+        record: int,
+        bordered: tuple[np.ndarray, np.ndarray, np.ndarray],
+        covariance: np.ndarray | None,
+        end: np.ndarray,
+        point: Point,
+        kernel: Kernel | None = None,
+    ) -> Reduced:
+        """The reduced system of a record from the Hessian, gradient and transition of its segments, `bordered` by its
+        parameters and whatever else is left; covariance and end of all segments."""
+        own = self.layout.segments_of(record)
         tied = slice(own.start, own.stop - 1)
         following = slice(own.start + 1, own.stop)
-        covariance = blocks.covariance[tied] if blocks.covariance is not None else None
+        hessian, gradient, transition = bordered
         return self.kkt[record].solve(
-            blocks.hessian[own],
-            blocks.gradient[own],
-            blocks.transition[own],
-            blocks.end[tied] - point.nodes[following],
-            covariance,
+            hessian,
+            gradient,
+            transition,
+            end[tied] - point.nodes[following],
+            covariance[tied] if covariance is not None else None,
             self.scale,
-            self.dynamics.kernel if self.dynamics is not None else None,
+            kernel,
         )
 
     def step(
@@ -290,14 +320,32 @@ class Objective:
     def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
         """The step whose parameters minimise the gradient's line with a curvature (parameters, parameters) of their
         own within the linear limits. Raises numpy.linalg.LinAlgError when it is not positive definite."""
-        at = self.rows @ point.theta
-        theta, limits = parameter_step(curvature, linear.gradient, self.rows, self.lower - at, self.upper - at)
-        return self.step_along(point, linear, theta, limits)
+        found = self._within_limits(point, linear, curvature)
+        bent = self.limits.curvature(point.theta, found.limit_multipliers)
+        if bent.any():  # Newton's step on the limits, where that is still one downhill
+            with suppress(np.linalg.LinAlgError):
+                found = self._within_limits(point, linear, curvature + bent)
+        return found
+
+    def _within_limits(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
+        at, rows = self.limits.at(point.theta)
+        lower, upper = self.limits.lower - at, self.limits.upper - at
+        if self.paths is None:
+            theta, limits = parameter_step(curvature, linear.gradient, rows, lower, upper)
+            return self.step_along(point, linear, theta, limits)
+        theta, limits, along = self.paths.step(self, point, linear, curvature, (rows, lower, upper))
+        return self.step_along(point, linear, theta, limits, along)
 
     def step_along(
-        self, point: Point, linear: Linearised, theta: np.ndarray, limit_multipliers: np.ndarray
+        self,
+        point: Point,
+        linear: Linearised,
+        theta: np.ndarray,
+        limit_multipliers: np.ndarray,
+        path: PathStep | None = None,
     ) -> SolverStep:
-        """The step that changes the parameters by `theta` and everything else as the linearisation then wants it."""
+        """The step that changes the parameters by `theta` and everything else as the linearisation then wants it, with
+        what path limits add."""
         precision = 1.0 / self.problem.prior_std**2
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
         curvature = float(theta @ (precision * theta))
@@ -306,7 +354,12 @@ class Objective:
         if linear.blocks is not None:
             blocks = linear.blocks
             local = np.stack([theta[self.problem.columns(r)] for r in range(len(self.problem.records))])
-            nodes, multipliers = self._expand(linear.reduced, local)
+            if path is None:
+                nodes, multipliers = self._expand(linear.reduced, list(local))
+            else:
+                sides = [np.concatenate(pair) for pair in zip(local, path.forces, strict=True)]
+                nodes, multipliers = self._expand(path.reduced, sides)
+                slope, price = slope + path.change, max(price, path.price)
             whole = np.concatenate([nodes, local[self.layout.record]], axis=1)
             slope += float((blocks.gradient * whole).sum())
             curvature += float((whole * (blocks.hessian @ whole[..., None])[..., 0]).sum())
@@ -337,11 +390,14 @@ class Objective:
             curvature=curvature,
             price=price,
             limit_multipliers=limit_multipliers,
+            path_multipliers=None if path is None else path.multipliers,
+            feasible=path is None or path.feasible,
         )
 
-    def free_directions(self, limit_multipliers: np.ndarray) -> np.ndarray:
-        """(parameters, directions) that the linear limits leave free: those with a multiplier hold, and equalities."""
-        return free_directions(self.rows, np.where(self.lower == self.upper, 1.0, limit_multipliers))
+    def free_directions(self, theta: np.ndarray, limit_multipliers: np.ndarray) -> np.ndarray:
+        """(parameters, directions) that the limits leave free at theta: those with a multiplier hold, and equalities."""
+        limits = self.limits
+        return free_directions(limits.at(theta)[1], np.where(limits.lower == limits.upper, 1.0, limit_multipliers))
 
     def length(self, step: SolverStep, value: ObjectiveValue) -> float:
         """Length of a step in standard deviations of the solution."""
@@ -370,7 +426,7 @@ class Objective:
         largest = float(np.linalg.eigvalsh(0.5 * (inner + inner.T))[-1])
         return root @ root.T * min(1.0, _MOST / max(largest, 1e-300))
 
-    def _expand(self, reduced: list[Reduced], local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _expand(self, reduced: list[Reduced], local: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         nodes = [red.ds0 - red.ds_p @ local[r] for r, red in enumerate(reduced)]
         multipliers = [red.l0 - red.l_p @ local[r] for r, red in enumerate(reduced)]
         return np.concatenate(nodes), np.concatenate(multipliers)

@@ -9,6 +9,7 @@ import numpy as np
 from casid.estimation.solvers.full_noise import FullNoise
 from casid.estimation.solvers.kkt import Reduced
 from casid.estimation.solvers.levels import NoiseLevels
+from casid.estimation.solvers.paths import LinearisedPaths
 from casid.estimation.transcriptions.dynamics import Blocks, Trajectory
 from casid.estimation.transcriptions.equation import EquationValue
 
@@ -39,7 +40,8 @@ class NoiseState:
 class ObjectiveValue:
     """cost at a point, weighed with `noise`: `rest` of priors and process noise, and what `squares` (channels,), the
     sums of squared residuals (with a full covariance their moments, see full_noise), cost. Constraint residuals:
-    defects (T, n), limits (rows,) beyond the linear limits, gap of collocation. `parameters` (records, model
+    defects (T, n), limits (rows,) beyond the limits of parameters, gap of collocation, path (constraints, N) beyond the
+    limits of states and outputs that must hold, in sizes of these. What soft path limits cost is in `rest`. `parameters` (records, model
     parameters) are what each record was simulated with."""
 
     cost: float
@@ -52,20 +54,22 @@ class ObjectiveValue:
     defects: np.ndarray
     limits: np.ndarray
     gap: np.ndarray
+    path: np.ndarray
 
     def violation(self) -> float:
         """L1 norm of all constraint residuals, scaled by the typical size of the states."""
-        return float(np.abs(self.defects).sum() + np.abs(self.limits).sum() + np.abs(self.gap).sum())
+        return float(sum(np.abs(part).sum() for part in (self.defects, self.limits, self.gap, self.path)))
 
     def worst(self) -> float:
         """Largest constraint residual, scaled."""
-        parts = (self.defects, self.limits, self.gap)
+        parts = (self.defects, self.limits, self.gap, self.path)
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolverStep:
-    """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints."""
+    """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints; `feasible`
+    says whether the linearised constraints can all be satisfied."""
 
     theta: np.ndarray
     nodes: np.ndarray
@@ -75,6 +79,8 @@ class SolverStep:
     curvature: float
     price: float
     limit_multipliers: np.ndarray
+    path_multipliers: np.ndarray | None = None
+    feasible: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -92,6 +98,7 @@ class Linearised:
     channel_gradients: np.ndarray
     equation_hessian: np.ndarray
     noise: NoiseState
+    paths: LinearisedPaths | None = None
 
 
 def moved(point: Point, step: SolverStep, length: float) -> Point:

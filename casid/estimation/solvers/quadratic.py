@@ -1,4 +1,4 @@
-"""The reduced quadratic problem in the parameters, with their linear constraints."""
+"""The reduced quadratic problem in the parameters, with their linearised constraints."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, null_space
 
 _potrf, _potri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)
+_CLOSE = 1e-11  # residuals of the optimality conditions, of unknowns with unit curvature
+_POLISH = 1e-6  # change of the unknowns that the exact solution for the active limits may make
 
 
 def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
@@ -43,11 +45,17 @@ def _inverse(matrix: np.ndarray) -> np.ndarray | None:
 
 
 def parameter_step(
-    hessian: np.ndarray, gradient: np.ndarray, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    rows: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    price: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(step, multipliers of the rows) of min 1/2 d'Hd + g'd subject to lower <= rows d <= upper.
 
-    A multiplier is positive at an active upper limit, negative at a lower one: H d + g + rows' m = 0.
+    A multiplier is positive at an active upper limit, negative at a lower one: H d + g + rows' m = 0. Limits with a
+    finite `price` (rows,) may be exceeded, which costs price * excess: their multipliers are no larger than that.
     Raises numpy.linalg.LinAlgError when H is not positive definite or the constraints contradict each other.
     """
     scale = jacobi_scale(hessian)
@@ -63,16 +71,76 @@ def parameter_step(
     if not len(rows):
         return free * scale, np.zeros(0)
     c = rows * scale
-    size = np.linalg.norm(c, axis=1)
+    size = np.maximum(np.linalg.norm(c, axis=1), 1e-300)
     c, low, high = c / size[:, None], lower / size, upper / size
     inside = c @ free
     if ((inside >= low) & (inside <= high)).all():
         return free * scale, np.zeros(len(rows))
-    structure = {"h": ca.Sparsity.dense(*h.shape), "a": ca.Sparsity.dense(*c.shape)}
-    options = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
-    solver = ca.conic("reduced", "qrqp", structure, options)
-    result = solver(h=h, g=g, a=c, lba=low, uba=high)
-    if not solver.stats()["success"]:
-        raise np.linalg.LinAlgError("the linear constraints cannot be satisfied together")
-    multipliers = np.asarray(result["lam_a"]).ravel() / size
-    return np.asarray(result["x"]).ravel() * scale, multipliers
+    weight = np.full(len(rows), np.inf) if price is None else price * size
+    step, multipliers = _interior_point(h, g, c, low, high, weight)
+    return step * scale, multipliers / size
+
+
+def _interior_point(
+    h: np.ndarray, g: np.ndarray, c: np.ndarray, low: np.ndarray, high: np.ndarray, price: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The step and the multipliers of `parameter_step` in scaled unknowns, rows of unit length: by PIQP's proximal
+    interior point method, and exactly for the limits that it finds active."""
+    soft = np.isfinite(price)
+    n, excess = len(g), int(soft.sum())
+    order = np.cumsum(soft) - 1  # of the excess s >= 0 of each soft limit: c d - s <= high, c d + s >= low
+    quadratic = np.zeros((n + excess, n + excess))
+    quadratic[:n, :n] = h
+    parts, first, last, which = [], [], [], []
+    for i in range(len(c)):
+        hard = not soft[i]
+        sides = [(low[i], high[i], 0.0)] if hard else [(-np.inf, high[i], -1.0), (low[i], np.inf, 1.0)]
+        for lower, upper, slack in sides:
+            if np.isfinite(lower) or np.isfinite(upper):
+                row = np.zeros(n + excess)
+                row[:n] = c[i]
+                if soft[i]:
+                    row[n + order[i]] = slack
+                parts.append(row)
+                first.append(lower)
+                last.append(upper)
+                which.append(i)
+    matrix = np.array(parts)
+    structure = {"h": ca.Sparsity.dense(*quadratic.shape), "a": ca.Sparsity.dense(*matrix.shape)}
+    options = {"error_on_fail": False, "piqp": {"eps_abs": _CLOSE, "eps_rel": 0.0, "eps_duality_gap_rel": 0.0}}
+    solver = ca.conic("reduced", "piqp", structure, options)
+    least = np.concatenate([np.full(n, -np.inf), np.zeros(excess)])
+    result = solver(h=quadratic, g=np.concatenate([g, price[soft]]), a=matrix, lba=first, uba=last, lbx=least)
+    found, dual = (np.asarray(result[name]).ravel() for name in ("x", "lam_a"))
+    if not solver.stats()["success"] or not np.isfinite(found).all():
+        raise np.linalg.LinAlgError("the constraints cannot be satisfied together")
+    multipliers = np.bincount(which, dual, len(c))
+    return _polished(h, g, c, (low, high), price, (found[:n], multipliers))
+
+
+def _polished(
+    h: np.ndarray,
+    g: np.ndarray,
+    c: np.ndarray,
+    limits: tuple[np.ndarray, np.ndarray],
+    price: np.ndarray,
+    near: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """The solution with the limits that are active `near` it, exactly; those where the multiplier is larger than what
+    is left to the limit, or than what is left to the price."""
+    (low, high), (step, multipliers) = limits, near
+    at, above = c @ step, multipliers > 0.0
+    limit = np.where(above, high, low)
+    left = np.where(np.isfinite(limit), np.where(above, limit - at, at - limit), np.inf)  # negative beyond the limit
+    active = (np.abs(multipliers) > left) | (low == high)
+    paid = active & (price - np.abs(multipliers) < -left)
+    held = np.flatnonzero(active & ~paid)
+    pushed = g + c[paid].T @ (np.sign(multipliers[paid]) * price[paid])
+    n, rows = len(g), c[held]
+    matrix = np.block([[h, rows.T], [rows, np.zeros((len(held), len(held)))]])
+    solved = np.linalg.lstsq(matrix, np.concatenate([-pushed, limit[held]]), rcond=1e-13)[0]
+    exact, dual = solved[:n], np.zeros(len(c))
+    dual[held], dual[paid] = solved[n:], np.sign(multipliers[paid]) * price[paid]
+    if np.abs(exact - step).max() > _POLISH * (1.0 + np.abs(step).max()):
+        return step, np.where(active, multipliers, 0.0)
+    return exact, dual

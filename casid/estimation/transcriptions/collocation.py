@@ -22,7 +22,7 @@ from casid.errors import EstimationError
 from casid.estimation.transcriptions.collocation_kernel import CollocationKernel, LiftedBlocks, collocation_offer
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.kernel import Packed, whitened
-from casid.estimation.transcriptions.layout import Layout
+from casid.estimation.transcriptions.layout import Layout, watched
 from casid.estimation.transcriptions.steps import cached, compiled, dynamics_function, output_function, quiet
 from casid.estimation.transcriptions.symbolic import collocated
 from casid.model.system import Model
@@ -178,6 +178,11 @@ class LiftedCollocation:
                 found = kernel.lift(part, nodes, points[whole], parameters[whole], weights, rows=True)
             assert found.rows is not None
             yield Slab(segments=own, samples=slice(0, length), rows=found.rows[own.start - first : own.stop - first])
+
+    def watching(self, names: tuple[str, ...]) -> LiftedCollocation:
+        """The same motion with the named states and outputs as its outputs."""
+        model, layout = watched(self._model, self.layout, names)
+        return LiftedCollocation(model, self._free, layout, self.degree)
 
     def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The polynomials as expressions."""

@@ -161,6 +161,11 @@ class Dynamics(Protocol):
         """The rows of some segments in the order of time."""
         ...
 
+    def watching(self, names: tuple[str, ...]) -> Dynamics:
+        """The same motion with the named states and outputs as its outputs, present at every sample: its `slabs` take
+        a trajectory of this one."""
+        ...
+
     def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The same motion as expressions, for solvers that take a nonlinear programme."""
         ...

@@ -8,11 +8,13 @@ them are samples at which nothing is measured. "Sample" means these too, but in 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from casid.estimation.problem import Problem
+from casid.estimation.transcriptions.steps import cached
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -61,6 +63,18 @@ class Layout:
         """The segments of one record."""
         stop = self.first[record + 1] if record + 1 < len(self.first) else len(self.record)
         return slice(int(self.first[record]), int(stop))
+
+
+def watched(model: Model, layout: Layout, names: tuple[str, ...]) -> tuple[Model, Layout]:
+    """The model with the named states and outputs as its outputs, and the layout on which all of them are present."""
+
+    def build() -> Model:
+        rows = [model.x[model.states.index(n)] if n in model.states else model.h[model.outputs.index(n)] for n in names]
+        return replace(model, outputs=tuple(f"path of {n}" for n in names), h=ca.vertcat(*rows), equation=None)
+
+    shape = (*layout.dt.shape, len(names))
+    everywhere = {"z": np.zeros(shape), "present": np.ones(shape), "pattern": np.zeros(shape[:2], dtype=int)}
+    return cached(model, ("watched", names), build), replace(layout, **everywhere, seen=np.ones((1, len(names))))
 
 
 def _padded(values: np.ndarray, count: int, last: bool) -> np.ndarray:

@@ -19,7 +19,7 @@ from casid.errors import EstimationError
 from casid.estimation.transcriptions.curvature import shot_derivatives
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.kernel import Kernel, Packed, shooting_offer, whitened
-from casid.estimation.transcriptions.layout import Layout
+from casid.estimation.transcriptions.layout import Layout, watched
 from casid.estimation.transcriptions.steps import (
     cached,
     compiled,
@@ -151,6 +151,11 @@ class Shooting:
                 rows, after = _chained(rows, before[:, None]), _chained(after, before)
             before = after
             yield Slab(segments=own, samples=samples, rows=rows)
+
+    def watching(self, names: tuple[str, ...]) -> Shooting:
+        """The same motion with the named states and outputs as its outputs."""
+        model, layout = watched(self._model, self.layout, names)
+        return Shooting(model, self._free, layout, {}, self._feedback)
 
     def symbolic(self, at: ProblemSymbols) -> Simulated:
         """The simulation as expressions. Raises EstimationError for a control law in the loop."""

@@ -1,0 +1,106 @@
+"""Limits on functions of the parameters: linear ones, bounds among them, and nonlinear ones, with exact derivatives."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.checks import parameter_function
+from casid.estimation.constraints import LinearConstraint, NonlinearConstraint
+from casid.estimation.problem import Problem
+
+
+class ParameterLimits:
+    """lower <= c(theta) <= upper of a problem, in the order of its constraints. A constraint with per-record parameters
+    has a row for every record.
+
+    lower, upper   (rows,)
+    single         per row the parameter that alone is limited there, by a bound; None for any other constraint
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        count = len(problem.parameters)
+        self.linear = np.zeros((0, count))
+        self.single: list[int | None] = []
+        lower, upper, rows = [], [], []
+        curved: list[ca.SX] = []
+        theta = ca.SX.sym("theta", count)
+        for constraint in problem.constraints:
+            if isinstance(constraint, LinearConstraint):
+                own = problem.linear_rows_of(constraint)
+                parts = [ca.SX(0)] * len(own)
+            elif isinstance(constraint, NonlinearConstraint):
+                parts = _functions(problem, constraint, theta)
+                own = [np.zeros(count)] * len(parts)
+            else:
+                continue
+            rows += own
+            curved += parts
+            lower += [constraint.lower] * len(own)
+            upper += [constraint.upper] * len(own)
+            for row in own:
+                which = np.flatnonzero(row)
+                self.single.append(int(which[0]) if len(which) == 1 else None)
+        self.linear = np.reshape(rows, (-1, count))
+        self.lower, self.upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
+        self._curved: tuple[ca.Function, ca.Function, ca.Function] | None = None
+        if any(isinstance(c, NonlinearConstraint) for c in problem.constraints):
+            self._curved = _derivatives(theta, ca.vertcat(*curved))
+        function = "" if self._curved is None else self._curved[0].serialize()
+        self.key = (self.linear.tobytes(), self.lower.tobytes(), self.upper.tobytes(), function)
+
+    def __len__(self) -> int:
+        return len(self.lower)
+
+    def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(values (rows,), Jacobian (rows, parameters)) at parameters (parameters,)."""
+        values, rows = self.linear @ theta, self.linear
+        if self._curved is not None:
+            value, slope = self._curved[1](theta)
+            values, rows = values + value.full()[:, 0], rows + slope.full()
+        return values, rows
+
+    def curvature(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """(parameters, parameters) second derivative of multipliers' c(theta)."""
+        if self._curved is None:
+            return np.zeros((len(theta), len(theta)))
+        return self._curved[2](theta, multipliers).full()
+
+    def symbolic(self, theta: ca.MX) -> ca.MX:
+        """c(theta) as an expression."""
+        found = ca.DM(self.linear) @ theta
+        if self._curved is None:
+            return found
+        value = self._curved[0](theta)
+        assert isinstance(value, ca.MX)
+        return found + value
+
+
+def _derivatives(theta: ca.SX, c: ca.SX) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """theta -> c; theta -> c and its Jacobian; (theta, multipliers) -> Hessian of multipliers' c."""
+    multipliers = ca.SX.sym("m", c.shape[0])
+    hessian = ca.hessian(multipliers.T @ c, theta)[0]
+    return (
+        ca.Function("c", [theta], [ca.densify(c)]),
+        ca.Function("dc", [theta], [ca.densify(c), ca.densify(ca.jacobian(c, theta))]),
+        ca.Function("ddc", [theta, multipliers], [ca.densify(hessian)]),
+    )
+
+
+def _functions(problem: Problem, constraint: NonlinearConstraint, theta: ca.SX) -> list[ca.SX]:
+    """A nonlinear constraint in the unknowns theta, for every record that has its own."""
+    model = problem.model
+    expression = parameter_function(constraint.function, model)
+    base = problem.model_parameters(np.zeros(len(problem.parameters)))
+    local = [model.parameters.index(name) for name in problem.local]
+    varies = local and any(ca.which_depends(expression, ca.vertcat(*[model.p[i] for i in local]), 1, False))
+    # a fixed value may differ between records too
+    records = range(len(problem.records)) if varies or (base != base[0]).any() else (0,)
+    found = []
+    for r in records:
+        p = ca.SX(base[r])
+        for i, column in zip(problem.free_index, problem.columns(r), strict=True):
+            p[int(i)] = theta[int(column)]
+        found.append(ca.substitute(expression, model.p, p))
+    return found
+

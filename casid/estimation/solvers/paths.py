@@ -1,0 +1,279 @@
+"""Path limits in the structured step: states and outputs at the samples, held within limits or made to pay for excess.
+
+The step of a record is a banded system with the parameters as its border. A sample that reaches a limit adds a column
+to that border: its multiplier, which enters the system as one more parameter does. What the elimination of the states
+then leaves is, in parameters p and multipliers m,
+    H p + D'm = -g,    D p - Q m + r = value at the sample
+where Q says how far a multiplier moves its sample through initial states and random defects. With Q = L L' this is the
+quadratic problem min 1/2 p'Hp + g'p + 1/2 v'v subject to lower <= D p + L v + r <= upper: small and dense, as only the
+samples that come to a limit take part. They are found in turns: solve, look at all samples, add the peaks beyond. Samples
+that are beyond a soft limit, and stay there, push with its price: a known force, which adds to the gradient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from casid.estimation.problem import Problem
+from casid.estimation.solvers.kkt import Reduced
+from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
+from casid.estimation.transcriptions.dynamics import Dynamics, Trajectory
+from casid.signals import scale_of
+
+if TYPE_CHECKING:
+    from casid.estimation.solvers.objective import Objective
+    from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
+
+_ROUNDS = 50  # of samples that are added
+_BEYOND = 1e-10  # of a quantity's size: less is no excess
+_NEAR = 1e-6  # of a quantity's size: samples as near as that to a limit take part from the beginning
+_RANK = 1e-14  # of the largest eigenvalue of Q: what is below is rounding
+_ELASTIC_ROUNDS = 2  # of them where the linearised limits contradict each other: the step only leads nearer
+_ELASTIC = 1e4  # what an excess costs, in the scaled step, where linearised limits contradict each other
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearisedPaths:
+    """values (constraints, N) at all samples of all records, and rows (constraints, N, n+f), their derivatives in the
+    start state of the sample's segment and the free parameters of its record."""
+
+    values: np.ndarray
+    rows: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PathStep:
+    """What path limits add to a step: per record the reduced system whose border has the multipliers too, and these;
+    `multipliers` (constraints, N) are those of all samples, positive at an upper limit. `change` of what excess over
+    soft limits costs, `price` the largest scaled multiplier of the others, `feasible` whether the linearised limits can
+    all be satisfied."""
+
+    reduced: list[Reduced]
+    forces: list[np.ndarray]
+    multipliers: np.ndarray
+    change: float = 0.0
+    price: float = 0.0
+    feasible: bool = True
+
+
+class PathLimits:
+    """lower <= quantity <= upper at every sample, `price` (constraints,) infinite where a limit must hold.
+
+    `scale` (constraints,) is the typical size of each quantity.
+    """
+
+    def __init__(self, problem: Problem, dynamics: Dynamics) -> None:
+        constraints, model, layout = problem.path_constraints, problem.model, dynamics.layout
+        names = tuple(dict.fromkeys(c.name for c in constraints))
+        self._watching = dynamics.watching(names)
+        self._column = np.array([names.index(c.name) for c in constraints])
+        self._source = [(c.name in model.states, _index(model, c.name)) for c in constraints]
+        self.lower, self.upper = (np.array([getattr(c, side) for c in constraints]) for side in ("lower", "upper"))
+        self.price = np.array([c.price for c in constraints])
+        self.soft = np.isfinite(self.price)
+        sizes = dict(model.state_scale)
+        self.scale = np.array([sizes.get(c.name, scale_of(c.name)) for c in constraints])
+        self.flat = np.concatenate(layout.sample)
+        self.segment, self.within = np.divmod(self.flat, layout.length)
+        self.record = layout.record[self.segment]
+
+    def values(self, trajectory: Trajectory) -> np.ndarray:
+        """(constraints, N) of the constrained quantities at all samples of all records."""
+        states, y = (v.reshape(-1, v.shape[2])[self.flat] for v in (trajectory.states, trajectory.y))
+        return np.array([(states if is_state else y)[:, i] for is_state, i in self._source])
+
+    def excess(self, values: np.ndarray) -> np.ndarray:
+        """(constraints, N) how far beyond a limit: positive above, negative below, else zero."""
+        above, below = values - self.upper[:, None], values - self.lower[:, None]
+        return np.maximum(above, 0.0) + np.minimum(below, 0.0)
+
+    def violation(self, values: np.ndarray) -> np.ndarray:
+        """Scaled excess over the limits that must hold."""
+        return (self.excess(values) / self.scale[:, None])[~self.soft]
+
+    def paid(self, values: np.ndarray) -> float:
+        """What the excess over soft limits costs."""
+        return float((self.price[self.soft, None] * np.abs(self.excess(values)[self.soft])).sum())
+
+    def soft_excess(self, value: ObjectiveValue) -> np.ndarray:
+        """(N, soft limits) by how many sizes the samples are beyond each."""
+        assert value.trajectory is not None
+        return np.abs(self.excess(self.values(value.trajectory)) / self.scale[:, None])[self.soft].T
+
+    def linearised(self, objective: Objective, trajectory: Trajectory, parameters: np.ndarray) -> LinearisedPaths:
+        """At a trajectory with parameters (K, model parameters)."""
+        layout = self._watching.layout
+        count, n = layout.segments, trajectory.end.shape[1]
+        identity, rows = np.eye(layout.z.shape[2])[None], np.zeros(0)
+        for slab in self._watching.slabs(trajectory, parameters, identity, slice(0, count)):
+            if not rows.size:
+                rows = np.zeros((count, layout.length, *slab.rows.shape[2:]))
+            rows[slab.segments, slab.samples] = slab.rows
+        chosen = rows[self.segment, self.within].transpose(1, 0, 2)[self._column].copy()
+        for first, exact in zip(layout.first, objective.exact, strict=True):  # what is known exactly does not move
+            held = np.flatnonzero(exact)
+            chosen[np.ix_(np.arange(len(chosen)), np.flatnonzero(self.segment == first), held)] = 0.0
+        assert chosen.shape[2] >= n
+        return LinearisedPaths(values=self.values(trajectory), rows=chosen)
+
+    def step(
+        self,
+        objective: Objective,
+        point: Point,
+        linear: Linearised,
+        curvature: np.ndarray,
+        limits: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray, PathStep]:
+        """The step of the parameters, the multipliers of their own `limits` (rows, lower, upper), and what the path
+        limits add. Raises numpy.linalg.LinAlgError where the parameters' own limits contradict each other."""
+        paths = linear.paths
+        assert paths is not None
+        excess = self.excess(paths.values)
+        pushed = np.where(self.soft[:, None], np.sign(excess) * (np.abs(excess) > (_NEAR * self.scale)[:, None]), 0.0)
+        working = self._near(paths.values) & (pushed == 0.0)
+        for rounds in range(_ROUNDS):
+            theta, own, found = self._solved(objective, point, linear, curvature, limits, (working, pushed))
+            predicted = self._predicted(objective, linear, theta, found)
+            change = self.paid(predicted) - self.paid(paths.values)
+            beyond = self.excess(predicted)
+            returned = (pushed != 0.0) & (np.sign(beyond) != pushed)
+            new = returned | (self._peaks(beyond) & ~working & (pushed == 0.0))
+            if not new.any() or (rounds >= _ELASTIC_ROUNDS and not found.feasible):
+                break
+            working, pushed = working | new, np.where(returned, 0.0, pushed)
+        price = np.abs((found.multipliers * self.scale[:, None])[~self.soft]).max(initial=0.0)
+        return theta, own, replace(found, change=change, price=float(price))
+
+    def _near(self, values: np.ndarray) -> np.ndarray:
+        """(constraints, N) samples at or beyond a limit, and of those beyond only the peaks."""
+        near = np.zeros(values.shape, dtype=bool)
+        for limit in (self.lower, self.upper):
+            near |= np.abs(values - limit[:, None]) <= (_NEAR * self.scale)[:, None]
+        return near | self._peaks(self.excess(values))
+
+    def _peaks(self, excess: np.ndarray) -> np.ndarray:
+        """(constraints, N) the sample farthest beyond of every run of samples beyond a limit; of soft ones all."""
+        found = np.zeros(excess.shape, dtype=bool)
+        for c, one in enumerate(excess):
+            beyond = np.abs(one) > _BEYOND * self.scale[c]
+            if self.soft[c]:
+                found[c] = beyond
+                continue
+            number = np.cumsum(np.diff(beyond, prepend=False) | np.diff(self.record, prepend=-1).astype(bool))
+            for run in np.unique(number[beyond]):
+                own = np.flatnonzero(beyond & (number == run))
+                found[c, own[np.argmax(np.abs(one[own]))]] = True
+        return found
+
+    def _solved(
+        self,
+        objective: Objective,
+        point: Point,
+        linear: Linearised,
+        curvature: np.ndarray,
+        limits: tuple[np.ndarray, np.ndarray, np.ndarray],
+        samples: tuple[np.ndarray, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray, PathStep]:
+        """The step where of all samples (constraints, N) those `working` may come to their limit, and those pushed by
+        the price of theirs, with a sign, are beyond it."""
+        problem, count, (working, pushed) = objective.problem, len(linear.gradient), samples
+        pushed = pushed * np.where(self.soft, self.price, 0.0)[:, None]
+        chosen = [np.argwhere(working & (self.record == r)) for r in range(len(problem.records))]
+        reduced = [self._bordered(objective, point, linear, r, own, pushed) for r, own in enumerate(chosen)]
+        (rows, low, high), blocks, roots, slope = limits, [], [], linear.gradient.copy()
+        for r, own in enumerate(chosen):
+            f = len(problem.columns(r))
+            slope[problem.columns(r)] += reduced[r].gradient[:f] - linear.reduced[r].gradient
+            by_parameter = np.zeros((len(own), count))
+            by_parameter[:, problem.columns(r)] = reduced[r].hessian[f:, :f]
+            blocks.append(by_parameter)
+            roots.append(_root(-reduced[r].hessian[f:, f:]))
+        every, index = np.concatenate(chosen), [own[:, 0] for own in chosen]
+        reached = np.concatenate([reduced[r].gradient[len(problem.columns(r)) :] for r in range(len(chosen))])
+        which = np.concatenate(index)
+        further = sum(root.shape[1] for root in roots)
+        matrix = np.zeros((len(rows) + len(every), count + further))
+        matrix[: len(rows), :count], matrix[len(rows) :, :count] = rows, np.concatenate(blocks)
+        at, column = len(rows), count
+        for root in roots:
+            matrix[at : at + root.shape[0], column : column + root.shape[1]] = root
+            at, column = at + root.shape[0], column + root.shape[1]
+        hessian = np.zeros((count + further, count + further))
+        hessian[:count, :count], hessian[count:, count:] = curvature, np.eye(further)
+        gradient = np.concatenate([slope, np.zeros(further)])
+        lower = np.concatenate([low, self.lower[which] - reached])
+        upper = np.concatenate([high, self.upper[which] - reached])
+        price = np.concatenate([np.full(len(rows), np.inf), self.price[which]])
+        feasible = True
+        try:
+            found, dual = parameter_step(hessian, gradient, matrix, lower, upper, price)
+        except np.linalg.LinAlgError:
+            feasible = False
+            size = np.linalg.norm(matrix * jacobi_scale(hessian), axis=1)
+            price[len(rows) :] = np.minimum(price[len(rows) :], _ELASTIC / np.maximum(size[len(rows) :], 1e-300))
+            found, dual = parameter_step(hessian, gradient, matrix, lower, upper, price)
+        multipliers = pushed.copy()
+        multipliers[every[:, 0], every[:, 1]] = dual[len(rows) :]
+        forces = np.split(dual[len(rows) :], np.cumsum([len(own) for own in chosen])[:-1])
+        return found[:count], dual[: len(rows)], PathStep(
+            reduced=reduced, forces=forces, multipliers=multipliers, feasible=feasible
+        )
+
+    def _bordered(
+        self,
+        objective: Objective,
+        point: Point,
+        linear: Linearised,
+        record: int,
+        own: np.ndarray,
+        pushed: np.ndarray,
+    ) -> Reduced:
+        """The reduced system of a record with the multipliers of samples `own` (w, 2) behind its parameters, and
+        forces `pushed` (constraints, N) on others."""
+        blocks, paths, segments = linear.blocks, linear.paths, objective.layout.segments_of(record)
+        assert blocks is not None and paths is not None
+        hessian, gradient = blocks.hessian[segments], blocks.gradient[segments]
+        (count, size), more = gradient.shape, len(own)
+        wide = np.zeros((count, size + more, size + more))
+        wide[:, :size, :size] = hessian
+        slope = np.zeros((count, size + more))
+        slope[:, :size] = gradient
+        for c, j in np.argwhere((pushed != 0.0) & (self.record == record)):
+            slope[self.segment[j] - segments.start, :size] += pushed[c, j] * paths.rows[c, j]
+        transition = np.zeros((count, blocks.transition.shape[1], size + more))
+        transition[..., :size] = blocks.transition[segments]
+        for i, (c, j) in enumerate(own):
+            k = self.segment[j] - segments.start
+            wide[k, :size, size + i] = wide[k, size + i, :size] = paths.rows[c, j]
+            slope[k, size + i] = paths.values[c, j]
+        return objective.reduced(record, (wide, slope, transition), blocks.covariance, blocks.end, point)
+
+    def _predicted(self, objective: Objective, linear: Linearised, theta: np.ndarray, step: PathStep) -> np.ndarray:
+        """(constraints, N) values after a whole step, by the linearisation."""
+        paths, problem = linear.paths, objective.problem
+        assert paths is not None
+        local = [theta[problem.columns(r)] for r in range(len(problem.records))]
+        nodes = np.concatenate(
+            [
+                one.ds0 - one.ds_p @ np.concatenate([p, force])
+                for one, p, force in zip(step.reduced, local, step.forces, strict=True)
+            ]
+        )
+        whole = np.concatenate([nodes[self.segment], np.array(local)[self.record]], axis=1)
+        return paths.values + np.einsum("cnf,nf->cn", paths.rows, whole)
+
+
+def _index(model, name: str) -> int:
+    return model.states.index(name) if name in model.states else model.outputs.index(name)
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """(w, rank) L with L L' = matrix, positive semidefinite but for rounding."""
+    if not len(matrix):
+        return np.zeros((0, 0))
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    kept = values > _RANK * max(float(values[-1]), 0.0)
+    return vectors[:, kept] * np.sqrt(values[kept])
