@@ -72,6 +72,7 @@ _ROOMS = {
         "Starts",
         "StateHistory",
         "linear",
+        "nonlinear",
         "parameter",
         "path",
         "solve",

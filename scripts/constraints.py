@@ -75,9 +75,8 @@ def main() -> None:
 
 
 def solved(name: str) -> tuple[list[list[Any]], list[list[Any]]]:
-    """Rows of both tables for one experiment; the path constraint only has IPOPT."""
-    second = estimate(name, "IPOPT")
-    fit = second if name == "path" else estimate(name)
+    """Rows of both tables for one experiment."""
+    fit, second = estimate(name), estimate(name, "IPOPT")
     values = [
         [
             name,
@@ -85,13 +84,13 @@ def solved(name: str) -> tuple[list[list[Any]], list[list[Any]]]:
             truth_of(n),
             e.value,
             e.std,
-            None if name == "path" or e.std == 0 else (second[n].value - e.value) / e.std,
+            None if e.std == 0 else (second[n].value - e.value) / e.std,
         ]
         for n, e in fit.parameters.items()
     ]
     words, error = experiments()[name].words, worst_error(fit)
     costs = [[name, words, error, fit.cost, "", None, None]]
-    if name != "path" and len(fit.multipliers):
+    if len(fit.multipliers):
         costs = []
         for i, multiplier in enumerate(fit.multipliers):
             shift = CHANGE / max(abs(multiplier), 1.0)

@@ -76,8 +76,7 @@ def solve(
     InputError
         For what is no transcription or solver, and for a parameter without a range of starts.
     EstimationError
-        For a combination that cannot work: path constraints with GaussNewton, process noise without a given measurement
-        noise or with EquationError.
+        For a combination that cannot work: process noise without a given measurement noise or with EquationError.
     """
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     _check(method, "dynamics", "transcription", "cs.MultipleShooting()")

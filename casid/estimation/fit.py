@@ -59,7 +59,8 @@ class Fit:
     states
         Record -> StateHistory; empty for equation error.
     multipliers
-        One per row of the problem's linear constraints, positive at an upper limit.
+        One per limit on parameters, in the order of the problem's constraints and positive at an upper limit. A
+        constraint with per-record parameters has one for every record.
     solver
         The one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all.
     method, substeps

@@ -339,7 +339,6 @@ def _check_logarithmic(problem: Problem) -> None:
             if full.split("[")[0] == name and not value > 0.0:
                 raise EstimationError(f"Problem: log: the start of '{full}' is {value:g}; expected a positive value")
 
-
     for constraint in problem.constraints:
         coefficients = constraint.coefficients if isinstance(constraint, LinearConstraint) else {}
         for name in coefficients if len(coefficients) > 1 else ():

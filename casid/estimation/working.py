@@ -250,9 +250,7 @@ def _constraint(constraint: Constraint, problem: Problem) -> Constraint:
 def _of_logarithms(problem: Problem, function: Callable[[Any], Any], s: Any) -> Any:
     """A user's function of parameters, where the namespace `s` has the logarithms of some."""
     values = {n: getattr(s, n) for n in problem.model.parameters}
-    return function(
-        Symbols("parameters", {n: ca.exp(v) if n in problem.logarithmic else v for n, v in values.items()})
-    )
+    return function(Symbols("parameters", {n: ca.exp(v) if n in problem.logarithmic else v for n, v in values.items()}))
 
 
 def _weighted_sum(coefficients: Mapping[str, float], s: Any) -> Any:

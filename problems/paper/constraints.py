@@ -154,7 +154,7 @@ def _moved(constraint: Constraint, shift: float) -> Constraint:
 
 
 def estimate(name: str, solver: str = "Gauss-Newton", shift: float = 0.0, only: int = 0) -> Fit:
-    """Solve an experiment. Raises EstimationError for the path constraint with Gauss-Newton, which cannot hold it."""
+    """Solve an experiment."""
     return solve(problem(name, shift, only), MultipleShooting(interval=INTERVAL), SOLVERS[solver])
 
 

@@ -173,7 +173,8 @@ def test_what_has_no_meaning_is_refused_at_construction(records):
     with pytest.raises(EstimationError, match="start of 'k'"):
         cs.Problem(plain, records, free=["k"], log=["k"], start={"k": -1.0})
     with pytest.raises(EstimationError, match="logarithm"):
-        cs.Problem(model, records, free=["*"], log=["k"], constraints=[cs.linear({"k": 1.0, "c0": 1.0}, upper=3.0)])
+        tied = cs.linear({"k[m1]": 1.0, "k[m2]": -1.0}, lower=0.0, upper=0.0)
+        cs.Problem(model, records, free=["c0"], per_record=["k"], log=["k"], constraints=[tied])
     with pytest.raises(InputError, match="unknown record 'm3'"):
         cs.Problem(model, records, free=["k"], fixed={"c0[m3]": 1.0})
     with pytest.raises(InputError, match=r"not 'c0\[m2\]'.*cs.linear"):

@@ -103,4 +103,3 @@ def _functions(problem: Problem, constraint: NonlinearConstraint, theta: ca.SX) 
             p[int(i)] = theta[int(column)]
         found.append(ca.substitute(expression, model.p, p))
     return found
-

@@ -42,8 +42,9 @@ class Automatic:
     """Gauss-Newton, and what it takes where that is not enough.
 
     Where it gives up or runs off: once more from the start, with Levenberg and Marquardt's damping. Where it creeps,
-    and to judge a point to which whole steps did not lead: Newton's method with the whole curvature. IPOPT where path
-    constraints ask for it, and for a regression on which all else gave up. With process noise Gauss-Newton alone.
+    and to judge a point to which whole steps did not lead: Newton's method with the whole curvature. IPOPT where
+    Gauss-Newton gives up under path constraints, and for a regression on which all else gave up. With process noise
+    Gauss-Newton alone.
 
     Attributes
     ----------

@@ -243,7 +243,7 @@ def _defects(objective: Objective, nodes: ca.MX, end: ca.MX, v: dict, s: dict) -
 
 
 def _paths(objective: Objective, v: dict, states: ca.MX, y: ca.MX) -> list[_Bounded]:
-    """Limits at the samples, in sizes of the quantities; where they are soft, an excess >= 0 takes off what is beyond."""
+    """Limits at the samples, in sizes of the quantities; where they are soft, an excess >= 0 is taken off."""
     problem, paths = objective.problem, objective.paths
     samples = [int(i) for sample in objective.layout.sample for i in sample]
     found: list[_Bounded] = []

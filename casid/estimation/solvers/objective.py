@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.errors import EstimationError
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
@@ -40,6 +41,11 @@ class Objective:
         n = len(problem.model.states)
         self.scale = problem.model.scale_vector()
         self.limits = ParameterLimits(problem)
+        if not np.isfinite(self.limits.at(problem.start_vector)[0]).all():
+            raise EstimationError(
+                "solve: the function of a nonlinear constraint is no number at the start values; start elsewhere, or "
+                "write it without the division, root or logarithm"
+            )
         self.paths: PathLimits | None = None
         own = [problem.columns(r) for r in range(len(problem.records))]
         self._columns = [(columns, np.ix_(columns, columns)) for columns in own]
@@ -227,7 +233,7 @@ class Objective:
             if self.soft and blocks.covariance is not None:
                 noise = replace(noise, factor=_square_root(blocks.covariance[layout.tied], self.scale))
             if self.paths is not None:
-                paths = self.paths.linearised(self, value.trajectory, parameters)
+                paths = self.paths.linearised(value.trajectory, parameters, self.exact)
             for r in range(len(self.problem.records)):
                 reduced.append(self._reduce(r, blocks, point))
                 columns, grid = self._columns[r]
@@ -333,7 +339,7 @@ class Objective:
         if self.paths is None:
             theta, limits = parameter_step(curvature, linear.gradient, rows, lower, upper)
             return self.step_along(point, linear, theta, limits)
-        theta, limits, along = self.paths.step(self, point, linear, curvature, (rows, lower, upper))
+        theta, limits, along = self.paths.step(self.reduced, point, linear, curvature, (rows, lower, upper))
         return self.step_along(point, linear, theta, limits, along)
 
     def step_along(
@@ -395,7 +401,7 @@ class Objective:
         )
 
     def free_directions(self, theta: np.ndarray, limit_multipliers: np.ndarray) -> np.ndarray:
-        """(parameters, directions) that the limits leave free at theta: those with a multiplier hold, and equalities."""
+        """(parameters, directions) that the limits leave free at theta: those with a multiplier and equalities hold."""
         limits = self.limits
         return free_directions(limits.at(theta)[1], np.where(limits.lower == limits.upper, 1.0, limit_multipliers))
 

@@ -6,26 +6,25 @@ then leaves is, in parameters p and multipliers m,
     H p + D'm = -g,    D p - Q m + r = value at the sample
 where Q says how far a multiplier moves its sample through initial states and random defects. With Q = L L' this is the
 quadratic problem min 1/2 p'Hp + g'p + 1/2 v'v subject to lower <= D p + L v + r <= upper: small and dense, as only the
-samples that come to a limit take part. They are found in turns: solve, look at all samples, add the peaks beyond. Samples
-that are beyond a soft limit, and stay there, push with its price: a known force, which adds to the gradient.
+samples that come to a limit take part. They are found in turns: solve, look at all samples, add the peaks beyond.
+Samples that stay beyond a soft limit push with its price: a known force, which adds to the gradient.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.kkt import Reduced
+from casid.estimation.solvers.point import Linearised, LinearisedPaths, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Dynamics, Trajectory
 from casid.signals import scale_of
 
-if TYPE_CHECKING:
-    from casid.estimation.solvers.objective import Objective
-    from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
+# record; Hessian, gradient and transition of its segments; covariance and end of all segments; point -> its system
+Reduce = Callable[[int, tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray | None, np.ndarray, Point], Reduced]
 
 _ROUNDS = 50  # of samples that are added
 _BEYOND = 1e-10  # of a quantity's size: less is no excess
@@ -33,15 +32,6 @@ _NEAR = 1e-6  # of a quantity's size: samples as near as that to a limit take pa
 _RANK = 1e-14  # of the largest eigenvalue of Q: what is below is rounding
 _ELASTIC_ROUNDS = 2  # of them where the linearised limits contradict each other: the step only leads nearer
 _ELASTIC = 1e4  # what an excess costs, in the scaled step, where linearised limits contradict each other
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LinearisedPaths:
-    """values (constraints, N) at all samples of all records, and rows (constraints, N, n+f), their derivatives in the
-    start state of the sample's segment and the free parameters of its record."""
-
-    values: np.ndarray
-    rows: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,6 +56,7 @@ class PathLimits:
     """
 
     def __init__(self, problem: Problem, dynamics: Dynamics) -> None:
+        self._problem, self._layout = problem, dynamics.layout
         constraints, model, layout = problem.path_constraints, problem.model, dynamics.layout
         names = tuple(dict.fromkeys(c.name for c in constraints))
         self._watching = dynamics.watching(names)
@@ -103,31 +94,30 @@ class PathLimits:
         assert value.trajectory is not None
         return np.abs(self.excess(self.values(value.trajectory)) / self.scale[:, None])[self.soft].T
 
-    def linearised(self, objective: Objective, trajectory: Trajectory, parameters: np.ndarray) -> LinearisedPaths:
-        """At a trajectory with parameters (K, model parameters)."""
+    def linearised(self, trajectory: Trajectory, parameters: np.ndarray, exact: np.ndarray) -> LinearisedPaths:
+        """At a trajectory with parameters (K, model parameters), where initial states `exact` (records, n) are held."""
         layout = self._watching.layout
-        count, n = layout.segments, trajectory.end.shape[1]
+        count = layout.segments
         identity, rows = np.eye(layout.z.shape[2])[None], np.zeros(0)
         for slab in self._watching.slabs(trajectory, parameters, identity, slice(0, count)):
             if not rows.size:
                 rows = np.zeros((count, layout.length, *slab.rows.shape[2:]))
             rows[slab.segments, slab.samples] = slab.rows
         chosen = rows[self.segment, self.within].transpose(1, 0, 2)[self._column].copy()
-        for first, exact in zip(layout.first, objective.exact, strict=True):  # what is known exactly does not move
+        for first, exact in zip(layout.first, exact, strict=True):  # what is known exactly does not move
             held = np.flatnonzero(exact)
             chosen[np.ix_(np.arange(len(chosen)), np.flatnonzero(self.segment == first), held)] = 0.0
-        assert chosen.shape[2] >= n
         return LinearisedPaths(values=self.values(trajectory), rows=chosen)
 
     def step(
         self,
-        objective: Objective,
+        reduce: Reduce,
         point: Point,
         linear: Linearised,
         curvature: np.ndarray,
         limits: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray, PathStep]:
-        """The step of the parameters, the multipliers of their own `limits` (rows, lower, upper), and what the path
+        """With the way to reduce a record: the step of the parameters, the multipliers of their own `limits` (rows, lower, upper), and what the path
         limits add. Raises numpy.linalg.LinAlgError where the parameters' own limits contradict each other."""
         paths = linear.paths
         assert paths is not None
@@ -135,8 +125,8 @@ class PathLimits:
         pushed = np.where(self.soft[:, None], np.sign(excess) * (np.abs(excess) > (_NEAR * self.scale)[:, None]), 0.0)
         working = self._near(paths.values) & (pushed == 0.0)
         for rounds in range(_ROUNDS):
-            theta, own, found = self._solved(objective, point, linear, curvature, limits, (working, pushed))
-            predicted = self._predicted(objective, linear, theta, found)
+            theta, own, found = self._solved(reduce, point, linear, curvature, limits, (working, pushed))
+            predicted = self._predicted(linear, theta, found)
             change = self.paid(predicted) - self.paid(paths.values)
             beyond = self.excess(predicted)
             returned = (pushed != 0.0) & (np.sign(beyond) != pushed)
@@ -170,7 +160,7 @@ class PathLimits:
 
     def _solved(
         self,
-        objective: Objective,
+        reduce: Reduce,
         point: Point,
         linear: Linearised,
         curvature: np.ndarray,
@@ -179,10 +169,10 @@ class PathLimits:
     ) -> tuple[np.ndarray, np.ndarray, PathStep]:
         """The step where of all samples (constraints, N) those `working` may come to their limit, and those pushed by
         the price of theirs, with a sign, are beyond it."""
-        problem, count, (working, pushed) = objective.problem, len(linear.gradient), samples
+        problem, count, (working, pushed) = self._problem, len(linear.gradient), samples
         pushed = pushed * np.where(self.soft, self.price, 0.0)[:, None]
         chosen = [np.argwhere(working & (self.record == r)) for r in range(len(problem.records))]
-        reduced = [self._bordered(objective, point, linear, r, own, pushed) for r, own in enumerate(chosen)]
+        reduced = [self._bordered(reduce, point, linear, r, own, pushed) for r, own in enumerate(chosen)]
         (rows, low, high), blocks, roots, slope = limits, [], [], linear.gradient.copy()
         for r, own in enumerate(chosen):
             f = len(problem.columns(r))
@@ -218,13 +208,15 @@ class PathLimits:
         multipliers = pushed.copy()
         multipliers[every[:, 0], every[:, 1]] = dual[len(rows) :]
         forces = np.split(dual[len(rows) :], np.cumsum([len(own) for own in chosen])[:-1])
-        return found[:count], dual[: len(rows)], PathStep(
-            reduced=reduced, forces=forces, multipliers=multipliers, feasible=feasible
+        return (
+            found[:count],
+            dual[: len(rows)],
+            PathStep(reduced=reduced, forces=forces, multipliers=multipliers, feasible=feasible),
         )
 
     def _bordered(
         self,
-        objective: Objective,
+        reduce: Reduce,
         point: Point,
         linear: Linearised,
         record: int,
@@ -233,7 +225,7 @@ class PathLimits:
     ) -> Reduced:
         """The reduced system of a record with the multipliers of samples `own` (w, 2) behind its parameters, and
         forces `pushed` (constraints, N) on others."""
-        blocks, paths, segments = linear.blocks, linear.paths, objective.layout.segments_of(record)
+        blocks, paths, segments = linear.blocks, linear.paths, self._layout.segments_of(record)
         assert blocks is not None and paths is not None
         hessian, gradient = blocks.hessian[segments], blocks.gradient[segments]
         (count, size), more = gradient.shape, len(own)
@@ -249,11 +241,11 @@ class PathLimits:
             k = self.segment[j] - segments.start
             wide[k, :size, size + i] = wide[k, size + i, :size] = paths.rows[c, j]
             slope[k, size + i] = paths.values[c, j]
-        return objective.reduced(record, (wide, slope, transition), blocks.covariance, blocks.end, point)
+        return reduce(record, (wide, slope, transition), blocks.covariance, blocks.end, point)
 
-    def _predicted(self, objective: Objective, linear: Linearised, theta: np.ndarray, step: PathStep) -> np.ndarray:
+    def _predicted(self, linear: Linearised, theta: np.ndarray, step: PathStep) -> np.ndarray:
         """(constraints, N) values after a whole step, by the linearisation."""
-        paths, problem = linear.paths, objective.problem
+        paths, problem = linear.paths, self._problem
         assert paths is not None
         local = [theta[problem.columns(r)] for r in range(len(problem.records))]
         nodes = np.concatenate(

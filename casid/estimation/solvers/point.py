@@ -9,7 +9,6 @@ import numpy as np
 from casid.estimation.solvers.full_noise import FullNoise
 from casid.estimation.solvers.kkt import Reduced
 from casid.estimation.solvers.levels import NoiseLevels
-from casid.estimation.solvers.paths import LinearisedPaths
 from casid.estimation.transcriptions.dynamics import Blocks, Trajectory
 from casid.estimation.transcriptions.equation import EquationValue
 
@@ -38,11 +37,11 @@ class NoiseState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObjectiveValue:
-    """cost at a point, weighed with `noise`: `rest` of priors and process noise, and what `squares` (channels,), the
-    sums of squared residuals (with a full covariance their moments, see full_noise), cost. Constraint residuals:
-    defects (T, n), limits (rows,) beyond the limits of parameters, gap of collocation, path (constraints, N) beyond the
-    limits of states and outputs that must hold, in sizes of these. What soft path limits cost is in `rest`. `parameters` (records, model
-    parameters) are what each record was simulated with."""
+    """cost at a point, weighed with `noise`: `rest` of priors, process noise and excess over soft path limits, and what
+    `squares` (channels,), the sums of squared residuals (with a full covariance their moments, see full_noise), cost.
+    Constraint residuals: defects (T, n), limits (rows,) beyond the limits of parameters, gap of collocation, path
+    (constraints, N) beyond the limits of states and outputs that must hold, in sizes of these. `parameters` (records,
+    model parameters) are what each record was simulated with."""
 
     cost: float
     rest: float
@@ -81,6 +80,15 @@ class SolverStep:
     limit_multipliers: np.ndarray
     path_multipliers: np.ndarray | None = None
     feasible: bool = True
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearisedPaths:
+    """values (constraints, N) at all samples of all records, and rows (constraints, N, n+f), their derivatives in the
+    start state of the sample's segment and the free parameters of its record."""
+
+    values: np.ndarray
+    rows: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -76,6 +76,8 @@ def parameter_step(
     inside = c @ free
     if ((inside >= low) & (inside <= high)).all():
         return free * scale, np.zeros(len(rows))
+    if not np.isfinite(c).all() or np.isnan(low).any() or np.isnan(high).any():
+        raise np.linalg.LinAlgError("the constraints are no numbers here")
     weight = np.full(len(rows), np.inf) if price is None else price * size
     step, multipliers = _interior_point(h, g, c, low, high, weight)
     return step * scale, multipliers / size
