@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+
 import numpy as np
 
 from casid.estimation.problem import Problem
@@ -104,8 +105,8 @@ class PathLimits:
                 rows = np.zeros((count, layout.length, *slab.rows.shape[2:]))
             rows[slab.segments, slab.samples] = slab.rows
         chosen = rows[self.segment, self.within].transpose(1, 0, 2)[self._column].copy()
-        for first, exact in zip(layout.first, exact, strict=True):  # what is known exactly does not move
-            held = np.flatnonzero(exact)
+        for first, known in zip(layout.first, exact, strict=True):  # what is known exactly does not move
+            held = np.flatnonzero(known)
             chosen[np.ix_(np.arange(len(chosen)), np.flatnonzero(self.segment == first), held)] = 0.0
         return LinearisedPaths(values=self.values(trajectory), rows=chosen)
 
@@ -117,8 +118,9 @@ class PathLimits:
         curvature: np.ndarray,
         limits: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray, PathStep]:
-        """With the way to reduce a record: the step of the parameters, the multipliers of their own `limits` (rows, lower, upper), and what the path
-        limits add. Raises numpy.linalg.LinAlgError where the parameters' own limits contradict each other."""
+        """With the way to `reduce` a record: the step of the parameters, the multipliers of their own `limits` (rows,
+        lower, upper), and what the path limits add. Raises numpy.linalg.LinAlgError where the parameters' own limits
+        contradict each other."""
         paths = linear.paths
         assert paths is not None
         excess = self.excess(paths.values)
