@@ -27,7 +27,7 @@ from casid.estimation import (
     path,
     solve,
 )
-from casid.estimation.constraints import Constraint, LinearConstraint
+from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
 from casid.records.record import Record
 from problems.do328 import STABLE
 from problems.manoeuvres import Part, sample_times
@@ -164,7 +164,7 @@ def limit_words(name: str, number: int) -> str:
     if isinstance(constraint, LinearConstraint):
         middle = " + ".join(n if c == 1.0 else f"{c:.4g} {n}" for n, c in constraint.coefficients.items())
     else:
-        middle = constraint.name
+        middle = constraint.name if isinstance(constraint, PathConstraint) else "function"
     return f"{constraint.lower:.4g} <= {middle} <= {constraint.upper:.4g}"
 
 

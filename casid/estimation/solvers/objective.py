@@ -24,7 +24,7 @@ from casid.estimation.solvers.point import Levels, Linearised, NoiseState, Objec
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
 from casid.estimation.transcriptions.equation import EquationValue, equations_of
-from casid.estimation.transcriptions.kernel import Kernel
+from casid.estimation.transcriptions.kernel import Reducing
 
 _ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
@@ -294,7 +294,7 @@ class Objective:
         covariance: np.ndarray | None,
         end: np.ndarray,
         point: Point,
-        kernel: Kernel | None = None,
+        kernel: Reducing | None = None,
     ) -> Reduced:
         """The reduced system of a record from the Hessian, gradient and transition of its segments, `bordered` by its
         parameters and whatever else is left; covariance and end of all segments."""
