@@ -23,6 +23,7 @@ from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories, write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.style import Picture
+from casid.signals import SURFACES
 
 WINDOW_S = 5.0  # of the record, to which the initial state is fitted
 
@@ -130,7 +131,7 @@ def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[
 
 
 def picture(record: Record, flown: dict[str, tuple[Applied, np.ndarray]]) -> Picture | None:
-    """Measured against all aircraft, the channels that all of them model."""
+    """Measured against all aircraft, the channels that all of them model, and below them the inputs that moved."""
     models = [applied.model for applied, _ in flown.values()]
     names = (
         [o for o in models[0].outputs if o in record and all(o in model.outputs for model in models)] if models else []
@@ -140,7 +141,8 @@ def picture(record: Record, flown: dict[str, tuple[Applied, np.ndarray]]) -> Pic
     curves = {
         label: array[:, [applied.model.outputs.index(n) for n in names]] for label, (applied, array) in flown.items()
     }
-    return histories(record.name, record.t, names, record.matrix(names), curves)
+    flew = {name: record[name] for name in (*SURFACES, "thrust") if name in record and np.ptp(record[name]) > 0.0}
+    return histories(record.name, record.t, names, record.matrix(names), curves, inputs=flew)
 
 
 def table(results: dict[str, dict]) -> str:

@@ -14,6 +14,7 @@ from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
 from casid.model.daveml import DaveAerodynamics, dave_aerodynamics
 from casid.model.effect_value import EffectValue
 from casid.model.jsbsim import JsbsimAerodynamics, aerodynamics_of
+from casid.model.quantities import in_si
 from casid.model.tables import read_tables, written_table
 
 POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
@@ -65,8 +66,8 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     terms = subtable(aerodynamics, "terms", "[aerodynamics]")
     return {
         "name": text(general.get("name", file.stem), "[aircraft] name"),
-        "mass": general["mass"],
-        "inertia": Inertia(**inertia),
+        "mass": in_si(general["mass"], "kg", "[aircraft] mass"),
+        "inertia": Inertia(**{k: in_si(v, "kg m2", f"[aircraft] inertia: {k}") for k, v in inertia.items()}),
         **_reference(tables["reference"]),
         **given,
         "noise": subtable(sensors, "noise", "[sensors]"),
@@ -97,15 +98,16 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
 
 def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
     check_keys(table, ("area", *_LENGTHS, "span", "chord"), "[reference]", ("area",))
-    values: dict[str, Any] = {"area": table["area"]}
+    values: dict[str, Any] = {"area": in_si(table["area"], "m2", "[reference] area")}
     for length, share in (("moment_length", 1.0), ("rate_length", 0.5)):
         given = subtable(table, length, "[reference]")
         check_keys(given, ("lateral", "pitch"), f"[reference] {length}")
         for direction, full in (("lateral", "span"), ("pitch", "chord")):
             if direction in given:
-                values[f"{length}_{direction}"] = given[direction]
+                values[f"{length}_{direction}"] = in_si(given[direction], "m", f"[reference] {length}: {direction}")
             elif full in table:
-                values[f"{length}_{direction}"] = share * number(table[full], f"[reference] {full}", positive=True)
+                whole = in_si(table[full], "m", f"[reference] {full}")
+                values[f"{length}_{direction}"] = share * number(whole, f"[reference] {full}", positive=True)
             else:
                 raise InputError(f"[reference]: give {length} = {{ {direction} = ... }} or '{full}', in m")
     return values

@@ -8,6 +8,8 @@ from typing import Any
 
 import tomlkit
 
+from casid.model.quantities import as_written
+
 
 def with_comments_of(original: str, content: str) -> str:
     """The TOML text `content`, written into the layout of `original`.
@@ -28,7 +30,14 @@ def _merge(table: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
         if isinstance(present, MutableMapping) and isinstance(value, Mapping):
             _merge(present, value)
         elif key not in table or _plain(present) != value:
-            table[key] = value
+            table[key] = _in_its_unit(_plain(present), value)
+
+
+def _in_its_unit(present: Any, value: Any) -> Any:
+    """A new value; a number as text in the unit that stands in the file, "6000 lb"."""
+    if isinstance(present, str) and isinstance(value, float):
+        return as_written(value, present) or value
+    return value
 
 
 def _plain(value: Any) -> Any:

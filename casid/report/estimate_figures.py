@@ -45,24 +45,34 @@ def histories(
     measured: np.ndarray,
     curves: Mapping[str, np.ndarray],
     empty: Callable[[float], Figure] = blank,
+    inputs: Mapping[str, np.ndarray] | None = None,
 ) -> Picture:
     """Measured (N, channels) and, by label, what models give (N, channels), one panel per channel; `empty` makes the
-    figure of a height."""
+    figure of a height. `inputs`, by channel (N,), stand in panels below."""
+    inputs = inputs or {}
     with settings():
-        rows = -(-len(channels) // 2)
-        figure = empty(1.35 * rows + 0.7)
-        axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
+        above, below = -(-len(channels) // 2), -(-len(inputs) // 2)
+        figure = empty(1.35 * above + 1.0 * below + 0.7)
+        heights = [1.35] * above + [1.0] * below
+        axes = figure.subplots(above + below, 2, sharex=True, squeeze=False, height_ratios=heights)
         for i, channel in enumerate(channels):
             ax, (factor, _) = axes.flat[i], channel_scale(channel)
             ax.plot(t, factor * measured[:, i], color=MEASURED, lw=2.6, alpha=0.35, label="measured")
             for (label, values), (colour, dash) in zip(curves.items(), _CURVES, strict=False):
                 ax.plot(t, factor * values[:, i], dash, color=colour, lw=1.1, label=label)
             ax.set_ylabel(channel_axis(channel))
-        for ax in axes.flat[len(channels) :]:
+        for ax, (channel, values) in zip(axes.flat[2 * above :], inputs.items(), strict=False):
+            ax.plot(t, channel_scale(channel)[0] * values, color="black", lw=1.1, label="recorded input")
+            ax.set_ylabel(channel_axis(channel))
+        for ax in (*axes.flat[len(channels) : 2 * above], *axes.flat[2 * above + len(inputs) :]):
             ax.set_visible(False)
-        for ax in axes[-1]:
-            ax.set_xlabel("t [s]")
-        handles, labels = axes.flat[0].get_legend_handles_labels()
+        for column in axes.T:
+            lowest = [ax for ax in column if ax.get_visible()][-1]
+            lowest.set_xlabel("t [s]")
+            lowest.tick_params(labelbottom=True)
+        first = [axes.flat[0], *axes.flat[2 * above : 2 * above + 1]]
+        known = [pair for ax in first for pair in zip(*ax.get_legend_handles_labels(), strict=True)]
+        handles, labels = zip(*known, strict=True)
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     names = " and ".join(curves)
     return Picture(

@@ -128,12 +128,12 @@ def test_convert_writes_si_units(tmp_path: Path) -> None:
     t = np.arange(0.0, 10.0, 0.1)
     rows = [f"{a},{b},{c}" for a, b, c in zip(t, 100.0 + np.sin(t), 2.0 * np.sin(t), strict=True)]
     source.write_text("\n".join(["t,V [kt],delta_e [deg]", *rows]))
-    convert(source, tmp_path / "si.csv")
+    assert convert(str(source), str(tmp_path / "si.csv")) == 0
     back = read_record(tmp_path / "si.csv")
     np.testing.assert_allclose(back["V"], (100.0 + np.sin(t)) * 1852.0 / 3600.0, rtol=1e-9)
     np.testing.assert_allclose(back["delta_e"], np.deg2rad(2.0 * np.sin(t)), atol=1e-9)
-    with pytest.raises(InputError, match="the source itself"):
-        convert(tmp_path / "si.csv", tmp_path / "si.csv")
+    with pytest.raises(InputError, match="a source itself"):
+        convert(str(tmp_path / "si.csv"), str(tmp_path / "si.csv"))
 
 
 def test_a_new_aircraft_is_read_back_and_flies(tmp_path: Path) -> None:
@@ -270,3 +270,48 @@ def test_an_impossible_lag_of_the_file_is_said(tmp_path: Path, capsys: pytest.Ca
     assert "elevator: actuator lag: -1 s in the file, which is impossible" in capsys.readouterr().out
     assert call(script(simulate), [*words, "--out", str(tmp_path / "out")]) == 0
     assert "note: a.toml: elevator: actuator lag: -1 s" in capsys.readouterr().err
+
+
+def logs(folder: Path) -> Path:
+    """Two records of the example and one that is too short, in a folder."""
+    folder.mkdir()
+    for name in ("m1", "m2"):
+        (folder / f"{name}.csv").write_text((DEMO / f"{name}.csv").read_text())
+    (folder / "short.csv").write_text("\n".join((DEMO / "m1.csv").read_text().splitlines()[:20]))
+    return folder
+
+
+def test_a_folder_of_logs_is_converted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All that can be read; the parts between two times where they are asked for."""
+    words = [str(logs(tmp_path / "logs") / "*"), str(tmp_path / "si"), "--from", "2", "--to", "10"]
+    assert call(script(convert), words) == 1
+    assert "short.csv: not converted: " in capsys.readouterr().err
+    for name in ("m1", "m2"):
+        part, whole = read_record(tmp_path / "si" / f"{name}.csv"), read_record(DEMO / f"{name}.csv")
+        np.testing.assert_array_equal(part["q"], whole.between(2.0, 10.0)["q"])
+    assert sorted(one.name for one in (tmp_path / "si").iterdir()) == ["m1.csv", "m2.csv"]
+    with pytest.raises(InputError, match="name a folder as the target"):
+        call(script(convert), [str(tmp_path / "logs" / "m*"), str(tmp_path / "one.csv")])
+    with pytest.raises(InputError, match="is a source itself"):
+        call(script(convert), [str(tmp_path / "logs" / "m1.csv"), str(tmp_path / "logs")])
+
+
+def test_check_goes_on_after_a_file_that_cannot_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pattern = str(logs(tmp_path / "logs") / "*.csv")
+    assert call(script(check), [pattern, "--aircraft", str(DEMO / "aircraft.toml"), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["records"] == ["m1", "m2"] and found["data"] == []
+    (file,) = found["unread"]
+    assert file.endswith("short.csv") and "too few" in found["unread"][file]
+    with pytest.raises(InputError, match="too few"):
+        call(script(check), [str(tmp_path / "logs" / "short.csv")])
+
+
+def test_a_simulation_is_drawn_with_its_inputs(tmp_path: Path) -> None:
+    words = [str(DEMO / "m1.csv"), "--aircraft", str(DEMO / "aircraft.toml"), "--out", str(tmp_path / "out")]
+    assert call(script(simulate), [*words, "--from", "0", "--to", "8"]) == 0
+    record = read_record(DEMO / "m1.csv").between(0.0, 8.0)
+    moved = [name for name in ("delta_e", "delta_a", "delta_r", "thrust") if np.ptp(record[name]) > 0.0]
+    picture = (tmp_path / "out" / "figures" / "histories_m1.svg").read_text()
+    assert moved and all(f"{name}" in picture for name in moved)
+    assert len(read_record(tmp_path / "out" / "m1__aircraft.csv")) == len(record)

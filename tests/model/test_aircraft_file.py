@@ -295,3 +295,63 @@ def test_a_new_file_keeps_the_comments_of_the_old(tmp_path):
     assert "mass = 10400.0  # weighed in May" in new and new.startswith("# my plane\n") and "gravity = 9.80665\n" in new
     order = [line for line in commented.splitlines() if line.startswith("[") and not line.startswith("[[")]
     assert [line for line in new.splitlines() if line in order] == order
+
+
+US_PLANE = """
+[aircraft]
+mass = "6000 lb"        # from the manual
+inertia = { Ixx = "3.2e4 slug ft2", Iyy = "2.0e4 slug-ft^2", Izz = 60000.0, Ixz = "1000 lb*ft2" }
+[reference]
+area = "300 ft²"
+span = "40 ft"
+chord = "90 in"
+[aerodynamics.derivatives]
+CL_0 = 0.3
+CL_alpha = 5.0
+"""
+
+
+def test_mass_and_inertia_with_units(tmp_path):
+    """By definition: 1 lb = 0.45359237 kg, 1 ft = 0.3048 m, 1 slug = 1 lbf s2/ft = 14.59390 kg."""
+    slug = 0.45359237 * 9.80665 / 0.3048
+    path = tmp_path / "us.toml"
+    path.write_text(US_PLANE, encoding="utf-8")
+    plane = Aircraft.read(path)
+    assert plane.mass == pytest.approx(6000 * 0.45359237, rel=1e-12)
+    inertia = [plane.inertia.Ixx, plane.inertia.Iyy, plane.inertia.Izz, plane.inertia.Ixz]
+    feet2 = 0.3048**2
+    assert inertia == pytest.approx([3.2e4 * slug * feet2, 2e4 * slug * feet2, 6e4, 1e3 * 0.45359237 * feet2])
+    assert plane.area == pytest.approx(300 * feet2) and plane.moment_length_lateral == pytest.approx(40 * 0.3048)
+    assert plane.rate_length_pitch == pytest.approx(0.5 * 90 * 0.0254)
+    plane.write(tmp_path / "si.toml")
+    assert Aircraft.read(tmp_path / "si.toml") == replace(plane, name=plane.name)
+
+
+def test_units_stay_in_the_file_when_it_is_written_again(tmp_path):
+    path = tmp_path / "us.toml"
+    path.write_text(US_PLANE, encoding="utf-8")
+    plane = Aircraft.read(path)
+    heavier = replace(plane, mass=2.0 * plane.mass)
+    heavier.write(tmp_path / "new.toml", like=path)
+    text = (tmp_path / "new.toml").read_text(encoding="utf-8")
+    assert 'mass = "12000.0 lb"        # from the manual' in text and '"3.2e4 slug ft2"' in text
+    again = Aircraft.read(tmp_path / "new.toml")
+    assert again.mass == pytest.approx(heavier.mass, rel=1e-15)
+    assert again.inertia == heavier.inertia and again.area == heavier.area
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"6000 lb"', '"6000 lbf"', "[aircraft] mass is the text '6000 lbf'; did you mean 'lb'?"),
+        ('"6000 lb"', '"heavy"', "[aircraft] mass is the text 'heavy'; expected a number, or one with a unit: kg, lb"),
+        ('"3.2e4 slug ft2"', '"3.2e4 slug"', "[aircraft] inertia: Ixx is the text '3.2e4 slug'"),
+        ('"40 ft"', '"40 m2"', "[reference] span is the text '40 m2'"),
+    ],
+)
+def test_a_unit_that_does_not_fit(tmp_path, old, new, message):
+    path = tmp_path / "us.toml"
+    path.write_text(US_PLANE.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        Aircraft.read(path)
+    assert message in str(caught.value) and "us.toml" in str(caught.value)
