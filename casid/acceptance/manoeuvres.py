@@ -10,6 +10,7 @@ import numpy as np
 
 from casid.records.noise import high_band_sigma
 from casid.records.record import Record
+from casid.signals import SURFACES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,12 +37,14 @@ MANOEUVRES: Mapping[str, Manoeuvre] = MappingProxyType(
         "any": Manoeuvre(),
     }
 )
-_INPUTS = ("delta_e", "delta_a", "delta_r", "thrust")
+_INPUTS = (*SURFACES, "thrust")
 _LEAD_S = 1.0  # before the first movement: tells the state from which the simulation starts
 _SHORTEST_S = 2.0  # of a response that is judged
 _STEP_S = 0.5  # in which a movement must become visible
 _SIGMAS = 6.0  # of noise, beyond which a change is a movement
 _SHARE = 0.1  # of the range of an input, likewise
+_OTHERS = 0.05  # of the largest range of a surface, likewise
+_POWER, _POWER_STEP_S = 0.1, 2.0  # of the thrust, likewise, within as many seconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,19 +111,30 @@ def _runs(record: Record) -> list[tuple[str, float, float]]:
 
 
 def _movements(record: Record, name: str) -> list[tuple[str, float, float]]:
-    """Spans in which an input leaves the value that it had a moment ago, by more than its noise and a part of its
-    range."""
-    values = record[name]
+    """Spans in which an input leaves the value that it had a moment ago, by more than its noise, a part of its range
+    and what `_least` asks."""
+    t, values = record.t, record[name]
     if not np.isfinite(values).all() or np.ptp(values) == 0.0:
         return []
-    sigma = high_band_sigma(values)
-    least = max(_SHARE * float(np.ptp(values)), _SIGMAS * (sigma if np.isfinite(sigma) else 0.0))
-    back = np.searchsorted(record.t, record.t - _STEP_S)
-    moving = np.abs(values - values[back]) > least
+    sigma, step_s = high_band_sigma(values), _POWER_STEP_S if name == "thrust" else _STEP_S
+    visible = max(_SHARE * float(np.ptp(values)), _SIGMAS * (sigma if np.isfinite(sigma) else 0.0))
+    back = np.searchsorted(t, t - step_s)
+    moving = np.abs(values - values[back]) > max(visible, _least(record, name))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
-    step = max(int(round(_STEP_S / record.dt)), 1)
     spans = []
     for first, after in zip(edges[::2], edges[1::2], strict=True):
-        # a step of 0.5 s is seen for 0.5 s after it is over
-        spans.append((name, float(record.t[max(first - 1, 0)]), float(record.t[max(first, after - step)])))
+        # seen for `step_s` after it is over: it ends where the value is last off that which it then keeps
+        kept = values[back[after - 1] : after]
+        off = np.flatnonzero(np.abs(kept - kept[-1]) > visible)
+        last = t[back[after - 1] + (off[-1] + 1 if len(off) else 0)]
+        spans.append((name, float(t[max(first - 1, 0)]), float(last)))
     return spans
+
+
+def _least(record: Record, name: str) -> float:
+    """What a movement must be beside: thrust its own level, a surface the movements of the others, which a pilot who
+    moves one of them makes with it."""
+    if name == "thrust":
+        return _POWER * float(np.median(np.abs(record[name])))
+    ranges = [np.ptp(record[other]) for other in SURFACES if other in record and np.isfinite(record[other]).all()]
+    return _OTHERS * float(max(ranges))
