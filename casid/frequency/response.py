@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 USABLE = 0.6  # coherence: Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012)
 _PERIODS = 2.0  # in a window, below which it tells nothing: the main lobe of Hann's window reaches down to zero there
+_FULL = 4.0  # periods in a window, from which it has its full weight beside a longer one
 _COUNT = 100  # frequencies of a response
 _WINDOWS = 5  # lengths, of which the longest is half a stretch
 _SHORTEST = 0.25  # of the longest window
@@ -260,10 +261,12 @@ def _composite(every: Sequence[Spectra], records: Sequence[str]) -> FrequencyRes
     """The response by the spectra of all window lengths, weighted by their random errors to the power -4."""
     input, output, *others = every[0].channels
     omega = every[0].omega
-    inside = np.array([omega * one.window >= _PERIODS * 2.0 * np.pi * (1.0 - 1e-9) for one in every])
+    periods = np.array([one.window for one in every])[:, None] * omega / (2.0 * np.pi)
+    share = np.clip((periods - _PERIODS) / (_FULL - _PERIODS), 0.0, 1.0)  # a window comes in without a jump
+    share[0] = 1.0
     errors = np.array([random_error(_coherence(_conditioned(one.matrix)), one.averages - len(others)) for one in every])
-    errors = np.where(inside, np.clip(errors, _SURE, 1.0 / _SURE), np.inf)
-    weights = (errors / errors.min(axis=0)) ** -4.0
+    errors = np.clip(errors, _SURE, 1.0 / _SURE)
+    weights = share * (errors / errors.min(axis=0)) ** -4.0
     weights /= weights.sum(axis=0)
     matrix = np.einsum("wf,wfij->fij", weights, np.array([one.matrix for one in every]))
     averages = weights.T @ np.array([one.averages for one in every]) - len(others)
