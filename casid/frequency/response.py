@@ -229,7 +229,13 @@ def frequency_response(
         )
     every = [spectra(parts, channels, wanted, length, overlap) for length in lengths]
     _check_motion(every[0])
-    return _composite(every, [record.name for record in flown])
+    try:
+        return _composite(every, [record.name for record in flown])
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"frequency_response: the inputs {', '.join((input, *channels[2:]))} move in proportion to each other in "
+            "these records, so that their parts cannot be told apart; leave one out"
+        ) from None
 
 
 def gain_db(response: np.ndarray) -> np.ndarray:
