@@ -15,7 +15,7 @@ from casid.cli.start import run_script
 
 from casid.errors import InputError
 from casid.estimation import MultipleShooting
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.transcriptions.kernel import model_kernel
 from casid.estimation.transcriptions.steps import stage_functions
 from problems.bench.peak import linearise_operations, operations, peak_gflops

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.errors import InputError
+from casid.estimation.attempt import build_objective
 from casid.estimation.cost import OutputError
-from casid.estimation.estimate import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem, of_record
 from casid.estimation.solvers.point import Point

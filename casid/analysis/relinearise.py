@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.problem import check_plain
 from casid.estimation.solvers.objective import Objective

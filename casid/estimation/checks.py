@@ -41,6 +41,7 @@ def check_records(model: Model, records: tuple[Record, ...], simulated: bool) ->
     for record in records:
         if len(record) < 2:
             raise InputError(f"record '{record.name}': {len(record)} time stamps; expected at least two")
+        _check_finite(model, record)
         for name in model.inputs if simulated else ():
             if name not in record and name != "t":
                 raise _missing_input(model, record, name)
@@ -66,6 +67,19 @@ def with_measured_states(model: Model, records: tuple[Record, ...], measured: Ma
     if not measured:
         return records
     return tuple(r.with_channels(**{state: r[channel] for state, channel in measured.items()}) for r in records)
+
+
+def _check_finite(model: Model, record: Record) -> None:
+    """Raise InputError for an infinite reading; NaN is a missing one."""
+    further = model.equation.channels if model.equation is not None else ()
+    for name in dict.fromkeys((*model.outputs, *model.states, *model.inputs, *further)):
+        if name in record:
+            infinite = np.flatnonzero(np.isinf(record[name]))
+            if len(infinite):
+                raise InputError(
+                    f"record '{record.name}': '{name}' is {record[name][infinite[0]]:g} at t = "
+                    f"{record.t[infinite[0]]:g} s ({len(infinite)} samples); expected numbers, or NaN where missing"
+                )
 
 
 def _missing_input(model: Model, record: Record, name: str) -> InputError:

@@ -7,20 +7,20 @@ from contextlib import suppress
 
 import numpy as np
 
-from casid.arguments import an, given, whole
-from casid.errors import EstimationError, InputError
+from casid.arguments import an, whole
+from casid.estimation.attempt import check_part
 from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
-from casid.estimation.integration import Stepping, integrated
 from casid.estimation.many_starts import best_of
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
-from casid.estimation.solvers.newton import Automatic, to_second_order
+from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
+from casid.estimation.way import Ending, ending
 from casid.estimation.working import working
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
@@ -79,8 +79,8 @@ def solve(
         For a combination that cannot work: process noise without a given measurement noise or with EquationError.
     """
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
-    _check(method, "dynamics", "transcription", "cs.MultipleShooting()")
-    _check(solver, "minimise", "solver", "cs.GaussNewton()")
+    check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
+    check_part(solver, "minimise", "solver", "cs.GaussNewton()")
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
     quick = None
@@ -94,35 +94,15 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
     """From the problem's own start."""
     begin = time.perf_counter()
     taken = working(problem)
-    objective = build_objective(taken.problem, method)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        outcome = solver.minimise(objective)
-        if isinstance(method, Stepping):
-            objective, outcome, method = integrated(objective, outcome, method, solver)
-        outcome = to_second_order(objective, outcome)
-        return taken.returned(_fit(objective, outcome, method, begin))
+        end = ending(taken.problem, method, solver)
+        return taken.returned(_fit(taken.problem, end, method, begin))
 
 
-def build_objective(problem: Problem, method: Transcription) -> Objective:
-    """The residuals of a problem in a transcription. Raises as `solve` does."""
-    _check(method, "dynamics", "transcription", "cs.MultipleShooting()")
-    if problem.simulated:
-        return Objective(problem, method.dynamics(problem))
-    if isinstance(method, MultipleShooting) and method.process_noise:
-        raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
-    return Objective(problem, None)
-
-
-def _check(value: object, verb: str, what: str, example: str) -> None:
-    if isinstance(value, type):
-        raise InputError(f"solve: the {what} is {given(value)}; write {value.__name__}()")
-    if not callable(getattr(value, verb, None)):
-        raise InputError(f"solve: the {what} is {given(value)}, without a method '{verb}'; write {example} or the like")
-
-
-def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: float) -> Fit:
-    problem, value = objective.problem, outcome.value
+def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> Fit:
+    objective, outcome, method = end.attempt.objective, end.attempt.outcome, end.attempt.method
+    value = outcome.value
     (measured, predicted), states = _signals(objective, outcome), _states(objective, outcome)
     names, levels = objective.channel_names, value.noise.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
@@ -134,7 +114,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: f
         problem=problem,
         values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
         uncertainty=errors,
-        status=status_in_words(problem, outcome.status, outcome.point, errors, method),
+        status=status_in_words(problem, outcome.status, outcome.point, errors, asked),
         iterations=outcome.iterations,
         seconds=time.perf_counter() - begin,
         cost=value.cost,
@@ -152,6 +132,7 @@ def _fit(objective: Objective, outcome: Outcome, method: Transcription, begin: f
         method=type(method).__name__,
         solver=outcome.solver,
         substeps=objective.layout.substeps if objective.dynamics is not None else 1,
+        way=end.remark,
     )
 
 

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.problem import Problem
+from casid.estimation.results import ANOTHER_MINIMUM
 from casid.estimation.solvers.point import Point
 from casid.estimation.uncertainty import Uncertainty
 from casid.model.expressions import origin
@@ -20,7 +21,7 @@ def status_in_words(problem: Problem, status: str, point: Point, errors: Uncerta
     """The status of a fit: "converged", or what went wrong and what to do about it."""
     if status == "converged":
         return _not_identifiable(problem, point, errors)
-    if status.startswith("stopped"):
+    if status.startswith(("stopped", ANOTHER_MINIMUM)):
         return status
     cause = _no_number_at_start(problem)
     if cause:

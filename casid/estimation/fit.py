@@ -16,6 +16,7 @@ from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
 from casid.estimation.jumps import jump_remarks
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import remarks
+from casid.estimation.results import Results, result_of
 from casid.estimation.starts import Starts
 from casid.estimation.uncertainty import Rescaled, Uncertainty
 from casid.keeping import save
@@ -67,6 +68,8 @@ class Fit:
         The transcription and its steps per sample interval: those that were taken where `solve` was free to choose.
     starts
         How many of several starts ended where; None where there was one.
+    way
+        What else than the usual way led here, "" if nothing did; `remarks` begin with it.
     """
 
     problem: Problem
@@ -91,6 +94,12 @@ class Fit:
     solver: str
     substeps: int = 1
     starts: Starts | None = None
+    way: str = ""
+
+    @property
+    def result(self) -> Results:
+        """How the solution ended, of an enumeration whose values say what to do about it."""
+        return result_of(self.status)
 
     @property
     def converged(self) -> bool:
@@ -212,6 +221,7 @@ class Fit:
             misfit=self.cost - self.prior_cost,
             many_starts=self.starts is not None,
         )
+        found = (self.way, *found) if self.way else found
         linear = self.uncertainty.linear
         if not self.converged or linear is None:
             return found
@@ -268,7 +278,8 @@ class Fit:
         """Status, remarks, estimates and channels as text."""
         head = (
             f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
-            f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s, cost {self.cost:.6g}"
+            f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s\n"
+            f"ln(likelihood) {self.log_likelihood:.8g}, cost {self.cost:.6g}"
         )
         head += f"\n{self.integrator}" if self.integrator else ""
         head += f"\n{self.starts!r}" if self.starts is not None else ""

@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome, Solver
@@ -26,7 +25,7 @@ from casid.estimation.transcriptions.transcription import Collocation, MultipleS
 Stepping = SingleShooting | MultipleShooting | Collocation  # the transcriptions that choose their steps
 _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
-_EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
+EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
 _ORDER = 4  # of Runge and Kutta's method
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
@@ -40,34 +39,8 @@ def integrated(
     objective: Objective, outcome: Outcome, method: Stepping, solver: Solver
 ) -> tuple[Objective, Outcome, Transcription]:
     """The solution on a motion that is integrated well enough, with its objective and the transcription that it took:
-    from collocation where shooting lost its way, with more steps where the data are worth them."""
-    if isinstance(method, MultipleShooting) and isinstance(solver, Automatic):
-        objective, outcome = _from_collocation(objective, outcome, method, solver)
+    with more steps where the data are worth them."""
     return _finely(objective, outcome, method, solver) if method.substeps is None else (objective, outcome, method)
-
-
-def _from_collocation(
-    objective: Objective, outcome: Outcome, method: MultipleShooting, solver: Automatic
-) -> tuple[Objective, Outcome]:
-    """Where the motion over the intervals is too far from straight for the solver: once more from where collocation
-    ends, which has a state of its own at every sample."""
-    problem, status = objective.problem, outcome.status
-    lost_its_way = status.startswith(("stopped", "departed")) or "descent" in status or "no motion" in status
-    if not lost_its_way or objective.dynamics is None or objective.soft or problem.feedback or problem.path_constraints:
-        return objective, outcome
-    if method.substeps is None and _stable_steps(objective) > 1:  # it is the steps that are too long
-        return objective, outcome
-    finely = Objective(problem, Collocation(substeps=1).dynamics(problem))
-    found = solver.minimise(finely)
-    if found.status != "converged":
-        return objective, outcome
-    assert found.value.trajectory is not None
-    states = found.value.trajectory.states.reshape(-1, found.point.nodes.shape[1])
-    nodes = np.concatenate([states[sample][:: method.interval] for sample in finely.layout.sample])
-    begin = replace(objective.start(), theta=found.point.theta, nodes=nodes)
-    again = Objective(problem, method.dynamics(problem), begin)
-    ended = solver.minimise(again)
-    return (again, ended) if ended.status == "converged" else (objective, outcome)
 
 
 def _finely(
@@ -211,7 +184,7 @@ def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarra
     assert value.trajectory is not None
     low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
     high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
-    sigma = np.maximum(value.noise.levels.sigma[: len(low)], _EXACT * np.maximum(high - low, 0.0))
+    sigma = np.maximum(value.noise.levels.sigma[: len(low)], EXACT * np.maximum(high - low, 0.0))
     off = difference * layout.present / sigma
     return float((off**2).sum()), float((off * (value.trajectory.y - layout.z) / sigma).sum())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -50,9 +49,7 @@ def best_of(
 
 def _badness(fit: Fit) -> float:
     """-ln(likelihood x prior), up to a constant of the problem."""
-    value, objective = fit.uncertainty.value, fit.uncertainty.objective
-    found = value.cost if value.noise.levels.fixed else objective.likelihood_cost(value)
-    return found if math.isfinite(found) else math.inf
+    return fit.uncertainty.objective.misfit(fit.uncertainty.value)
 
 
 def _minima(fits: Sequence[Fit]) -> tuple[Minimum, ...]:

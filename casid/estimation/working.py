@@ -78,11 +78,12 @@ class Working:
         if not set(self.posed.sigma_channels) <= set(outputs):
             raise EstimationError("solve: noise per sample of what is no output")
         sigma = {r.name: _sigma(self.posed, r) for r in self.posed.records}
+        measured = {r.name: self.posed.outputs_of(r) for r in self.posed.records}
         predicted = {name: y * sigma[name] for name, y in fit.predictions.items()}
-        residuals = {name: r * sigma[name] for name, r in fit.residuals.items()}
-        seen = {name: np.isfinite(r) for name, r in residuals.items()}
-        together = np.concatenate([predicted[n] for n in predicted]), np.concatenate([residuals[n] for n in residuals])
-        sizes, present = np.concatenate(list(sigma.values())), np.concatenate(list(seen.values()))
+        # a prediction that diverged has no finite residual, so what is measured is not read off the residuals
+        residuals = {name: measured[name] - y for name, y in predicted.items()}
+        together = np.concatenate([measured[n] for n in predicted]), np.concatenate(list(predicted.values()))
+        sizes, present = np.concatenate([sigma[n] for n in predicted]), np.isfinite(together[0])
         rms = np.sqrt((sizes**2 * present).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
         inner = dict(zip(self.problem.model.outputs, range(len(outputs)), strict=True))
         which = [inner[name] for name in names]
@@ -91,7 +92,7 @@ class Working:
             fit,
             predictions=predicted,
             residuals=residuals,
-            channels={outputs[i]: channel_fit(together[0][:, i] + together[1][:, i], together[0][:, i]) for i in which},
+            channels={outputs[i]: channel_fit(together[0][:, i], together[1][:, i]) for i in which},
             noise={outputs[inner[name]]: value * float(rms[inner[name]]) for name, value in fit.noise.items()},
             noise_covariance=scale @ fit.noise_covariance @ scale,
             log_likelihood=fit.log_likelihood - float(np.log(sizes[present]).sum()),

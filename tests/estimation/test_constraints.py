@@ -20,7 +20,7 @@ from casid.estimation import (
     path,
     solve,
 )
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.quadratic import parameter_step
 from casid.model.system import define_model, define_regression
 from casid.records.record import Record

@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete
 
 import casid as cs
 from casid.errors import InputError
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.working import along_splines
 from casid.filtering.filter_error import filter_error
 from casid.native import compiler

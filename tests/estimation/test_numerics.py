@@ -8,7 +8,7 @@ import pytest
 from estimation_cases import TRUTH, elevator, exact, flight, matrices, short_period
 
 from casid.estimation import Collocation, GaussNewton, MultipleShooting, Problem, SingleShooting, solve
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.fixed_point import FixedPoint
 from casid.estimation.solvers.kkt import BandedKKT
 from casid.estimation.solvers.point import Point

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from casid.errors import EstimationError, InputError
 from casid.estimation import EquationError, GaussNewton, Ipopt, MultipleShooting, Problem, solve
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.model.system import define_model
 from casid.records.record import Record
 

@@ -25,26 +25,27 @@ class GaussNewton:
         After how many steps to give up.
     seconds
         After how much time to give up.
+    patient
+        Whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
     """
 
     tolerance: float = 1e-6
     iterations: int = 100
     seconds: float = 600.0
+    patient: bool = True
 
     def __post_init__(self) -> None:
         check_limits(self)
 
-    def minimise(self, objective: Objective, patient: bool = True) -> Outcome:
+    def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
 
         Parameters
         ----------
         objective
             Of the problem as it is transcribed.
-        patient
-            Whether to go on where steps next to the solution shrink so slowly that it would take a hundred more.
         """
-        return _Iteration(objective, self, patient).run()
+        return _Iteration(objective, self).run()
 
 
 CREEPS = "stopped: the steps shrink too slowly"
@@ -58,8 +59,8 @@ _COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that ma
 class _Iteration:
     """State of one minimisation."""
 
-    def __init__(self, objective: Objective, solver: GaussNewton, patient: bool = True) -> None:
-        self.objective, self.solver, self.patient = objective, solver, patient
+    def __init__(self, objective: Objective, solver: GaussNewton) -> None:
+        self.objective, self.solver = objective, solver
         self.deadline = time.perf_counter() + solver.seconds
         self._late = f"stopped after {solver.seconds:g} s, not converged"
         self.point = objective.start()
@@ -84,7 +85,7 @@ class _Iteration:
             status = self._iterate()
             if status:
                 return self._outcome(status, iteration)
-            if not self.patient and self._creeps():
+            if not self.solver.patient and self._creeps():
                 return self._outcome(CREEPS, iteration)
             if time.perf_counter() > self.deadline:
                 return self._outcome(self._late, iteration)

@@ -64,13 +64,17 @@ class Automatic:
     def __post_init__(self) -> None:
         check_limits(self)
 
+    @property
+    def usual(self) -> GaussNewton:
+        """Gauss-Newton that gives up where it creeps."""
+        return GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds, patient=False)
+
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status."""
         begin = time.perf_counter()
-        usual = GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds)
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
-        outcome = usual.minimise(objective, patient=objective.soft)
-        found = _found(objective, outcome)
+        outcome = replace(self.usual, patient=objective.soft).minimise(objective)
+        found = is_found(objective, outcome)
         if objective.problem.path_constraints:  # the cost within them is no function of the parameters alone
             left = self.seconds - (time.perf_counter() - begin)
             other = Ipopt(seconds=left).minimise(objective) if left > 0.0 and outcome.status != "converged" else outcome
@@ -83,12 +87,12 @@ class Automatic:
         if outcome.status != CREEPS:  # there it is the whole curvature that is missing
             damped = DampedIteration(objective, self.tolerance, _DAMPED * self.iterations, begin + self.seconds).run()
             outcome = _better(objective, outcome, damped)
-        if outcome.status == "converged" and not _found(objective, outcome):
+        if outcome.status == "converged" and not is_found(objective, outcome):
             return outcome
         outcome = _Newton(objective, self, outcome, begin + self.seconds).run()
         left = self.seconds - (time.perf_counter() - begin)
         programmable = objective.dynamics is None and is_programmable(objective)
-        if programmable and left > 0.0 and not _found(objective, outcome):
+        if programmable and left > 0.0 and not is_found(objective, outcome):
             # without states it is quick, and comes through valleys in which Newton's short steps do not end
             last = Ipopt(iterations=2 * _DAMPED * self.iterations, seconds=left).minimise(objective)
             outcome = last if last.status == "converged" else outcome
@@ -110,7 +114,7 @@ def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600
     return replace(outcome, status=judged.status) if judged.status == _NO_MINIMUM else outcome
 
 
-def _found(objective: Objective, outcome: Outcome) -> bool:
+def is_found(objective: Objective, outcome: Outcome) -> bool:
     """Whether it converged where the data say something of every parameter."""
     if outcome.status != "converged" or outcome.linear is None:
         return outcome.status == "converged"
@@ -119,7 +123,7 @@ def _found(objective: Objective, outcome: Outcome) -> bool:
 
 def _better(objective: Objective, first: Outcome, second: Outcome) -> Outcome:
     """Of two ends the one that was found, or else the lower one."""
-    if _found(objective, second) or not np.isfinite(first.value.cost):
+    if is_found(objective, second) or not np.isfinite(first.value.cost):
         return second
     ends = (objective.likelihood_cost(o.value) + o.value.violation() for o in (first, second))
     lower, other = ends

@@ -126,6 +126,12 @@ class Objective:
         """The cost with the noise at its optimum instead of its present value, up to a constant."""
         return value.rest + value.noise.levels.concentrated(value.squares)
 
+    def misfit(self, value: ObjectiveValue) -> float:
+        """-ln(likelihood x prior) up to a constant of the problem, by which its solutions compare; infinite where the
+        motion departed."""
+        found = value.cost if value.noise.levels.fixed else self.likelihood_cost(value)
+        return found if np.isfinite(found) else np.inf
+
     # ---- value
 
     def start(self) -> Point:

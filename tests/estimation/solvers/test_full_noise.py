@@ -20,7 +20,7 @@ from casid.estimation import (
     SingleShooting,
     solve,
 )
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.gauss_newton import _Iteration
 from casid.estimation.solvers.levels import noise_levels

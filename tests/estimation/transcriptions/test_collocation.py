@@ -13,7 +13,7 @@ import pytest
 from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 
 import casid as cs
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import SolverStep
 from problems.every_problem import demo_problem

@@ -16,7 +16,7 @@ import pytest
 from estimation_cases import NOISE, START, flight, needs_compiler, short_period
 
 from casid.estimation import MultipleShooting, OutputError, Problem, SingleShooting, solve
-from casid.estimation.estimate import build_objective
+from casid.estimation.attempt import build_objective
 from casid.estimation.transcriptions import kernel
 from casid.estimation.transcriptions.kernel import shooting_offer
 from casid.estimation.transcriptions.shooting import Shooting

@@ -1,0 +1,118 @@
+"""One attempt at a solution: a transcription, a solver, and where they ended."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from casid.arguments import given
+from casid.errors import EstimationError, InputError
+from casid.estimation.integration import Stepping, integrated
+from casid.estimation.problem import Problem
+from casid.estimation.solvers.newton import is_found, to_second_order
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
+
+_MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
+_LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Attempt:
+    """Where a solver ended, with the objective and the transcription that it took."""
+
+    objective: Objective
+    outcome: Outcome
+    method: Transcription
+
+    @property
+    def found(self) -> bool:
+        """Whether it converged where the data say something of every parameter."""
+        return is_found(self.objective, self.outcome)
+
+    @property
+    def misfit(self) -> float:
+        """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
+        value = self.outcome.value
+        return self.objective.misfit(value) if value.worst() < _MET else math.inf
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name -> estimate, of the problem as it is solved."""
+        names, theta = self.objective.problem.parameters, self.outcome.point.theta
+        return dict(zip(names, theta.tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A solver that all its runs together give no more than its `seconds`, counted from when this was made."""
+
+    solver: Solver
+    deadline: float
+
+    @property
+    def left(self) -> float:
+        """Seconds."""
+        return self.deadline - time.perf_counter()
+
+    def with_solver(self, solver: Solver) -> Timed:
+        """Another solver with the same deadline."""
+        return replace(self, solver=solver)
+
+    def minimise(self, objective: Objective) -> Outcome:
+        """As the solver does, within the time that is left."""
+        seconds: Any = getattr(self.solver, "seconds", math.inf)
+        left = max(self.left, _LEAST_SECONDS)
+        limited: Any = self.solver
+        if left < 0.9 * seconds:  # else as it is: IPOPT keeps one programme for each limit of time
+            limited = replace(limited, seconds=left)
+        return limited.minimise(objective)
+
+
+def timed(solver: Solver) -> Timed:
+    """From now on; a solver of one's own without `seconds` has no limit."""
+    return Timed(solver, time.perf_counter() + float(getattr(solver, "seconds", math.inf)))
+
+
+def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
+    """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
+    objective = build_objective(problem, method)
+    outcome = solver.minimise(objective)
+    if isinstance(method, Stepping):
+        objective, outcome, method = integrated(objective, outcome, method, solver)
+    outcome = to_second_order(objective, outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
+    return Attempt(objective=objective, outcome=outcome, method=method)
+
+
+def build_objective(problem: Problem, method: Transcription) -> Objective:
+    """The residuals of a problem in a transcription. Raises as `solve` does."""
+    check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
+    if problem.simulated:
+        return Objective(problem, method.dynamics(problem))
+    if isinstance(method, MultipleShooting) and method.process_noise:
+        raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
+    return Objective(problem, None)
+
+
+def check_part(value: object, verb: str, what: str, example: str) -> None:
+    """Raise InputError for what is no transcription or no solver."""
+    if isinstance(value, type):
+        raise InputError(f"solve: the {what} is {given(value)}; write {value.__name__}()")
+    if not callable(getattr(value, verb, None)):
+        raise InputError(f"solve: the {what} is {given(value)}, without a method '{verb}'; write {example} or the like")
+
+
+def as_motion(attempt: Attempt) -> Attempt:
+    """The same parameters and initial states simulated in one piece, with the noise of highest likelihood."""
+    objective, point = attempt.objective, attempt.outcome.point
+    layout = objective.layout
+    whole = Objective(objective.problem, SingleShooting(substeps=layout.substeps).dynamics(objective.problem))
+    begin = replace(point, nodes=point.nodes[layout.first], noise=np.zeros((0, point.nodes.shape[1])), points=None)
+    value, _ = whole.relaxed(begin, whole.value(begin))
+    outcome = replace(attempt.outcome, point=begin, value=value, linear=None, attracted=False)
+    return Attempt(objective=whole, outcome=outcome, method=SingleShooting(substeps=layout.substeps))

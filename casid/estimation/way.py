@@ -1,0 +1,177 @@
+"""The way of `solve` from a start to a solution that nothing cheap contradicts.
+
+1. The usual solver in the transcription that was asked for: Gauss-Newton for Automatic().
+2. Where it found nothing, or short stretches of the records contradict what it found: multiple shooting with a state at
+   every sample, from the parameters where it ended and from the start. Under constraints that bind also from the
+   solution without them. The most likely solution is taken.
+3. Where none was found, Automatic() goes on in the transcription that was asked for, with all its methods.
+
+With any other solver than Automatic() the second step only judges: a better solution is said in the status.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.estimation.attempt import Attempt, Timed, as_motion, attempted, build_objective, timed
+from casid.estimation.problem import Problem
+from casid.estimation.results import ANOTHER_MINIMUM
+from casid.estimation.second_opinion import doubtful
+from casid.estimation.solvers.gauss_newton import GaussNewton
+from casid.estimation.solvers.newton import Automatic
+from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
+
+_EQUAL = 0.01  # of ln(likelihood), as good as the integration is
+_NEAR = 0.1  # standard deviations between two ends of one minimum
+_NODES = 20_000  # of a record: with more samples, several share a state
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ending:
+    """What is taken, and what a person should know of how it was found, "" if nothing."""
+
+    attempt: Attempt
+    remark: str = ""
+
+
+def ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
+    """The solution of a problem, see above. Raises as the solver does."""
+    clock = timed(solver)
+    if not isinstance(method, SingleShooting | MultipleShooting | Collocation) or not problem.simulated:
+        return Ending(attempt=attempted(problem, method, clock))
+    if isinstance(method, MultipleShooting) and method.process_noise:
+        return Ending(attempt=attempted(problem, method, clock))
+    quick = clock.with_solver(_quick(solver))
+    automatic = isinstance(solver, Automatic)
+    first = attempted(problem, method, quick if automatic else clock)
+    if first.found and not doubtful(first) and not _held(first):
+        return Ending(attempt=first)
+    best, agreed = _searched(problem, method, first, quick) if first.found or automatic else (first, False)
+    if automatic and not best.found and clock.left > 0.0:
+        last = attempted(problem, method, clock)
+        best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
+    if not automatic and best is not first:
+        return Ending(attempt=_with_status(first, f"{ANOTHER_MINIMUM}: {_found_elsewhere(best, first)}; {_REMEDY}"))
+    if best.found and not agreed and doubtful(best):
+        best = _with_status(best, f"{ANOTHER_MINIMUM}: {_CONTRADICTED}; {_REMEDY}")
+    remark = "" if best is first or not best.found else f"found on a second way: {_found_elsewhere(best, first)}"
+    return _no_worse_than_start(problem, method, Ending(attempt=best, remark=remark))
+
+
+_CONTRADICTED = "short stretches of the records are explained far better than the whole"
+_REMEDY = "use solve(..., starts=20), or MultipleShooting(interval=1) from another start"
+
+
+def _quick(solver: Solver) -> Solver:
+    """What judges and looks elsewhere: Gauss-Newton that gives up where it creeps."""
+    return solver.usual if isinstance(solver, Automatic) else GaussNewton(patient=False)
+
+
+def _held(attempt: Attempt) -> bool:
+    """Whether a constraint binds, so that it may have led the iteration astray."""
+    problem = attempt.objective.problem
+    return bool(problem.path_constraints) or bool(np.abs(attempt.outcome.limit_multipliers).max(initial=0.0) > 0.0)
+
+
+def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> tuple[Attempt, bool]:
+    """The most likely of a first end and those from other starts, and whether another start came to the same."""
+    best, agreed = first, False
+    for other in _others(problem, method, first, quick):
+        if first.found and _same(first, other):
+            agreed = True
+        elif other.found and (not best.found or other.misfit < best.misfit - _EQUAL):
+            best, agreed = other, False
+        if best.found and (agreed or not doubtful(best)) and not (_held(best) and best is first):
+            break
+    return best, agreed
+
+
+def _others(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> Iterator[Attempt]:
+    """Attempts from other starts, each made when it is asked for, as long as there is time."""
+    fine = _fine(problem, method)
+    starts = dict(zip(problem.parameters, problem.start_vector.tolist(), strict=True))
+    if problem.constraints and quick.left > 0.0:
+        free = replace(problem, constraints=())
+        unbound = replace(quick, solver=GaussNewton(patient=False))
+        found = attempted(free, method, unbound)
+        if not found.found and quick.left > 0.0:
+            found = attempted(free, fine, unbound)
+        if found.found and quick.left > 0.0:
+            yield attempted(replace(problem, start=found.values), method, quick)
+    if first.found and not doubtful(first):
+        return
+    ended = first.values
+    if np.isfinite(list(ended.values())).all() and ended != starts and quick.left > 0.0:
+        yield attempted(replace(problem, start=ended), fine, quick)
+    if quick.left > 0.0:
+        yield attempted(problem, fine, quick)
+    if not isinstance(method, Collocation) and problem.feedback is None and quick.left > 0.0:
+        yield attempted(problem, Collocation(), quick)
+
+
+def _fine(problem: Problem, method: Transcription) -> Transcription:
+    """With a state at every sample; the same integration as was asked for."""
+    if isinstance(method, Collocation):
+        return method
+    assert isinstance(method, SingleShooting | MultipleShooting)
+    most = max(len(record) for record in problem.records)
+    return MultipleShooting(interval=-(-most // _NODES), substeps=method.substeps)
+
+
+def _same(first: Attempt, other: Attempt) -> bool:
+    """Whether another iteration ended, or gave up on its way, at the same minimum."""
+    if other.found and abs(other.misfit - first.misfit) <= _EQUAL:
+        return True
+    linear = first.outcome.linear
+    if linear is None or other.misfit < first.misfit - _EQUAL:
+        return False
+    apart = other.outcome.point.theta - first.outcome.point.theta
+    return bool(apart @ linear.hessian @ apart < _NEAR**2)
+
+
+def _better(first: Attempt, second: Attempt) -> Attempt:
+    """Of two ends that are no solution the one that is stationary, else the more likely."""
+    stationary = [a.outcome.status == "converged" for a in (first, second)]
+    if stationary[0] != stationary[1]:
+        return second if stationary[1] else first
+    return first if first.misfit < second.misfit else second
+
+
+def _with_status(attempt: Attempt, status: str) -> Attempt:
+    return replace(attempt, outcome=replace(attempt.outcome, status=status))
+
+
+def _found_elsewhere(best: Attempt, first: Attempt) -> str:
+    where = f"with {type(best.method).__name__}"
+    if isinstance(best.method, MultipleShooting):
+        where += f"(interval={best.method.interval})"
+    gain = first.misfit - best.misfit
+    if not first.found or not np.isfinite(gain):
+        return f"{where}, after {type(first.method).__name__} had found nothing"
+    return f"{where}, where ln(likelihood) is {gain:.4g} higher than where {type(first.method).__name__} ended"
+
+
+def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -> Ending:
+    """The start where its simulation is more likely than what was found."""
+    objective = build_objective(problem, method)
+    point = objective.start()
+    nothing = Outcome(
+        point=point,
+        value=objective.value(point),
+        status=end.attempt.outcome.status,
+        iterations=end.attempt.outcome.iterations,
+        stationarity=np.nan,
+        limit_multipliers=np.zeros(len(objective.limits)),
+    )
+    start = as_motion(Attempt(objective=objective, outcome=nothing, method=method))
+    reached = end.attempt if np.isfinite(end.attempt.misfit) else as_motion(end.attempt)
+    if not start.misfit < reached.misfit - _EQUAL:
+        return end
+    status = end.attempt.outcome.status
+    if status == "converged":
+        status = f"{ANOTHER_MINIMUM}: the start is more likely than the minimum that was found; {_REMEDY}"
+    return Ending(attempt=_with_status(start, status), remark="no solver improved on the start, which is returned")
