@@ -131,6 +131,7 @@ _ROOMS = {
         "FrequencyResponse",
         "frequency_response",
     ),
+    "casid.formats.export": ("export",),
     "casid.diagnosis.data.check": (
         "DataFindings",
         "check",

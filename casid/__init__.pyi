@@ -42,6 +42,7 @@ from casid.estimation import (
     solve,
 )
 from casid.filtering.filter_error import FilterFit, filter_error
+from casid.formats.export import export
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.output_error import FourierOutputError
@@ -135,6 +136,7 @@ __all__ = [
     "define_regression",
     "design_input",
     "diagnose",
+    "export",
     "filter_error",
     "flight_inputs",
     "fmu_model",

@@ -32,7 +32,7 @@ _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
 _STANDARDS = {"frequency", "acceptance"}
-_USERS = _ENGINE | _STANDARDS | {"diagnosis", "campaign", "report", "cli", "casid"}
+_USERS = _ENGINE | _STANDARDS | {"diagnosis", "campaign", "report", "formats", "cli", "casid"}
 LAYERS: dict[str, set[str]] = {
     "errors": set(),
     "arguments": {"errors"},
@@ -42,6 +42,7 @@ LAYERS: dict[str, set[str]] = {
     "native": {"errors"},
     "records": _CORE,
     "model": _DATA,
+    "formats": _MODEL,
     "estimation": _MODEL,
     "filtering": _MODEL | {"estimation"},
     "analysis": _MODEL | {"estimation", "filtering"},
@@ -51,7 +52,7 @@ LAYERS: dict[str, set[str]] = {
     "acceptance": _ENGINE | {"frequency", "diagnosis"},
     "campaign": _ENGINE | {"diagnosis"},
     "report": _ENGINE | _STANDARDS | {"diagnosis"},
-    "cli": _ENGINE | _STANDARDS | {"diagnosis", "campaign", "report"},
+    "cli": _ENGINE | _STANDARDS | {"diagnosis", "campaign", "report", "formats"},
     "casid": _USERS - {"casid"},
     "__main__": {"cli"},
     "problems": _USERS,

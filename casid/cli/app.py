@@ -22,6 +22,7 @@ COMMANDS = {
     "modes": "casid.cli.modes:modes",
     "isolate": "casid.cli.isolate:isolate",
     "convert": "casid.cli.convert:convert",
+    "export": "casid.cli.export:export",
     "new-aircraft": "casid.cli.new_aircraft:new_aircraft",
     "demo": "casid.cli.diagnose:demo",
 }

@@ -1,0 +1,1 @@
+"""An aircraft in the files of other simulators: what they can hold, and what they cannot, said."""

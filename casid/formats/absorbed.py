@@ -1,0 +1,146 @@
+"""An aircraft with its effects taken into its numbers, as far as derivatives, mass and inertia can hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.mending import said
+from casid.model.terms import derivative_term, parse_term
+from casid.model.trim import trim
+
+_RATE = {"CY": "betadot", "Cl": "betadot", "Cn": "betadot"}  # of the flow angle that unsteady aerodynamics are of
+_RANGE = 0.1  # rad about the trim, in which a parabola stands for the drag of a file
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Absorbed:
+    """What a target is made of.
+
+    Attributes
+    ----------
+    aircraft
+        Without effects.
+    rows
+        Coefficient -> canonical monomial ("0" for the constant) -> value, of all that is not zero.
+    left
+        Effects that no number of an aircraft holds, a line each.
+    """
+
+    aircraft: Aircraft
+    rows: Mapping[str, Mapping[str, float]]
+    left: tuple[str, ...]
+
+    def value(self, coefficient: str, term: str) -> float:
+        """Of a term; zero where the file has none."""
+        return self.rows.get(coefficient, {}).get(term, 0.0)
+
+    def beyond(self, held: Mapping[str, Sequence[str]]) -> list[str]:
+        """Terms that a target does not hold, a line each; `held`: coefficient -> monomials that it does."""
+        return [
+            f"{coefficient}: {value:.6g} times {term}"
+            for coefficient, row in self.rows.items()
+            for term, value in row.items()
+            if term not in held.get(coefficient, ())
+        ]
+
+
+def absorbed(aircraft: Aircraft) -> Absorbed:
+    """Mass, inertia and aerodynamic terms among the effects become numbers of the aircraft; the others are left."""
+    mass, inertia = aircraft.mass, {n: getattr(aircraft.inertia, n) for n in ("Ixx", "Iyy", "Izz", "Ixz")}
+    rows: dict[str, dict[str, float]] = {}
+    for name, value in aircraft.derivatives.items():
+        coefficient, term = derivative_term(name)
+        _add(rows, coefficient, term.name, value)
+    for coefficient, terms in aircraft.terms.items():
+        for term, value in terms.items():
+            _add(rows, coefficient, term, value)
+    left: list[str] = []
+    for effect in aircraft.effects:
+        if effect.records or effect.onset_s:
+            left.append(said(effect, "is not in all records, or not always"))
+        elif effect.kind == "aero_term" and effect.term:
+            _add(rows, effect.target, parse_term(effect.term).name, effect.value)
+        elif effect.kind == "unsteady_aero" and not effect.parameters:
+            _add(rows, effect.target, _RATE.get(effect.target, "alphadot"), effect.value)
+        elif effect.kind == "mass":
+            mass += effect.value
+        elif effect.kind == "inertia":
+            inertia[effect.target] += effect.value
+        else:
+            left.append(said(effect, "is no number of an aircraft"))
+    kept = {c: {t: v for t, v in row.items() if v != 0.0} for c, row in rows.items()}
+    bare = replace(aircraft, mass=mass, inertia=replace(aircraft.inertia, **inertia), effects=())
+    return Absorbed(aircraft=bare, rows={c: row for c, row in kept.items() if row}, left=tuple(left))
+
+
+def need_derivatives(aircraft: Aircraft, target: str) -> None:
+    """Raise InputError unless the aerodynamics are derivatives and terms of lift and drag, which `target` needs."""
+    if aircraft.tables or aircraft.aerodynamics is not None:
+        what = "tables" if aircraft.tables else "aerodynamics of their own"
+        raise InputError(
+            f"'{aircraft.name}': its aerodynamics are {what}, and {target} holds derivatives alone; estimate "
+            "derivatives about a flight point first, or export to matlab"
+        )
+    if aircraft.force_axes != "wind":
+        raise InputError(
+            f"'{aircraft.name}': force_axes is \"{aircraft.force_axes}\", and {target} has lift and drag; give a file "
+            'with force_axes = "wind"'
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Polar:
+    """CD = parasitic + factor CL^2, CL that of the angle of attack alone; `note` says where it departs from the file,
+    "" where it does not."""
+
+    parasitic: float
+    factor: float
+    note: str
+
+
+def polar_of(plain: Absorbed) -> Polar:
+    """The drag polar of a file: value and slope of its drag at the trim. Raises InputError without a lift slope."""
+    powers = [plain.value("CD", term) for term in ("0", "alpha", "alpha^2", "alpha^3")]
+    lift = [plain.value("CL", term) for term in ("0", "alpha")]
+    if lift[1] == 0.0:
+        raise InputError(f"'{plain.aircraft.name}': CL_alpha is zero or missing, so that there is no drag polar")
+    drag = np.polynomial.Polynomial(powers)
+    CL = np.polynomial.Polynomial(lift)
+    at = _trim_alpha(plain.aircraft)
+    if abs(CL(at)) < _ROUNDING:
+        at += _RANGE  # without lift, no slope of the drag says how it grows with lift
+    factor = float(drag.deriv()(at)) / (2.0 * float(CL(at)) * lift[1])
+    parasitic = float(drag(at)) - factor * float(CL(at)) ** 2
+    alpha = at + np.linspace(-_RANGE, _RANGE, 41)
+    off = float(np.abs(drag(alpha) - parasitic - factor * CL(alpha) ** 2).max())
+    if off <= 1e-9 * max(1.0, abs(parasitic)):
+        return Polar(parasitic=parasitic, factor=factor, note="")
+    return Polar(
+        parasitic=parasitic,
+        factor=factor,
+        note=f"CD by alpha: value and slope at alpha = {at:.4f} rad; within {_RANGE:g} rad of it up to {off:.2g} off",
+    )
+
+
+def _trim_alpha(aircraft: Aircraft) -> float:
+    """Angle of attack of [trim], or of the trim that can be computed, or zero."""
+    if "alpha" in aircraft.trim:
+        return aircraft.trim["alpha"]
+    V, rho, altitude = (aircraft.trim.get(name) for name in ("V", "rho", "altitude"))
+    if V is None or (rho is None and altitude is None):
+        return 0.0
+    try:
+        return trim(aircraft, V=V, rho=rho, altitude=altitude if rho is None else None).alpha
+    except InputError:
+        return 0.0
+
+
+def _add(rows: dict[str, dict[str, float]], coefficient: str, term: str, value: float) -> None:
+    row = rows.setdefault(coefficient, {})
+    row[term] = row.get(term, 0.0) + value

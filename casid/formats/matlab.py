@@ -1,0 +1,146 @@
+"""MATLAB and Simulink: the whole aircraft as one struct `aircraft`, in a .mat or as an .m script that makes it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.model.terms import derivative_term
+
+_SCALARS = (
+    "name",
+    "mass",
+    "gravity",
+    "area",
+    "moment_length_lateral",
+    "moment_length_pitch",
+    "rate_length_lateral",
+    "rate_length_pitch",
+    "thrust_line_z",
+    "force_axes",
+)
+_POSITIONS = ("engine_y", "accelerometer", "alpha_vane", "beta_vane")
+
+
+def struct_of(aircraft: Aircraft) -> dict[str, Any]:
+    """The aircraft as nested plain values: numbers, texts, lists and dicts.
+
+    `terms` is a list of coefficient, term, value; `tables` of coefficient, axes, breakpoints and values; `effects` as
+    in the file.
+
+    Raises
+    ------
+    InputError
+        For aerodynamics that are a function or another simulation's file.
+    """
+    if aircraft.aerodynamics is not None:
+        raise InputError(
+            f"'{aircraft.name}': its aerodynamics are a function or another simulation's file, which no struct holds"
+        )
+    found: dict[str, Any] = {name: getattr(aircraft, name) for name in _SCALARS}
+    found |= {name: list(getattr(aircraft, name)) for name in _POSITIONS}
+    found["inertia"] = {n: getattr(aircraft.inertia, n) for n in ("Ixx", "Iyy", "Izz", "Ixz", "Ixy", "Iyz")}
+    found["trim"], found["noise"] = dict(aircraft.trim), dict(aircraft.noise)
+    found["terms"] = [_term(name, value) for name, value in aircraft.derivatives.items()]
+    found["terms"] += [
+        {"coefficient": coefficient, "term": term, "value": value}
+        for coefficient, row in aircraft.terms.items()
+        for term, value in row.items()
+    ]
+    found["tables"] = [
+        {
+            "name": one.name,
+            "coefficient": one.coefficient,
+            "axes": list(one.axes),
+            "breakpoints": [list(axis) for axis in one.grid.breakpoints],
+            "values": np.asarray(one.grid.values, dtype=float).reshape(one.grid.shape),
+            "times": one.times,
+            "method": one.grid.method,
+            "outside": one.grid.outside,
+        }
+        for one in aircraft.tables
+    ]
+    found["effects"] = [
+        {
+            "kind": one.kind,
+            "target": one.target,
+            "term": one.term or "",
+            "value": one.value,
+            "std": one.std,
+            "unit": one.unit,
+            "parameters": dict(one.parameters),
+        }
+        for one in aircraft.effects
+    ]
+    return found
+
+
+def matlab_text(struct: dict[str, Any]) -> str:
+    """The struct as a script."""
+    name = _quoted(struct["name"])
+    lines = [f"% {struct['name']}, written by casid. SI units and radians; body axes x forward, y right, z down.", ""]
+    lines += [
+        "% A coefficient is the sum of its terms, value times monomial, p, q, r made dimensionless with",
+        "% rate_length_lateral / V and rate_length_pitch / V, and of its tables.",
+        f"clear aircraft; aircraft.name = {name};",
+    ]
+    for key, value in struct.items():
+        if key != "name":
+            lines += _assigned(f"aircraft.{key}", value)
+    return "\n".join(lines) + "\n"
+
+
+def mat_of(struct: dict[str, Any]) -> dict[str, Any]:
+    """The struct for scipy.io.savemat: lists of structs become arrays of structs."""
+    return {key: _for_mat(value) for key, value in struct.items()}
+
+
+def _term(name: str, value: float) -> dict[str, Any]:
+    coefficient, term = derivative_term(name)
+    return {"coefficient": coefficient, "term": term.name, "value": value}
+
+
+def _for_mat(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _for_mat(one) for key, one in value.items()} or np.zeros((0, 0))
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        made = np.empty(len(value), dtype=[(key, object) for key in value[0]])
+        for i, one in enumerate(value):
+            made[i] = tuple(_for_mat(one[key]) for key in value[0])
+        return made
+    if isinstance(value, list) and value and isinstance(value[0], (str, list)):
+        cell = np.empty(len(value), dtype=object)
+        cell[:] = [np.asarray(one, dtype=float) if isinstance(one, list) else one for one in value]
+        return cell
+    return np.asarray(value, dtype=float) if isinstance(value, list) else value
+
+
+def _assigned(name: str, value: Any) -> list[str]:
+    """Lines that give a name a value."""
+    if isinstance(value, dict):
+        found = [line for key, one in value.items() for line in _assigned(f"{name}.{key}", one)]
+        return found or [f"{name} = struct();"]
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return [line for i, one in enumerate(value, 1) for line in _assigned(f"{name}({i})", one)]
+    if isinstance(value, list) and value and isinstance(value[0], (str, list)):
+        return [f"{name} = {{{', '.join(_value(one) for one in value)}}};"]
+    return [f"{name} = {_value(value)};"]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, np.ndarray) and value.ndim > 2:
+        return f"reshape({_value(value.ravel(order='F').tolist())}, {_value(list(value.shape))})"
+    if isinstance(value, np.ndarray) and value.ndim == 2:
+        return "[" + "; ".join(" ".join(repr(float(v)) for v in row) for row in value) + "]"
+    if isinstance(value, (list, np.ndarray)):
+        return "[" + " ".join(repr(float(v)) for v in value) + "]"
+    return repr(float(value))
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
