@@ -108,6 +108,21 @@ _ROOMS = {
     ),
     "casid.acceptance.tolerances": ("Standard",),
     "casid.frequency.output_error": ("FourierOutputError",),
+    "casid.frequency.precision": (
+        "ParameterPrecision",
+        "Precision",
+        "precision",
+    ),
+    "casid.frequency.response_fit": (
+        "MeasuredResponse",
+        "ResponseFit",
+        "ResponseParameter",
+    ),
+    "casid.frequency.state_space": ("fit_state_space",),
+    "casid.frequency.transfer_function": (
+        "TransferFunction",
+        "fit_transfer_functions",
+    ),
     "casid.frequency.regression": ("FourierEquationError",),
     "casid.design": (
         "Experiment",

@@ -46,8 +46,12 @@ from casid.formats.export import export
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.output_error import FourierOutputError
+from casid.frequency.precision import ParameterPrecision, Precision, precision
 from casid.frequency.regression import FourierEquationError
 from casid.frequency.response import FrequencyResponse, frequency_response
+from casid.frequency.response_fit import MeasuredResponse, ResponseFit, ResponseParameter
+from casid.frequency.state_space import fit_state_space
+from casid.frequency.transfer_function import TransferFunction, fit_transfer_functions
 from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
@@ -101,6 +105,7 @@ __all__ = [
     "Library",
     "LinearModel",
     "MatchedTest",
+    "MeasuredResponse",
     "Minimum",
     "Mismatch",
     "MismatchEnvelope",
@@ -108,13 +113,17 @@ __all__ = [
     "MultipleShooting",
     "Multisine",
     "OutputError",
+    "ParameterPrecision",
     "Port",
+    "Precision",
     "Problem",
     "ProfileInterval",
     "ProofOfMatch",
     "RangeWeights",
     "Record",
     "ResponseComparison",
+    "ResponseFit",
+    "ResponseParameter",
     "SampledFeedback",
     "Simulation",
     "SingleShooting",
@@ -127,6 +136,7 @@ __all__ = [
     "Table",
     "Theil",
     "Trace",
+    "TransferFunction",
     "Trim",
     "aircraft_model",
     "bootstrap",
@@ -138,6 +148,8 @@ __all__ = [
     "diagnose",
     "export",
     "filter_error",
+    "fit_state_space",
+    "fit_transfer_functions",
     "flight_inputs",
     "fmu_model",
     "frequency_response",
@@ -151,6 +163,7 @@ __all__ = [
     "outside",
     "parameter",
     "path",
+    "precision",
     "profile",
     "proof_of_match",
     "read_record",

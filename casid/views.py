@@ -23,6 +23,7 @@ VIEWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "isolability.text": ("casid.report.isolability_figures", "text"),
         "budget.plot": ("casid.report.budget_figures", "plot"),
         "response.plot": ("casid.report.bode_figures", "plot_response"),
+        "response_fit.plot": ("casid.report.response_fit_figures", "plot"),
         "response.frame": ("casid.report.bode_figures", "frame"),
         "comparison.plot": ("casid.report.bode_figures", "plot_comparison"),
         "diagnosis.frame": ("casid.report.diagnosis_view", "frame"),

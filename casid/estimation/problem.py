@@ -164,13 +164,15 @@ class Problem:
     @cached_property
     def shared(self) -> tuple[str, ...]:
         """Free parameters with one value for all records, in the model's order."""
-        names = _select(self.free, self.model, "free")
+        names = chosen_parameters(self.free, self.model, "Problem: free")
         return tuple(n for n in names if n not in self._held and n not in self.local)
 
     @cached_property
     def local(self) -> tuple[str, ...]:
         """Free parameters with an own value per record, in the model's order."""
-        return tuple(n for n in _select(self.per_record, self.model, "per_record") if n not in self._held)
+        return tuple(
+            n for n in chosen_parameters(self.per_record, self.model, "Problem: per_record") if n not in self._held
+        )
 
     @cached_property
     def _held(self) -> frozenset[str]:
@@ -180,7 +182,7 @@ class Problem:
     @cached_property
     def logarithmic(self) -> tuple[str, ...]:
         """Parameters of the model whose logarithm is estimated, in its order."""
-        chosen = _select(self.log, self.model, "log")
+        chosen = chosen_parameters(self.log, self.model, "Problem: log")
         return tuple(n for n in chosen if n in self.shared or n in self.local)
 
     @cached_property
@@ -305,12 +307,14 @@ def of_record(table: Mapping[str, float], record: str) -> dict[str, float]:
     return everywhere | own
 
 
-def _select(globs: Sequence[str], model: Model, what: str) -> tuple[str, ...]:
+def chosen_parameters(globs: Sequence[str], model: Model, where: str) -> tuple[str, ...]:
+    """Parameters of the model that any of the globs matches, in its order. Raises InputError for one that matches none,
+    with `where` it is from."""
     chosen = set()
     for glob in globs:
         found = [name for name in model.parameters if fnmatchcase(name, glob)]
         if not found:
-            raise unknown("parameter", glob, model.parameters, f"Problem: {what}")
+            raise unknown("parameter", glob, model.parameters, where)
         chosen.update(found)
     return tuple(name for name in model.parameters if name in chosen)
 

@@ -20,6 +20,8 @@ from casid.views import brief, view
 # and of deg, which make an error of 1 dB as large as one of 7.57 deg, and the weight of the coherence.
 _POINTS = 20
 _PER_DB2, _PER_DEG2 = 1.0, 0.01745
+PER_DB2, PER_DEG2 = 1.0, 0.01745
+ACCEPTABLE, CLOSE = 100.0, 50.0  # guidelines of the same book for that cost
 _COLUMNS = ("omega", "gain_low_db", "gain_high_db", "phase_low_deg", "phase_high_deg")
 
 ResponseFunction = Callable[[np.ndarray], np.ndarray]
@@ -291,8 +293,13 @@ def _cost(flight: FrequencyResponse, omega: np.ndarray, response: np.ndarray) ->
     db = gain_db(response) - np.interp(at, known, flight.gain_db)
     deg = np.degrees(np.angle(response)) - np.interp(at, known, flight.phase_deg)
     deg = (deg + 180.0) % 360.0 - 180.0
-    weight = (1.58 * (1.0 - np.exp(-np.interp(at, known, flight.coherence)))) ** 2
-    return float(20.0 / len(omega) * np.sum(weight * (_PER_DB2 * db**2 + _PER_DEG2 * deg**2)))
+    weight = coherence_weight(np.interp(at, known, flight.coherence))
+    return float(20.0 / len(omega) * np.sum(weight * (PER_DB2 * db**2 + PER_DEG2 * deg**2)))
+
+
+def coherence_weight(coherence: np.ndarray) -> np.ndarray:
+    """Weight of a frequency in the cost J by its coherence."""
+    return (1.58 * (1.0 - np.exp(-coherence))) ** 2
 
 
 def _band(flight: FrequencyResponse, band: tuple[float, float] | None) -> tuple[float, float]:

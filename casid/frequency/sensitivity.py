@@ -83,7 +83,7 @@ def _exponentials(a: np.ndarray, slopes: np.ndarray, dt: float) -> tuple[list[np
 
 
 def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> LinearSensitivity:
-    """That of a model about states x (n,) and inputs u (m,) at parameters p, by exact derivatives, without disturbances.
+    """That of a model about states x (n,), inputs u (m,) at parameters p, by exact derivatives, without disturbances.
 
     `free` (f,) are the indices of the free parameters in `model.parameters`.
     """

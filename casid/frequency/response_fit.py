@@ -1,0 +1,353 @@
+"""Parameters of a model fitted to one or more frequency responses: the cost, its minimum, and standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from casid.errors import EstimationError, InputError
+from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
+from casid.frequency.precision import Precision, precision
+from casid.frequency.response import USABLE, FrequencyResponse
+from casid.views import brief, view
+
+_DB = 20.0 / np.log(10.0)  # of a gain whose logarithm is one
+_EVALUATIONS = 200  # of one start
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class MeasuredResponse:
+    """A frequency response from elsewhere, such as a table, for `fit_transfer_functions` and `fit_state_space`.
+
+    Attributes
+    ----------
+    input, output
+        Names of the channels.
+    omega
+        (frequencies,) [rad/s].
+    response
+        (frequencies,) output over input, complex.
+    coherence
+        (frequencies,); default: 1 everywhere, so that all frequencies are known equally well.
+
+    Raises
+    ------
+    InputError
+        For arrays of unlike length, and values that are no numbers.
+    """
+
+    input: str
+    output: str
+    omega: np.ndarray
+    response: np.ndarray
+    coherence: np.ndarray = field(default_factory=lambda: np.ones(1))
+
+    def __post_init__(self) -> None:
+        where = f"response of '{self.output}' to '{self.input}'"
+        try:
+            omega, response = np.asarray(self.omega, dtype=float), np.asarray(self.response, dtype=complex)
+            coherence = np.asarray(self.coherence, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{where}: omega, response or coherence has values that are no numbers") from None
+        if omega.ndim != 1 or response.shape != omega.shape or coherence.shape not in (omega.shape, (1,)):
+            raise InputError(f"{where}: omega, response and coherence differ in shape; expected (frequencies,) each")
+        if not (np.isfinite(omega).all() and np.isfinite(response).all() and (response != 0.0).all()):
+            raise InputError(f"{where}: expected finite frequencies and responses that are not zero")
+        if not ((coherence >= 0.0) & (coherence <= 1.0)).all():
+            raise InputError(f"{where}: coherence is outside of 0 to 1")
+        object.__setattr__(self, "omega", omega)
+        object.__setattr__(self, "response", response)
+        object.__setattr__(self, "coherence", np.broadcast_to(coherence, omega.shape))
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+
+AnyResponse = FrequencyResponse | MeasuredResponse
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseParameter:
+    """A parameter of a response fit, with its standard deviation."""
+
+    name: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ResponseFit:
+    """Parameters fitted to frequency responses; print it for the tables.
+
+    Attributes
+    ----------
+    parameters
+        Name -> value and standard deviation.
+    fixed
+        Name -> value of what was not estimated.
+    covariance
+        (parameters, parameters) with the random error of every frequency, the correlation of neighbouring ones, and
+        the size that the residuals show it to have.
+    costs
+        "output/input" -> cost J of that response: at most 100 for an acceptable model, at most 50 for one nearly
+        indistinguishable from flight (guidelines of Tischler and Remple).
+    responses
+        "output/input" -> what was measured, at the frequencies that took part.
+    fitted
+        "output/input" -> the model's complex response there.
+    status
+        "converged", or in words why not.
+    """
+
+    parameters: dict[str, ResponseParameter]
+    fixed: dict[str, float]
+    covariance: np.ndarray
+    costs: dict[str, float]
+    responses: dict[str, MeasuredResponse]
+    fitted: dict[str, np.ndarray]
+    status: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether the parameters are a minimum of the cost."""
+        return self.status == "converged"
+
+    @property
+    def cost(self) -> float:
+        """Mean of the costs J of all responses."""
+        return float(np.mean(list(self.costs.values())))
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Name -> value of all parameters, the fixed ones too."""
+        return {name: one.value for name, one in self.parameters.items()} | self.fixed
+
+    @cached_property
+    def precision(self) -> Precision:
+        """Cramer-Rao and insensitivity per cent, with remarks and what could be dropped."""
+        return precision(self)
+
+    def plot(self) -> Any:
+        """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has."""
+        return view("response_fit.plot")(self)
+
+    def __getitem__(self, name: str) -> ResponseParameter:
+        return self.parameters[name]
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+    def __str__(self) -> str:
+        width = max(9, *(len(name) for name in (*self.parameters, *self.fixed)))
+        lines = [f"{self.status}; mean cost J {self.cost:.3g}", ""]
+        lines.append(f"{'parameter':{width}} {'value':>12} {'std':>10} {'Cramer-Rao':>11} {'insensitivity':>14}")
+        for name, one in self.parameters.items():
+            own = self.precision.parameters[name]
+            row = f"{name:{width}} {one.value:12.5g} {one.std:10.3g} {own.cramer_rao_percent:9.2f} % "
+            lines.append(row + f"{own.insensitivity_percent:12.2f} %" + (f"  {own.remark}" if own.remark else ""))
+        lines += [f"{name:{width}} {value:12.5g} {'fixed':>10}" for name, value in self.fixed.items()]
+        if self.precision.drop:
+            lines.append(f"to fix or drop, one after the other: {', '.join(self.precision.drop)}")
+        lines.append("")
+        for label, cost in self.costs.items():
+            omega = self.responses[label].omega
+            lines.append(f"{label}: J {cost:.3g}, {len(omega)} frequencies, {omega[0]:.3g} to {omega[-1]:.3g} rad/s")
+        return "\n".join(lines)
+
+
+class ResponseModel(Protocol):
+    """What is fitted: complex responses as a function of parameters."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the free parameters."""
+        ...
+
+    def response(self, one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) response at the frequencies of `one`, and (M, parameters) the derivatives of its logarithm."""
+        ...
+
+
+def fit_responses(
+    model: ResponseModel,
+    measured: Sequence[Measured],
+    starts: np.ndarray,
+    fixed: Mapping[str, float],
+) -> tuple[ResponseFit, np.ndarray]:
+    """The best fit from several starts (starts, parameters), and its parameters (parameters,).
+
+    Raises EstimationError where no start has a finite cost.
+    """
+    best = None
+    for start in starts:
+        rows = _rows(model, measured, start)
+        if not all(np.isfinite(part).all() for part in rows):
+            continue
+        with np.errstate(all="ignore"):
+            found = least_squares(
+                lambda p: _rows(model, measured, p)[0],
+                start,
+                jac=lambda p: np.nan_to_num(_rows(model, measured, p)[1]),  # pyright: ignore[reportArgumentType]
+                x_scale="jac",
+                ftol=1e-14,
+                xtol=1e-12,
+                gtol=1e-14,
+                max_nfev=_EVALUATIONS,
+            )
+        if best is None or found.cost < best.cost:
+            best = found
+    if best is None:
+        raise EstimationError("response fit: the model has no finite response at any start; give other start values")
+    status = "converged" if best.status > 0 else f"stopped after {_EVALUATIONS} evaluations, not converged"
+    return _result(model, measured, best.x, fixed, status), best.x
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measured:
+    """A response with its weights: `weight` (M,) of the coherence, `correlation` (M, M) of the random errors of the
+    logarithm of the response, in units of `error` (M,)."""
+
+    response: MeasuredResponse
+    weight: np.ndarray
+    error: np.ndarray
+    correlation: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """Output over input."""
+        return label_of(self.response)
+
+
+def label_of(response: AnyResponse) -> str:
+    """ "output/input"."""
+    return f"{response.output}/{response.input}"
+
+
+def measured_responses(
+    responses: AnyResponse | Sequence[AnyResponse], band: tuple[float, float] | None, where: str
+) -> list[Measured]:
+    """Each response at the usable frequencies in the band, with its weights.
+
+    Raises InputError for what is no response, the same one twice, and a band without usable frequencies.
+    """
+    many = [responses] if isinstance(responses, FrequencyResponse | MeasuredResponse) else list(responses)
+    found: dict[str, Measured] = {}
+    for one in many:
+        if not isinstance(one, FrequencyResponse | MeasuredResponse):
+            raise InputError(f"{where}: expected responses from cs.frequency_response or cs.MeasuredResponse(...)")
+        if label_of(one) in found:
+            raise InputError(f"{where}: two responses of {label_of(one)}; expected each once")
+        low, high = band or (0.0, np.inf)
+        use = (one.omega >= low * (1 - 1e-9)) & (one.omega <= high * (1 + 1e-9)) & (one.coherence >= USABLE)
+        if use.sum() < 2:
+            raise InputError(
+                f"{where}: {label_of(one)} has {int(use.sum())} frequencies with a coherence of at least {USABLE:g} in "
+                "the band; expected at least 2"
+            )
+        chosen = MeasuredResponse(
+            input=one.input,
+            output=one.output,
+            omega=one.omega[use],
+            response=one.response[use],
+            coherence=one.coherence[use],
+        )
+        error = np.sqrt((1.0 - chosen.coherence) / chosen.coherence)
+        if isinstance(one, FrequencyResponse):
+            error = one.random_error[use]
+        if not error.any():
+            error = np.ones(len(error))
+        weight = coherence_weight(chosen.coherence) * 20.0 / len(error)
+        found[label_of(one)] = Measured(
+            response=chosen, weight=weight, error=error, correlation=_correlation(one, chosen.omega)
+        )
+    if not found:
+        raise InputError(f"{where}: no response given")
+    return list(found.values())
+
+
+def _correlation(one: AnyResponse, omega: np.ndarray) -> np.ndarray:
+    """(M, M) correlation of the errors at neighbouring frequencies: that of the products of two independent signals in
+    Hann's window, of the shortest length that holds two periods of the lower frequency."""
+    if not isinstance(one, FrequencyResponse):
+        return np.eye(len(omega))
+    lengths = np.array(sorted(one.windows))
+    holding = [lengths[lengths * w >= 4.0 * np.pi * (1 - 1e-9)] for w in omega]
+    length = np.array([own[0] if len(own) else lengths[-1] for own in holding])
+    longer = np.maximum(length[:, None], length[None, :])
+    return _hann_overlap(np.abs(omega[:, None] - omega[None, :]) * longer / (2.0 * np.pi)) ** 2
+
+
+def _hann_overlap(bins: np.ndarray) -> np.ndarray:
+    """Size of the correlation of two Fourier coefficients of white noise in Hann's window, `bins` = difference of their
+    frequencies times the window's length: the transform of the squared window, 3/8 - cos/2 + cos/8, over its mean."""
+    total = sum(
+        weight * np.sinc(bins - k) for k, weight in ((0, 3 / 8), (1, 1 / 4), (-1, 1 / 4), (2, 1 / 16), (-2, 1 / 16))
+    )
+    return np.abs(total) / (3 / 8)
+
+
+def _rows(model: ResponseModel, measured: Sequence[Measured], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(rows,) of which the sum of squares is the sum of the costs J, dB then deg of each response, and (rows,
+    parameters) their derivatives."""
+    rows, slopes = [], []
+    for one in measured:
+        found, gradient = model.response(one.response, values)
+        with np.errstate(all="ignore"):
+            error = np.log(found / one.response.response)
+        for part, size in ((np.real, _DB * np.sqrt(PER_DB2)), (np.imag, np.degrees(1.0) * np.sqrt(PER_DEG2))):
+            factor = size * np.sqrt(one.weight)
+            rows.append(part(error) * factor)
+            slopes.append(part(gradient) * factor[:, None])
+    return np.concatenate(rows), np.concatenate(slopes)
+
+
+def _noise(measured: Sequence[Measured]) -> np.ndarray:
+    """(rows, rows) covariance of the rows but for its size: random errors are as large in gain and in phase."""
+    count = sum(2 * len(one.error) for one in measured)
+    noise, first = np.zeros((count, count)), 0
+    for one in measured:
+        own = np.outer(one.error, one.error) * one.correlation
+        for size in (_DB * np.sqrt(PER_DB2), np.degrees(1.0) * np.sqrt(PER_DEG2)):
+            factor, part = size * np.sqrt(one.weight), slice(first, first + len(one.error))
+            noise[part, part] = own * np.outer(factor, factor)
+            first = part.stop
+    return noise
+
+
+def _result(
+    model: ResponseModel, measured: Sequence[Measured], values: np.ndarray, fixed: Mapping[str, float], status: str
+) -> ResponseFit:
+    residual, slopes = _rows(model, measured, values)
+    scale = np.linalg.norm(slopes, axis=0)
+    scale = 1.0 / np.where(scale > 0.0, scale, 1.0)
+    left, singular, right = np.linalg.svd(slopes * scale, full_matrices=False)
+    covariance = np.full((len(values), len(values)), np.nan)
+    if len(residual) > len(values) and singular[-1] > 1e-10 * singular[0]:
+        gain = scale[:, None] * (right.T / singular) @ left.T  # (parameters, rows) of the estimate by the rows
+        noise = _noise(measured)
+        rest = np.trace(noise) - np.trace(left.T @ noise @ left)  # what is left of it in the residuals
+        covariance = gain @ noise @ gain.T * float(residual @ residual) / rest
+    else:
+        status = "failed: the parameters cannot be told apart" if status == "converged" else status
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    costs, first = {}, 0
+    for one in measured:
+        rows = residual[first : first + 2 * len(one.error)]
+        costs[one.label], first = float(rows @ rows), first + len(rows)
+    return ResponseFit(
+        parameters={
+            name: ResponseParameter(name=name, value=float(values[i]), std=float(std[i]))
+            for i, name in enumerate(model.names)
+        },
+        fixed=dict(fixed),
+        covariance=covariance,
+        costs=costs,
+        responses={one.label: one.response for one in measured},
+        fitted={one.label: model.response(one.response, values)[0] for one in measured},
+        status=status,
+    )

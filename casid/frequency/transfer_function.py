@@ -1,0 +1,277 @@
+"""Transfer functions and low-order equivalent systems with a time delay, fitted to several frequency responses at once.
+
+The logarithm of a response is the sum of the logarithms of its factors, so that each derivative is that of one factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
+
+import numpy as np
+
+from casid.arguments import an, numbers_by_name
+from casid.errors import InputError, unknown
+from casid.frequency.regression import check_band
+from casid.frequency.response_fit import (
+    AnyResponse,
+    Measured,
+    MeasuredResponse,
+    ResponseFit,
+    fit_responses,
+    measured_responses,
+)
+
+# Starts: where frequencies of pairs lie in the band, from its lower end (0) to the upper one (1) by ratio, and so for
+# real zeros and poles; damping ratios.
+_PAIRS, _REAL, _DAMPING = (0.3, 0.5, 0.7), (0.2, 0.7), (0.2, 0.7)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferFunction:
+    """A transfer function by the names of its parameters; a name that several of them have is one parameter.
+
+    K s^-integrators prod(s + zero) prod(s^2 + 2 zeta omega s + omega^2) exp(-delay s) / (the same of poles).
+
+    Attributes
+    ----------
+    gain
+        Name of K, in SI units.
+    zeros, poles
+        Names of 1/T [1/s] in (s + 1/T), negative in the right half plane.
+    zero_pairs, pole_pairs
+        Names (zeta, omega) of damping ratio and natural frequency [rad/s].
+    integrators
+        Poles at zero; negative for zeros there.
+    delay
+        Name of the equivalent time delay [s]; "" for none.
+
+    Examples
+    --------
+    >>> cs.TransferFunction(gain="K_q", zeros=["1/T_theta2"], pole_pairs=[("zeta_sp", "omega_sp")], delay="tau_q").names
+    ('K_q', '1/T_theta2', 'zeta_sp', 'omega_sp', 'tau_q')
+    """
+
+    gain: str
+    zeros: Sequence[str] = ()
+    poles: Sequence[str] = ()
+    zero_pairs: Sequence[tuple[str, str]] = ()
+    pole_pairs: Sequence[tuple[str, str]] = ()
+    integrators: int = 0
+    delay: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its parameters."""
+        pairs = [name for pair in (*self.zero_pairs, *self.pole_pairs) for name in pair]
+        return (self.gain, *self.zeros, *self.poles, *pairs, *([self.delay] if self.delay else []))
+
+    def response(self, omega: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """(frequencies,) complex response at omega [rad/s]."""
+        return self.with_slopes(omega, values)[0]
+
+    def with_slopes(self, omega: np.ndarray, values: Mapping[str, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """(frequencies,) complex response, and name -> (frequencies,) derivative of its logarithm."""
+        s = 1j * np.asarray(omega, dtype=float)
+        found = values[self.gain] * s**-self.integrators
+        slopes = {name: np.zeros(len(s), complex) for name in self.names}
+        slopes[self.gain] += 1.0 / values[self.gain]
+        for sign, real, pairs in ((1, self.zeros, self.zero_pairs), (-1, self.poles, self.pole_pairs)):
+            for name in real:
+                factor = s + values[name]
+                found = found * factor**sign
+                slopes[name] += sign / factor
+            for zeta, omega_n in pairs:
+                damping, frequency = values[zeta], values[omega_n]
+                factor = s**2 + 2.0 * damping * frequency * s + frequency**2
+                found = found * factor**sign
+                slopes[zeta] += sign * 2.0 * frequency * s / factor
+                slopes[omega_n] += sign * 2.0 * (damping * s + frequency) / factor
+        if self.delay:
+            found = found * np.exp(-s * values[self.delay])
+            slopes[self.delay] -= s
+        return found, slopes
+
+
+_SHORT_PERIOD = [("zeta_sp", "omega_sp")]
+_DUTCH_ROLL = [("zeta_dr", "omega_dr")]
+LOW_ORDER: Mapping[str, Mapping[str, TransferFunction]] = MappingProxyType(
+    {
+        "short period": {
+            "q": TransferFunction(gain="K_q", zeros=["1/T_theta2"], pole_pairs=_SHORT_PERIOD, delay="tau_q"),
+            "theta": TransferFunction(
+                gain="K_theta", zeros=["1/T_theta2"], pole_pairs=_SHORT_PERIOD, integrators=1, delay="tau_theta"
+            ),
+            "alpha": TransferFunction(gain="K_alpha", pole_pairs=_SHORT_PERIOD, delay="tau_alpha"),
+            "az": TransferFunction(gain="K_az", pole_pairs=_SHORT_PERIOD, delay="tau_az"),
+        },
+        "roll": {
+            "p": TransferFunction(gain="K_p", poles=["1/T_roll"], delay="tau_p"),
+            "phi": TransferFunction(gain="K_phi", poles=["1/T_roll"], integrators=1, delay="tau_phi"),
+        },
+        "roll and dutch roll": {
+            "p": TransferFunction(
+                gain="K_p",
+                poles=["1/T_roll"],
+                zero_pairs=[("zeta_phi", "omega_phi")],
+                pole_pairs=_DUTCH_ROLL,
+                delay="tau_p",
+            ),
+        },
+        "dutch roll": {
+            "beta": TransferFunction(gain="K_beta", pole_pairs=_DUTCH_ROLL, delay="tau_beta"),
+            "r": TransferFunction(gain="K_r", zeros=["1/T_r"], pole_pairs=_DUTCH_ROLL, delay="tau_r"),
+        },
+    }
+)
+
+
+def fit_transfer_functions(
+    responses: AnyResponse | Sequence[AnyResponse],
+    form: str | Mapping[str, TransferFunction],
+    *,
+    band: tuple[float, float] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+) -> ResponseFit:
+    """Fit transfer functions, such as a low-order equivalent system, to one or more frequency responses together.
+
+    Parameters
+    ----------
+    responses
+        From `frequency_response` or `MeasuredResponse`; each with another output.
+    form
+        "short period" (outputs q, theta, alpha, az), "roll" (p, phi), "roll and dutch roll" (p) or "dutch roll" (beta,
+        r); or a table output -> `TransferFunction`. Parameters of the same name are shared: damping ratio, natural
+        frequency and 1/T_theta2 come from all responses, gain and delay from each.
+    band
+        (low, high) [rad/s]; default: wherever the coherence is at least 0.6, below which nothing is used.
+    fixed
+        Name -> value of parameters that are known, such as 1/T_theta2.
+    start
+        Name -> start value; default: several from the band.
+
+    Returns
+    -------
+    ResponseFit
+        Values, standard deviations, Cramer-Rao and insensitivity per cent, and the cost J of each response.
+
+    Raises
+    ------
+    InputError
+        For an output without a form, the same response twice, a name that does not exist, and no usable frequency.
+    EstimationError
+        For start values without a finite response.
+
+    Notes
+    -----
+    The sum of the costs J of `compare_responses` is minimised, at all given frequencies, so these should be spaced
+    evenly by ratio. Its derivatives are exact.
+
+    References
+    ----------
+    Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed., AIAA 2012; MIL-STD-1797 on equivalent
+    systems.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> omega = np.geomspace(0.5, 12.0, 20)
+    >>> form = {"p": cs.TransferFunction(gain="K", poles=["1/T_roll"], delay="tau")}
+    >>> truth = form["p"].response(omega, {"K": -3.0, "1/T_roll": 1.5, "tau": 0.1})
+    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
+    >>> fit = cs.fit_transfer_functions(measured, form)
+    >>> round(fit["1/T_roll"].value, 6), round(fit["tau"].value, 6)
+    (1.5, 0.1)
+    """
+    where = "fit_transfer_functions"
+    band = None if band is None else check_band(band, where)
+    forms = _forms(form)
+    measured = measured_responses(responses, band, where)
+    outputs = [one.response.output for one in measured]
+    for output in outputs:
+        if output not in forms:
+            raise unknown("output", output, forms, f"{where}: form")
+        if outputs.count(output) > 1:
+            raise InputError(f"{where}: two responses of '{output}'; expected one for each form")
+    used = {output: forms[output] for output in outputs}
+    names = tuple(dict.fromkeys(name for one in used.values() for name in one.names))
+    known = numbers_by_name(fixed or {}, f"{where}: fixed")
+    begin = numbers_by_name(start or {}, f"{where}: start")
+    for table in (known, begin):
+        for name in table:
+            if name not in names:
+                raise unknown("parameter", name, names, where)
+    free = tuple(name for name in names if name not in known)
+    if not free:
+        raise InputError(f"{where}: every parameter is fixed; expected one that is free")
+    model = _Forms(forms=used, names=free, fixed=known)
+    starts = np.array([[one[name] for name in free] for one in _starts(used, measured, known | begin)])
+    fit, values = fit_responses(model, measured, starts, known)
+    positive = _positive(used, dict(zip(free, values.tolist(), strict=True)))
+    if positive == fit.values or not set(positive) <= set(free):
+        return fit
+    return fit_responses(model, measured, np.array([[positive[name] for name in free]]), known)[0]
+
+
+def _forms(form: str | Mapping[str, TransferFunction]) -> Mapping[str, TransferFunction]:
+    where = "fit_transfer_functions: form"
+    if isinstance(form, str):
+        if form not in LOW_ORDER:
+            raise unknown("form", form, LOW_ORDER, "fit_transfer_functions")
+        return LOW_ORDER[form]
+    for one in an(form, Mapping, where, '"short period" or {"q": cs.TransferFunction(gain="K_q", ...)}').values():
+        an(one, TransferFunction, where, 'cs.TransferFunction(gain="K_q", ...)')
+    return form
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Forms:
+    """Transfer functions by output, of which some parameters are free: a `ResponseModel`."""
+
+    forms: Mapping[str, TransferFunction]
+    names: tuple[str, ...]
+    fixed: Mapping[str, float]
+
+    def response(self, one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) response at the frequencies of `one`, and (M, parameters) the derivatives of its logarithm."""
+        table = dict(zip(self.names, values.tolist(), strict=True)) | dict(self.fixed)
+        found, slopes = self.forms[one.output].with_slopes(one.omega, table)
+        nothing = np.zeros(len(one.omega))
+        return found, np.stack([slopes.get(name, nothing) for name in self.names], axis=1)
+
+
+def _starts(
+    forms: Mapping[str, TransferFunction], measured: Sequence[Measured], given: Mapping[str, float]
+) -> list[dict[str, float]]:
+    """Start values of all parameters, with gains as the responses then want them."""
+    omega = np.concatenate([one.response.omega for one in measured])
+    low, high = float(omega.min()), float(omega.max())
+    pairs = list(dict.fromkeys(p for one in forms.values() for p in (*one.pole_pairs, *one.zero_pairs)))
+    real = list(dict.fromkeys(n for one in forms.values() for n in (*one.poles, *one.zeros)))
+    found = []
+    for at, damping, place in product(_PAIRS if pairs else (0.5,), _DAMPING if pairs else (0.5,), _REAL):
+        table = {one.delay: 0.0 for one in forms.values() if one.delay}
+        for i, (zeta, frequency) in enumerate(pairs):
+            table |= {zeta: damping, frequency: low * (high / low) ** ((i + at) / len(pairs))}
+        table |= {name: low * (high / low) ** ((i + place) / len(real)) for i, name in enumerate(real)}
+        table |= given
+        for one in measured:
+            own = forms[one.response.output]
+            if own.gain not in given:
+                ratio = one.response.response / own.response(one.response.omega, table | {own.gain: 1.0})
+                sign = 1.0 if np.sum(np.cos(np.angle(ratio))) >= 0.0 else -1.0
+                table[own.gain] = sign * float(np.exp(np.mean(np.log(np.abs(ratio)))))
+        found.append(table)
+    return found
+
+
+def _positive(forms: Mapping[str, TransferFunction], values: Mapping[str, float]) -> dict[str, float]:
+    """The same transfer functions with positive natural frequencies."""
+    found = dict(values)
+    for zeta, frequency in {p for one in forms.values() for p in (*one.pole_pairs, *one.zero_pairs)}:
+        if found.get(frequency, 1.0) < 0.0 and zeta in found:
+            found[zeta], found[frequency] = -found[zeta], -found[frequency]
+    return found
