@@ -186,3 +186,16 @@ def test_what_cannot_be_linearised_is_refused() -> None:
     )
     with pytest.raises(InputError, match="no derivatives"):
         cs.linear_model(bad, {"u": 1.0})
+
+
+def test_a_held_input_acts_half_a_sample_later() -> None:
+    """Truth: the model flown with inputs that are held, and its response estimated from these samples."""
+    rng, dt = np.random.default_rng(3), 0.1
+    t = dt * np.arange(2400)
+    record = Record(name="m1", t=t, channels={"u": 1e-3 * rng.standard_normal(len(t))}, hold="held")
+    flown = simulate(pendulum(), record, np.zeros(3)).as_record()
+    found = cs.frequency_response(flown, "u", "angle", omega=np.linspace(1.0, 5.0, 9), windows=[40.0])
+    linear = cs.linear_model(pendulum(), {})
+    late = np.angle(found.response / linear.response("u", "angle", found.omega, delay=0.5 * dt))
+    assert np.abs(late).max() < 0.03
+    assert np.abs(np.angle(found.response / linear.response("u", "angle", found.omega))).max() > 0.2
