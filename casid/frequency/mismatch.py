@@ -19,9 +19,7 @@ from casid.views import brief, view
 # Cost of Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012): 20 points, weights of dB
 # and of deg, which make an error of 1 dB as large as one of 7.57 deg, and the weight of the coherence.
 _POINTS = 20
-_PER_DB2, _PER_DEG2 = 1.0, 0.01745
 PER_DB2, PER_DEG2 = 1.0, 0.01745
-ACCEPTABLE, CLOSE = 100.0, 50.0  # guidelines of the same book for that cost
 _COLUMNS = ("omega", "gain_low_db", "gain_high_db", "phase_low_deg", "phase_high_deg")
 
 ResponseFunction = Callable[[np.ndarray], np.ndarray]

@@ -14,17 +14,12 @@ from casid.views import brief
 CRAMER_RAO_LIMIT, INSENSITIVITY_LIMIT = 20.0, 10.0
 
 
-class _Estimate(Protocol):
-    @property
-    def value(self) -> float: ...
-
-
 class Estimated(Protocol):
-    """What has parameters and their covariance: a `Fit`, a `ResponseFit`."""
+    """What has estimates and their covariance: a `Fit`, a `ResponseFit`."""
 
     @property
-    def parameters(self) -> Mapping[str, _Estimate]:
-        """Name -> estimate with a value, in the order of the covariance."""
+    def values(self) -> Mapping[str, float]:
+        """Name -> estimate, in the order of the covariance."""
         ...
 
     @property
@@ -115,8 +110,8 @@ def precision(fit: Estimated) -> Precision:
     Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed., AIAA 2012: a reliable parameter has a
     Cramer-Rao bound of at most 20 %, and an insensitivity of at most 10 %.
     """
-    names = list(fit.parameters)
-    size = np.abs([one.value for one in fit.parameters.values()])
+    names = list(fit.values)
+    size = np.abs(list(fit.values.values()))
     bound = _percent(np.sqrt(np.maximum(np.diagonal(fit.covariance), 0.0)), size)
     information = _information(fit.covariance)
     with np.errstate(divide="ignore"):
@@ -124,12 +119,12 @@ def precision(fit: Estimated) -> Precision:
     return Precision(
         parameters={
             name: ParameterPrecision(
-                value=one.value,
+                value=value,
                 cramer_rao_percent=float(bound[i]),
                 insensitivity_percent=float(insensitive[i]),
                 remark=_remark(bound[i], insensitive[i]),
             )
-            for i, (name, one) in enumerate(fit.parameters.items())
+            for i, (name, value) in enumerate(fit.values.items())
         },
         drop=tuple(names[i] for i in _order(information, size, insensitive)),
     )

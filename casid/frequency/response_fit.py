@@ -122,10 +122,10 @@ class ResponseFit:
         """Mean of the costs J of all responses."""
         return float(np.mean(list(self.costs.values())))
 
-    @cached_property
+    @property
     def values(self) -> dict[str, float]:
-        """Name -> value of all parameters, the fixed ones too."""
-        return {name: one.value for name, one in self.parameters.items()} | self.fixed
+        """Name -> estimate; `fixed` has the others."""
+        return {name: one.value for name, one in self.parameters.items()}
 
     @cached_property
     def precision(self) -> Precision:

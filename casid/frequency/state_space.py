@@ -52,8 +52,7 @@ def fit_state_space(
     Returns
     -------
     ResponseFit
-        Values, standard deviations, Cramer-Rao and insensitivity per cent, and the cost J of each response. Its
-        `values` but for delays are what `linear_model(..., values=...)` takes.
+        Values, standard deviations, Cramer-Rao and insensitivity per cent, and the cost J of each response.
 
     Raises
     ------

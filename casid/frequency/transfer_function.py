@@ -211,7 +211,7 @@ def fit_transfer_functions(
     starts = np.array([[one[name] for name in free] for one in _starts(used, measured, known | begin)])
     fit, values = fit_responses(model, measured, starts, known)
     positive = _positive(used, dict(zip(free, values.tolist(), strict=True)))
-    if positive == fit.values or not set(positive) <= set(free):
+    if positive == fit.values:
         return fit
     return fit_responses(model, measured, np.array([[positive[name] for name in free]]), known)[0]
 

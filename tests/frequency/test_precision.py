@@ -13,18 +13,13 @@ import casid as cs
 
 
 @dataclass
-class _Value:
-    value: float
-
-
-@dataclass
 class _Fit:
-    parameters: dict[str, _Value]
+    values: dict[str, float]
     covariance: np.ndarray
 
 
 def of_information(values: dict[str, float], information: np.ndarray) -> cs.Precision:
-    return cs.precision(_Fit({n: _Value(v) for n, v in values.items()}, np.linalg.inv(information)))
+    return cs.precision(_Fit(values, np.linalg.inv(information)))
 
 
 def test_per_cents_are_those_of_the_information_matrix() -> None:
@@ -50,9 +45,9 @@ def test_the_most_insensitive_goes_first_then_the_most_correlated() -> None:
 
 def test_nothing_is_dropped_of_a_good_fit_and_unknown_is_said() -> None:
     assert of_information({"a": 1.0, "b": -1.0}, np.diag([1e4, 1e4])).drop == ()
-    unknown = cs.precision(_Fit({"a": _Value(1.0)}, np.full((1, 1), np.nan)))
+    unknown = cs.precision(_Fit({"a": 1.0}, np.full((1, 1), np.nan)))
     assert unknown.parameters["a"].remark == "not determined by the data"
-    held = cs.precision(_Fit({"a": _Value(1.0), "b": _Value(2.0)}, np.diag([0.0, 0.01])))
+    held = cs.precision(_Fit({"a": 1.0, "b": 2.0}, np.diag([0.0, 0.01])))
     assert held.parameters["a"].insensitivity_percent == held.parameters["a"].cramer_rao_percent == 0.0
     assert held.parameters["b"].cramer_rao_percent == pytest.approx(5.0)
 
