@@ -189,8 +189,8 @@ def test_what_cannot_be_linearised_is_refused() -> None:
 
 
 def test_a_held_input_acts_half_a_sample_later() -> None:
-    """Truth: the model flown with inputs that are held, and its response estimated from these samples beside the peak at
-    3 rad/s."""
+    """Truth: the model flown with inputs that are held, and its response estimated from these samples, away from the
+    peak at 3 rad/s."""
     rng, dt = np.random.default_rng(3), 0.1
     t = dt * np.arange(6000)
     record = Record(name="m1", t=t, channels={"u": 1e-3 * rng.standard_normal(len(t))}, hold="held")
