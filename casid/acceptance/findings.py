@@ -41,11 +41,14 @@ def found_parts(given: Aircraft, extended: Aircraft) -> tuple[FoundPart, ...]:
 
 
 def _effects(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
-    for effect in extended.effects:
+    """One that the given aircraft has with another size goes back to that."""
+    own = {(one.kind, one.target, one.term): one for one in given.effects}
+    for i, effect in enumerate(extended.effects):
         if effect not in given.effects:
-            rest = [one for one in extended.effects if one is not effect]
+            before = own.get((effect.kind, effect.target, effect.term))
+            effects = [*extended.effects[:i], *([before] if before else []), *extended.effects[i + 1 :]]
             title = effect_title(effect.kind, effect.target, effect.term)
-            yield FoundPart(title=title, without=replace(extended, effects=tuple(rest)))
+            yield FoundPart(title=title, without=replace(extended, effects=tuple(effects)))
 
 
 def _rows(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:

@@ -21,6 +21,7 @@ from casid.arguments import number
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
+from casid.model.dynamics import has_aerodynamics, unwrapped
 from casid.model.given import given_aircraft
 from casid.model.numbers import digits
 from casid.records.given import given_records
@@ -91,6 +92,8 @@ class MatchedTest:
         The record, whole.
     window
         Where its manoeuvre is.
+    axes
+        "full", or those that move; the other motion is then as flight has it.
     flight
         Samples, curves and quantities of flight.
     sides
@@ -102,6 +105,7 @@ class MatchedTest:
     test: StandardTest
     record: Record
     window: Window
+    axes: str
     flight: Flight
     sides: Mapping[str, Side]
     costs: tuple[Cost, ...]
@@ -109,14 +113,15 @@ class MatchedTest:
     @property
     def shortfalls(self) -> tuple[str, ...]:
         """What the standard asks of the record besides, and the record does not have."""
-        before, after = self.window.begin - self.window.start, self.window.rest
-        told_of = (
-            ("before the manoeuvre", before, self.test.before_s),
-            ("after the last movement", after, self.test.after_s),
-        )
+        test, window = self.test, self.window
+        if not MANOEUVRES[test.manoeuvre].inputs:  # where in the window it begins is not known
+            parts = [("in all", window.end - window.start, test.before_s + test.after_s)]
+        else:
+            parts = [("before the manoeuvre", window.begin - window.start, test.before_s)]
+            parts.append(("after the last movement", window.rest, test.after_s))
         return tuple(
             f"The record has {has:.1f} s {where}; the standard asks for {wanted:g} s."
-            for where, has, wanted in told_of
+            for where, has, wanted in parts
             if has < wanted - 0.05
         )
 
@@ -223,7 +228,8 @@ def proof_of_match(
         Ids of tests; or id -> (start, end) on the clock of the one record [s], None: where its manoeuvre is found.
         Without, all whose manoeuvre is found.
     axes
-        "full", "longitudinal" or "lateral"; default: what the surfaces of a record allow.
+        "full", "longitudinal" or "lateral"; default: what the surfaces of a record allow and the aircraft has
+        aerodynamics of.
     closed_loop
         Add to the surfaces of flight a small correction towards the measured attitude and rates, no larger than 1 deg
         of elevator or rudder and 2 deg of aileron. What it added is in the result.
@@ -255,10 +261,10 @@ def proof_of_match(
     parts = found_parts(own, sides[EXTENDED]) if EXTENDED in sides else ()
     left_out: dict[str, str] = {}
     flown: list[MatchedTest] = []
-    for record in read:
+    for record in map(_without_jumps, read):
         smoothed = smoothed_channels(record, _looked_at(standard.tests[name] for name in asked))
         chosen = _windows(asked, standard, record, smoothed, left_out)
-        flight = _Flight(record=record, smoothed=smoothed, axes=axes or axes_of([record]), closed=closed_loop)
+        flight = _Flight(record=record, smoothed=smoothed, axes=axes or _axes(own, record), closed=closed_loop)
         flown += _match(flight, chosen, sides, parts)
     if tests is None:
         flown, idle = [one for one in flown if _judged(one)], [one for one in flown if not _judged(one)]
@@ -275,6 +281,18 @@ def proof_of_match(
         left_out={name: left[name] for name in order if name in left},
         closed_loop=closed_loop,
     )
+
+
+def _axes(aircraft: Aircraft, record: Record) -> str:
+    """What the surfaces of a record allow and the aircraft has aerodynamics of."""
+    axes = axes_of([record])
+    modelled = [one for one in ("longitudinal", "lateral") if has_aerodynamics(aircraft, one)]
+    return modelled[0] if axes == "full" and len(modelled) == 1 else axes
+
+
+def _without_jumps(record: Record) -> Record:
+    """The record with bank angle and heading that go on where they pass a full turn."""
+    return record.with_channels(**{name: unwrapped(record[name]) for name in ("phi", "psi") if name in record})
 
 
 def _judged(one: MatchedTest) -> bool:
@@ -401,6 +419,7 @@ def _match(
             test=test,
             record=record,
             window=window,
+            axes=flight.axes,
             flight=flights[i],
             sides={label: some[i] for label, some in by_side.items()},
             costs=tuple(_cost(title, by_side[EXTENDED][i], some[i]) for title, some in without),
@@ -437,6 +456,7 @@ def _test_dict(one: MatchedTest) -> dict[str, Any]:
         "begin_s": one.window.begin,
         "shortfalls": list(one.shortfalls),
         "end_s": one.window.end,
+        "axes": one.axes,
         "passed": one.passed,
         "noise": dict(one.flight.noise),
         "sides": {label: _side_dict(side) for label, side in one.sides.items()},

@@ -47,7 +47,7 @@ def match(
     closed_loop
         Let small corrections of the surfaces follow the measured attitude; what they are is told.
     axes
-        Default: what the surfaces allow.
+        Default: what the surfaces allow and the aircraft has aerodynamics of.
     maps
         Column map: alpha=ALCG:deg, or a TOML file.
     out

@@ -215,6 +215,13 @@ def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
     return tuple(c for c in coefficient_names(aircraft.force_axes) if c[1] in _FRAME_COEFFICIENTS[axes])
 
 
+def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
+    """Whether the file says anything of the coefficients that act on an axis; what a function says is not looked at."""
+    given = {derivative_term(name)[0] for name in aircraft.derivatives} | set(aircraft.terms)
+    given |= {table.coefficient for table in aircraft.tables}
+    return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
+
+
 def parameter_units(names: Iterable[str], effects: Sequence[Effect], tables: Sequence[Table] = ()) -> dict[str, str]:
     """Unit of each parameter of an aircraft model, with those of its effects and the knots of its free tables."""
     units = {name: one.unit for one in tables if one.free for name in one.knots} | {e.name: e.unit for e in effects}
@@ -299,7 +306,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
         columns = state_guess(aircraft, fixed)(record)
         added |= dict(zip(fixed, columns.T, strict=True))
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
-    added |= {name: _unwrapped(added.get(name, record[name])) for name in ("psi", "phi") if name in record}
+    added |= {name: unwrapped(added.get(name, record[name])) for name in ("psi", "phi") if name in record}
     return record.with_channels(**added).with_notes(*notes)
 
 
@@ -313,7 +320,7 @@ def _check_complete(record: Record) -> None:
             )
 
 
-def _unwrapped(angle: np.ndarray) -> np.ndarray:
+def unwrapped(angle: np.ndarray) -> np.ndarray:
     """Without jumps by a full turn from one sample that is there to the next [rad]."""
     there = np.isfinite(angle)
     unwrapped = angle.copy()

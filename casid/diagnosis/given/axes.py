@@ -13,8 +13,7 @@ from casid.diagnosis.given.not_judged import NotJudged
 from casid.errors import unknown
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
-from casid.model.dynamics import MOVING, moved_coefficients
-from casid.model.terms import derivative_term
+from casid.model.dynamics import MOVING, has_aerodynamics, moved_coefficients
 from casid.records.record import Record
 
 _SURFACES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -61,7 +60,7 @@ def axes_that_tell(
         missing = [s for s in _SURFACES[_OTHER[fed]] if not all(s in record for record in records)]
         return Axes(name=fed, not_judged=_motions(_OTHER[fed], f"no channel {' and '.join(missing)}"))
     for absent, modelled in _OTHER.items():
-        if aircraft is not None and _has_aerodynamics(aircraft, modelled) and not _has_aerodynamics(aircraft, absent):
+        if aircraft is not None and has_aerodynamics(aircraft, modelled) and not has_aerodynamics(aircraft, absent):
             coefficients = ", ".join(moved_coefficients(aircraft, absent))
             return Axes(name=modelled, not_judged=_motions(absent, f"the aircraft file has nothing of {coefficients}"))
     for resting, moving in _OTHER.items():
@@ -69,13 +68,6 @@ def axes_that_tell(
         if share < still:
             return Axes(name=moving, not_judged=_motions(resting, _rests(records, resting, share)))
     return Axes(name="full")
-
-
-def _has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
-    """Whether the file says anything of the coefficients that act on an axis; what a function says is not looked at."""
-    given = {derivative_term(name)[0] for name in aircraft.derivatives} | set(aircraft.terms)
-    given |= {table.coefficient for table in aircraft.tables}
-    return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
 
 
 def _rests(records: Sequence[Record], resting: str, share: float) -> str:
