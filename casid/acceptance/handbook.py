@@ -17,9 +17,10 @@ import numpy as np
 
 from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
 from casid.acceptance.glide import best_glide
-from casid.acceptance.parameters import Known, known_by_file, known_by_fit
+from casid.acceptance.parameters import Known, known_by_diagnosis, known_by_file, known_by_fit
 from casid.acceptance.steady import Implicit, SteadyFlight
 from casid.arguments import number
+from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
 from casid.model.aircraft import Aircraft
@@ -145,7 +146,7 @@ def modes(
     altitude: float | None = None,
     rho: float | None = None,
     climb_angle: float = 0.0,
-    fit: Fit | None = None,
+    fit: Fit | Diagnosis | None = None,
     speeds: Sequence[float] | None = None,
 ) -> Handbook:
     """Modes of motion, margins, lift over drag, best glide and trim curves of an aircraft, with their deviations.
@@ -164,7 +165,8 @@ def modes(
         Of the flight path [rad].
     fit
         An estimate of this aircraft's parameters: its values replace those of the file, and its corrected covariance
-        that of the file (`relative_uncertainty`, and the deviations of effects).
+        that of the file (`relative_uncertainty`, and the deviations of effects). Or the diagnosis whose
+        `extended_aircraft` this is, for the covariance of that.
     speeds
         Airspeeds of the trim curves [m/s]; by default 0.7 to 1.4 V.
 
@@ -187,7 +189,10 @@ def modes(
     """
     file = given_aircraft(aircraft, "modes")
     flight = SteadyFlight(file)
-    known = known_by_file(flight) if fit is None else known_by_fit(flight, fit)
+    if isinstance(fit, Diagnosis):
+        known = known_by_diagnosis(flight, fit)
+    else:
+        known = known_by_file(flight) if fit is None else known_by_fit(flight, fit)
     return handbook(flight, known, flight_point(file, V, altitude, rho) | {"climb_angle": float(climb_angle)}, speeds)
 
 

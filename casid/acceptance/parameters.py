@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from casid.acceptance.steady import SteadyFlight
+from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
 from casid.model.effects import effect_of
@@ -43,6 +44,17 @@ def known_by_file(flight: SteadyFlight) -> Known:
 def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
     """As an estimate says, with its corrected covariance."""
     return known_by_estimate(flight, fit.values, fit.covariance_corrected)
+
+
+def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
+    """As a diagnosis says of its extended aircraft: the covariance of the extended model's fit."""
+    fitted, parameters = diagnosis.extended.fit, flight.model.parameters
+    # a minor cause that is a term stands in the file as such
+    terms = {one.name: f"{one.effect.target}_{one.effect.term}" for one in fitted.attached if one.effect.term}
+    named = [s.name if s.name in parameters else terms.get(s.name, s.name) for s in fitted.slots]
+    values = dict(zip(parameters, flight.model.nominal_vector(), strict=True))
+    ordered = {name: float(values.get(name, 0.0)) for name in named}
+    return known_by_estimate(flight, ordered, fitted.covariance)
 
 
 def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covariance: np.ndarray) -> Known:

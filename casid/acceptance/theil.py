@@ -67,12 +67,12 @@ def theil(
     Returns
     -------
     dict
-        Record -> channel -> Theil, of the channels that are measured.
+        Record -> channel -> Theil, of the channels that are measured; empty for a record on which the flight diverges.
 
     Raises
     ------
     InputError
-        For records that cannot feed the model, and for a flight that diverges.
+        For records that cannot feed the model.
 
     Examples
     --------
@@ -85,7 +85,11 @@ def theil(
     applied = apply_effects(file, read, axes)
     found: dict[str, dict[str, Theil]] = {}
     for original, record in zip(read, applied.records, strict=True):
-        flown = simulate(applied.model, record, fit_initial_state(applied.model, record, WINDOW_S))
+        try:
+            flown = simulate(applied.model, record, fit_initial_state(applied.model, record, WINDOW_S))
+        except (InputError, np.linalg.LinAlgError):
+            found[record.name] = {}
+            continue
         outputs = applied.readings(record, flown.outputs)
         found[record.name] = {
             name: theil_of(original[name], outputs[:, i])

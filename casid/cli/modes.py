@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -100,6 +101,9 @@ def _theil(files: dict[str, Aircraft], read: Sequence[Any]) -> dict[str, dict[st
     for one in files.values():
         say_idle_effects(one, read)
     by_label = {label: theil(one, read) for label, one in files.items()}
+    for label, by_record in by_label.items():
+        for name in (name for name, channels in by_record.items() if not channels):
+            print(f"note: {label} diverges on {name}: no coefficients of Theil", file=sys.stderr)
     return {r.name: {label: by_record[r.name] for label, by_record in by_label.items()} for r in read}
 
 

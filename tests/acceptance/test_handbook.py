@@ -235,3 +235,18 @@ def test_what_a_file_does_not_have_is_said() -> None:
         )
     at = cs.modes(navion(), V=200.0 * FOOT, altitude=1000.0).flight
     assert at["V"] == 200.0 * FOOT and at["rho"] == pytest.approx(1.112, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_diagnosis_gives_the_covariance_of_its_extended_aircraft() -> None:
+    """Of the demonstration: smaller deviations than those that its file states, and the values of the extended file."""
+    aircraft = cs.Aircraft.read(DEMO / "aircraft.toml")
+    records = cs.read_records([str(DEMO / f"m{k}.csv") for k in (1, 2, 3, 4)])
+    diagnosis = cs.diagnose(aircraft, records[:3], hold_out=records[3:])
+    found = cs.modes(diagnosis.extended_aircraft, fit=diagnosis)
+    stated = cs.modes(diagnosis.extended_aircraft)
+    for name, mode in found.modes.items():
+        assert mode.eigenvalue == pytest.approx(stated.modes[name].eigenvalue)
+    for name in ("short period", "dutch roll"):
+        here, there = (one.modes[name].numbers["natural_frequency"].std for one in (found, stated))
+        assert 0.0 < here < 0.2 * there

@@ -45,3 +45,8 @@ def test_of_records_flown_open_loop() -> None:
     found = cs.theil(DEMO / "aircraft.toml", [DEMO / "m1.csv", DEMO / "m4.csv"])
     assert list(found) == ["m1", "m4"]
     assert all(0.0 <= one.coefficient <= 1.0 for channels in found.values() for one in channels.values())
+
+
+def test_a_flight_that_diverges_has_none() -> None:
+    aircraft = cs.Aircraft.read(DEMO / "aircraft.toml").with_derivatives({"Cm_alpha": 60.0, "Cm_q": 900.0})
+    assert cs.theil(aircraft, [DEMO / "m1.csv"]) == {"m1": {}}
