@@ -65,6 +65,7 @@ _ROOMS = {
         "Ipopt",
         "Minimum",
         "MultipleShooting",
+        "Noise",
         "OutputError",
         "Problem",
         "RangeWeights",

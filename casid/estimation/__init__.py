@@ -6,6 +6,7 @@ from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
 from casid.estimation.initial_state import InitialState
+from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.ipopt import Ipopt
@@ -26,6 +27,7 @@ __all__ = [
     "Ipopt",
     "Minimum",
     "MultipleShooting",
+    "Noise",
     "OutputError",
     "Problem",
     "RangeWeights",

@@ -13,6 +13,7 @@ from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import RangeWeights
 from casid.estimation.initial_state import InitialState
+from casid.estimation.noise import Noise
 from casid.model.aircraft import Aircraft
 from casid.model.expressions import Symbols, expressions
 from casid.model.feedback import SampledFeedback
@@ -158,7 +159,7 @@ def check_noise(noise: Any, model: Model) -> None:
             raise InputError("Problem: noise is no covariance; expected a symmetric positive definite matrix")
     elif isinstance(noise, Mapping):
         for name, sigma in noise.items():
-            if not isinstance(sigma, str):
+            if not isinstance(sigma, str | Noise):
                 number(sigma, f"Problem: noise of '{name}'", positive=True)
     else:
         like = ", ".join(f"'{name}': 0.01" for name in model.outputs[:2])

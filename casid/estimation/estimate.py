@@ -13,6 +13,7 @@ from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.many_starts import best_of
+from casid.estimation.noise_formula import solved_with_formulas
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
@@ -81,6 +82,12 @@ def solve(
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     check_part(solver, "minimise", "solver", "cs.GaussNewton()")
+    if problem.noise_formulas:
+        return solved_with_formulas(
+            problem,
+            lambda one: solve(one, method, solver, starts=starts, seed=seed),
+            lambda one: solve(one, method, solver),
+        )
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
     quick = None

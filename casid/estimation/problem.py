@@ -27,6 +27,7 @@ from casid.estimation.checks import (
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
 from casid.estimation.initial_state import InitialState
+from casid.estimation.noise import Noise
 from casid.model.feedback import SampledFeedback
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
@@ -59,7 +60,8 @@ class Problem:
     noise
         None: the 1-sigma of every measured channel is estimated along with the parameters. name -> 1-sigma: of every
         output, and of every equation, where the cost has any; for an output it may be the name of a channel of the
-        records instead, with the 1-sigma of every sample. RangeWeights(): weights by range (paper eq. 13).
+        records instead, with the 1-sigma of every sample, or a `Noise` by formula. RangeWeights(): weights by range
+        (paper eq. 13).
         "full": noise of the outputs is correlated, its covariance is estimated along with the parameters. An array
         (outputs, outputs): that covariance, in the order of `model.outputs`.
     cost
@@ -93,7 +95,7 @@ class Problem:
     log: Sequence[str] = ()
     start: Mapping[str, float] = field(default_factory=dict)
     cost: Cost = field(default_factory=OutputError)
-    noise: Mapping[str, float | str] | RangeWeights | np.ndarray | str | None = None
+    noise: Mapping[str, float | str | Noise] | RangeWeights | np.ndarray | str | None = None
     prior: bool = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
@@ -129,6 +131,7 @@ class Problem:
             self._check_constraint(constraint)
         _check_logarithmic(self)
         _check_combination(self)
+        _check_formulas(self)
 
     def __repr__(self) -> str:
         return (
@@ -190,6 +193,12 @@ class Problem:
         """Output -> channel with the 1-sigma of its samples."""
         given = self.noise if isinstance(self.noise, Mapping) else {}
         return {name: sigma for name, sigma in given.items() if isinstance(sigma, str)}
+
+    @cached_property
+    def noise_formulas(self) -> dict[str, Noise]:
+        """Output -> noise by formula or log-normal."""
+        given = self.noise if isinstance(self.noise, Mapping) else {}
+        return {name: noise for name, noise in given.items() if isinstance(noise, Noise)}
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -382,6 +391,35 @@ def _check_combination(problem: Problem) -> None:
             raise EstimationError(
                 f"Problem: a path constraint on '{constraint.name}', which has an initial value by formula or a noise "
                 "per sample; put it on an output of its own"
+            )
+
+
+def _check_formulas(problem: Problem) -> None:
+    """Raise InputError or EstimationError for noise by formula that cannot be as it is posed."""
+    formulas, model = problem.noise_formulas, problem.model
+    if not formulas:
+        return
+    if problem.feedback is not None or (model.states and problem.weights != (1.0, 0.0)):
+        raise EstimationError("Problem: noise by formula is that of OutputError(), without a control law in the loop")
+    for name, noise in formulas.items():
+        if name not in model.outputs:
+            raise unknown("output", name, model.outputs, "Problem: noise")
+        noise.expression(model, name)
+        for record in problem.records:
+            reading = record[name] if name in record else np.zeros(0)
+            if noise.logarithmic and (reading <= 0.0).any():
+                k = int(np.flatnonzero(reading <= 0.0)[0])
+                raise InputError(
+                    f"record '{record.name}': '{name}' is {reading[k]:g} at t = {record.t[k]:g} s; readings with "
+                    "log-normal noise are positive: leave it out, or take normal noise"
+                )
+            if isinstance(noise.sigma, str) and noise.sigma not in record:
+                raise unknown("channel", noise.sigma, record.channels, f"record '{record.name}': noise of '{name}'")
+    for constraint in problem.path_constraints:
+        if constraint.name in formulas:
+            raise EstimationError(
+                f"Problem: a path constraint on '{constraint.name}', whose noise is a formula; put it on an output of "
+                "its own"
             )
 
 

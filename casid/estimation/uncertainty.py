@@ -125,10 +125,11 @@ class Uncertainty:
 @dataclass(frozen=True, eq=False)
 class Rescaled:
     """The standard errors of another scale of the parameters: `factor` (parameters,) is the change of each per change
-    of what was estimated."""
+    of what was estimated. Not `coloured`: residuals that say nothing of a colour, as of noise by formula."""
 
     of: Uncertainty | Rescaled
     factor: np.ndarray
+    coloured: bool = True
 
     __repr__ = brief
 
@@ -140,7 +141,8 @@ class Rescaled:
     @property
     def corrected(self) -> np.ndarray:
         """With the colour of the residuals."""
-        return self.of.corrected * np.outer(self.factor, self.factor)
+        found = self.of.corrected if self.coloured else self.of.covariance
+        return found * np.outer(self.factor, self.factor)
 
     @property
     def confused(self) -> tuple[str, ...]:

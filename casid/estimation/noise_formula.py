@@ -1,0 +1,227 @@
+"""Noise whose 1-sigma is a formula, or that is log-normal: the problem in which it is a sum of squares, and back.
+
+-ln(likelihood) is the sum of r^2/(2 s^2) + ln s with the residual r and a 1-sigma s of parameters and outputs. Both
+terms become squares of outputs with a noise of one: r/s, and sqrt(2 ln(s/s0) + c), of which half the square is ln s but
+for a constant. With s0 at the solution and c = 1 their information is that of Fisher, and Gauss-Newton is his scoring;
+from a start, where s0 is not yet known, c leaves room for a 1-sigma that falls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.fit import Fit
+from casid.estimation.fitted import channel_fit
+from casid.estimation.noise import Noise
+from casid.estimation.problem import Problem
+from casid.estimation.uncertainty import Rescaled
+from casid.records.record import Record
+
+_ROOM = 1e4  # times less than at the start that a 1-sigma may become before it is referred to anew
+_LEAST = 1e-6  # of the smallest reading: what a log-normal output below is taken for by a tangent
+_RANGE = 0.05  # of a channel's range: a 1-sigma where the formula has none at the start
+_LINE = "noise in units of its formula: {}"
+_SPREAD = "spread of the noise: {}"
+_READING, _REFERENCE = "reading of {}", "reference of {}"
+
+
+def solved_with_formulas(problem: Problem, solved: Callable[[Problem], Fit], again: Callable[[Problem], Fit]) -> Fit:
+    """The fit of a problem with noise by formula: `solved` as a sum of squares and, `again` from there, with every
+    1-sigma referred to its own value."""
+    first = _at_start(problem)
+    fit = solved(first.problem)
+    if not fit.converged:
+        return first.returned(fit)
+    found = first.returned(fit)
+    closer = _referred(problem, first.sigma(fit), 1.0, found.values)
+    ended = again(closer.problem)
+    if not ended.converged:
+        return found
+    better = closer.returned(ended)
+    return replace(better, iterations=fit.iterations + ended.iterations, seconds=fit.seconds + ended.seconds)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Squares:
+    """`posed` as the sum of squares `problem`; `reference` record -> output -> (N,) 1-sigma s0, and `room` the c."""
+
+    posed: Problem
+    problem: Problem
+    reference: Mapping[str, Mapping[str, np.ndarray]]
+    room: float
+
+    def sigma(self, fit: Fit) -> dict[str, dict[str, np.ndarray]]:
+        """Record -> output -> (N,) 1-sigma at a fit of `problem`."""
+        outputs, found = self.problem.model.outputs, {}
+        columns = [name for name in outputs if name in fit.channels]
+        for record in self.posed.records:
+            found[record.name] = {}
+            for name in self.posed.noise_formulas:
+                spread = _SPREAD.format(name)
+                reference = self.reference[record.name][name]
+                if spread not in columns:
+                    found[record.name][name] = reference
+                    continue
+                root = fit.predictions[record.name][:, outputs.index(spread)]
+                found[record.name][name] = reference * np.exp(0.5 * (root**2 - self.room))
+        return found
+
+    def returned(self, fit: Fit) -> Fit:
+        """The fit of `problem` as one of `posed`: outputs, noise and likelihood of what was measured."""
+        posed, inner, sizes = self.posed, self.problem.model.outputs, self.sigma(fit)
+        predictions, residuals, cost, likelihood = {}, {}, fit.cost, fit.log_likelihood
+        for record in self.posed.records:
+            own, whitened = fit.predictions[record.name], fit.residuals[record.name]
+            measured = posed.outputs_of(record)
+            columns = []
+            for i, name in enumerate(posed.model.outputs):
+                noise = posed.noise_formulas.get(name)
+                if noise is None:
+                    columns.append(own[:, inner.index(name)])
+                    continue
+                sigma, reference = sizes[record.name][name], self.reference[record.name][name]
+                reading, present = _reading(record, name, noise)
+                at = (own[:, inner.index(_LINE.format(name))] - reading / reference) * sigma + reading
+                columns.append(np.exp(at) if noise.logarithmic else at)
+                spread = whitened[:, inner.index(_SPREAD.format(name))][present]
+                cost -= 0.5 * float((spread**2).sum())
+                likelihood += float((0.5 * spread**2 + 0.5 * math.log(2.0 * math.pi)).sum())
+                likelihood -= float(np.log(sigma[present]).sum())
+                if noise.logarithmic:
+                    likelihood -= float(np.log(measured[present, i]).sum())
+            predictions[record.name] = np.stack(columns, axis=1)
+            residuals[record.name] = measured - predictions[record.name]
+        return self._with_channels(fit, predictions, residuals, sizes, (cost, likelihood))
+
+    def _with_channels(
+        self,
+        fit: Fit,
+        predictions: Mapping[str, np.ndarray],
+        residuals: Mapping[str, np.ndarray],
+        sizes: Mapping[str, Mapping[str, np.ndarray]],
+        totals: tuple[float, float],
+    ) -> Fit:
+        posed = self.posed
+        y, r = (np.concatenate(list(table.values())) for table in (predictions, residuals))
+        present = np.isfinite(r)
+        noise, channels = {}, {}
+        for i, name in enumerate(posed.model.outputs):
+            if not present[:, i].any():
+                continue
+            channels[name] = channel_fit(y[:, i] + r[:, i], y[:, i])
+            if name in posed.noise_formulas:
+                sigma = np.concatenate([sizes[record.name][name] for record in posed.records])[present[:, i]]
+                noise[name] = float(np.sqrt(np.mean(sigma**2)))
+            else:
+                noise[name] = fit.noise[name]
+        count = len(posed.parameters)
+        return replace(
+            fit,
+            problem=posed,
+            uncertainty=Rescaled(fit.uncertainty, np.ones(count), coloured=False),
+            cost=totals[0],
+            log_likelihood=totals[1],
+            predictions=predictions,
+            residuals=residuals,
+            channels=channels,
+            noise=noise,
+            noise_covariance=np.diag([noise.get(n, np.nan) ** 2 for n in posed.model.outputs]),
+        )
+
+
+def _reading(record: Record, name: str, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) the reading on the scale of its noise, zero where it is missing, and whether it is present."""
+    reading = record[name] if name in record else np.full(len(record), np.nan)
+    present = np.isfinite(reading)
+    filled = np.where(present, reading, 1.0)
+    return np.where(present, np.log(filled) if noise.logarithmic else filled, 0.0), present
+
+
+def _at_start(problem: Problem) -> _Squares:
+    """With every 1-sigma as it is at the start values, at the readings."""
+    model, reference = problem.model, {}
+    for r, record in enumerate(problem.records):
+        states, inputs = model.guess(record), record.matrix(model.inputs)
+        reference[record.name] = {}
+        for name, noise in problem.noise_formulas.items():
+            reading, present = _reading(record, name, noise)
+            sigma = np.full(len(record), np.nan)
+            if isinstance(noise.sigma, str):
+                sigma = record[noise.sigma]
+            else:
+                function = ca.Function("s", [model.x, model.u, model.p], [noise.expression(model, name)])
+                p = np.tile(problem.start_parameters[r][:, None], len(record))
+                sigma = function(states.T, inputs.T, p).full()[0]
+            spread = float(np.ptp(reading[present])) if present.any() else 1.0
+            usual = _RANGE * spread if spread > 0.0 else 1.0
+            good = np.isfinite(sigma) & (sigma > 0.0)
+            middle = float(np.median(sigma[good])) if good.any() else usual
+            reference[record.name][name] = np.where(good, sigma, middle)
+    return _referred(problem, reference, 1.0 + 2.0 * math.log(_ROOM), {})
+
+
+def _referred(
+    problem: Problem,
+    reference: Mapping[str, Mapping[str, np.ndarray]],
+    room: float,
+    start: Mapping[str, float],
+) -> _Squares:
+    """The sum of squares with these 1-sigma s0 and this c."""
+    formulas, model = problem.noise_formulas, problem.model
+    further = [_READING.format(n) for n in formulas] + [_REFERENCE.format(n) for n in formulas]
+    channels = [n.sigma for n in formulas.values() if isinstance(n.sigma, str) and n.sigma not in model.inputs]
+    inputs = (*model.inputs, *further, *dict.fromkeys(channels))
+    u = ca.vertcat(model.u, ca.SX.sym("more", len(inputs) - len(model.inputs)))
+    symbols = dict(zip(inputs, ca.vertsplit(u), strict=True)) if inputs else {}
+    rows, outputs = [], []
+    for i, name in enumerate(model.outputs):
+        if name not in formulas:
+            rows.append(model.h[i])
+            outputs.append(name)
+            continue
+        noise = formulas[name]
+        sigma = symbols[noise.sigma] if isinstance(noise.sigma, str) else noise.expression(model, name)
+        reading, size = symbols[_READING.format(name)], symbols[_REFERENCE.format(name)]
+        h = _logarithm(model.h[i], _least(problem, name)) if noise.logarithmic else model.h[i]
+        # measured as reading / s0: the same residual as zero, and the channel keeps its range
+        rows += [(h - reading) / sigma + reading / size, ca.sqrt(2.0 * ca.log(sigma / size) + room)]
+        outputs += [_LINE.format(name), _SPREAD.format(name)]
+    given_noise = problem.noise if isinstance(problem.noise, Mapping) else {}
+    plain = {name: value for name, value in given_noise.items() if name not in formulas}
+    unit = dict.fromkeys((o for o in outputs if o not in model.outputs), 1.0)
+    inner = replace(model, inputs=inputs, u=u, outputs=tuple(outputs), h=ca.vertcat(*rows), equation=None)
+    records = [_with_readings(record, problem, reference[record.name]) for record in problem.records]
+    found = replace(
+        problem, model=inner, records=records, noise={**plain, **unit}, start={**problem.start, **start}, measured={}
+    )
+    return _Squares(posed=problem, problem=found, reference=reference, room=room)
+
+
+def _with_readings(record: Record, problem: Problem, sigma: Mapping[str, np.ndarray]) -> Record:
+    """The record with what the outputs of the sum of squares are measured as."""
+    added = {}
+    for name, noise in problem.noise_formulas.items():
+        reading, present = _reading(record, name, noise)
+        added[_READING.format(name)], added[_REFERENCE.format(name)] = reading, sigma[name]
+        added[_LINE.format(name)] = np.where(present, reading / sigma[name], np.nan)
+        added[_SPREAD.format(name)] = np.where(present, 0.0, np.nan)
+        if isinstance(noise.sigma, str):
+            added[noise.sigma] = np.where(record[noise.sigma] > 0.0, record[noise.sigma], 1.0)
+    return record.with_channels(**added)
+
+
+def _least(problem: Problem, name: str) -> float:
+    read = np.concatenate([record[name] for record in problem.records if name in record] or [np.ones(1)])
+    return _LEAST * float(np.nanmin(read))
+
+
+def _logarithm(value: ca.SX, least: float) -> ca.SX:
+    """ln(value), below `least` its tangent there: a motion on the way to the solution may leave the range."""
+    return ca.if_else(
+        value > least, ca.log(ca.if_else(value > least, value, least)), value / least - 1.0 + math.log(least)
+    )
