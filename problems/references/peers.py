@@ -136,4 +136,4 @@ def _simulator(problem: Problem) -> Callable[[np.ndarray, np.ndarray], list[np.n
 
 def _sigma(problem: Problem, record: Record, output: str) -> np.ndarray | float:
     given = problem.noise[output] if isinstance(problem.noise, Mapping) else 1.0
-    return record[given] if isinstance(given, str) else given
+    return record[given] if isinstance(given, str) else float(given)  # pyright: ignore[reportArgumentType]

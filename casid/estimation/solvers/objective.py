@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.errors import EstimationError
+from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
@@ -82,7 +83,11 @@ class Objective:
         share[: self._outputs] = self.part
         noise, names = self.problem.noise, self.channel_names
         if not isinstance(noise, str | np.ndarray):
-            known = {n: float(s) for n, s in noise.items()} if isinstance(noise, Mapping) else noise
+            known = (
+                {n: float(s) for n, s in noise.items() if not isinstance(s, Noise)}
+                if isinstance(noise, Mapping)
+                else noise
+            )
             return noise_levels(known, names, measured, share)
         independent, layout = noise_levels(None, names, measured, share), self.layout
         given = noise if isinstance(noise, np.ndarray) else None
