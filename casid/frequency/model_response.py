@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from casid.arguments import number, numbers_by_name
 from casid.errors import InputError, unknown
+from casid.frequency.sensitivity import sensitivity_at
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects, axes_of
 from casid.model.dynamics import aircraft_model
@@ -165,14 +165,11 @@ def linear_model(
 
 def _derivatives(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
     """A, B, C, D at a point, disturbances at rest."""
-    wanted = [ca.densify(ca.jacobian(of, by)) for of in (model.f, model.h) for by in (model.x, model.u)]
-    slopes = ca.Function("slopes", [model.x, model.u, model.p, model.w], wanted)
-    found = [matrix.full() for matrix in slopes(x, u, p, np.zeros(len(model.disturbances)))]
-    for matrix in found:
-        if not np.isfinite(matrix).all():
-            at = ", ".join(f"{n} = {v:.4g}" for n, v in zip(model.states, x.tolist(), strict=True))
-            raise InputError(f"linear_model: '{model.name}' has no derivatives at {at}; give another operating point")
-    return found
+    matrix, n = sensitivity_at(model, np.zeros(0, dtype=int), x, u, p).matrix, len(x)
+    if not np.isfinite(matrix).all():
+        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(model.states, x.tolist(), strict=True))
+        raise InputError(f"linear_model: '{model.name}' has no derivatives at {at}; give another operating point")
+    return [matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]]
 
 
 def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence[str] | None) -> Applied:
