@@ -114,6 +114,10 @@ _ROOMS = {
         "Precision",
         "precision",
     ),
+    "casid.frequency.recursive": (
+        "TrackedDerivatives",
+        "track_derivatives",
+    ),
     "casid.frequency.response_fit": (
         "MeasuredResponse",
         "ResponseFit",

@@ -48,6 +48,7 @@ from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseCompari
 from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.output_error import FourierOutputError
 from casid.frequency.precision import ParameterPrecision, Precision, precision
+from casid.frequency.recursive import TrackedDerivatives, track_derivatives
 from casid.frequency.regression import FourierEquationError
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.frequency.response_fit import MeasuredResponse, ResponseFit, ResponseParameter
@@ -138,6 +139,7 @@ __all__ = [
     "Table",
     "Theil",
     "Trace",
+    "TrackedDerivatives",
     "TransferFunction",
     "Trim",
     "aircraft_model",
@@ -175,6 +177,7 @@ __all__ = [
     "standard_3211",
     "table",
     "theil",
+    "track_derivatives",
     "trim",
     "write_record",
     "write_report",

@@ -12,7 +12,7 @@ are scaled so that their noise has the 1-sigma of the samples' noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -27,7 +27,7 @@ from casid.estimation.transcriptions.equation import (
     recorded_or_differentiated,
 )
 from casid.frequency.transform import Stretch, chirp_z, stretches
-from casid.model.system import EquationForm
+from casid.model.system import EquationForm, Model
 from casid.records.record import Record
 
 
@@ -252,14 +252,19 @@ def _pieces(
     return found
 
 
+def constants(form: EquationForm, model: Model, names: Iterable[str]) -> list[str]:
+    """Those of the named parameters whose regressor is the same at every sample."""
+    found = []
+    for name in names:
+        slope = ca.jacobian(form.prediction, model.p[model.parameters.index(name)])
+        if slope.nnz() and not ca.depends_on(slope, form.m):
+            found.append(name)
+    return found
+
+
 def _check_constants(problem: Problem, form: EquationForm) -> None:
-    """Raise EstimationError for free parameters whose regressor is the same at every sample."""
-    free = problem.shared + problem.local
-    idle = []
-    for name, i in zip(free, problem.free_index, strict=True):
-        slope = ca.jacobian(form.prediction, problem.model.p[int(i)])
-        if slope.nnz() and not (ca.depends_on(slope, form.m)):
-            idle.append(name)
+    """Raise EstimationError for free parameters that a band of frequencies says nothing of."""
+    idle = constants(form, problem.model, problem.shared + problem.local)
     if idle:
         values = ", ".join(f"'{name}': {problem.model.nominal[name]:g}" for name in idle)
         raise EstimationError(

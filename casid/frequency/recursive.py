@@ -1,0 +1,326 @@
+"""Derivatives as the samples come: recursive Fourier transforms and complex least squares, with forgetting.
+
+Each sample multiplies the transforms by the forgetting factor and adds its own part. The regression at any time is then
+a small least-squares problem over the frequencies (Morelli, Real-time parameter estimation in the frequency domain, J.
+Guidance, Control, and Dynamics 23, 2000; Klein and Morelli, Aircraft System Identification, AIAA 2006, ch. 11).
+
+Frequencies need not suit the time that has passed. A constant in an equation therefore shows in the transforms. So do
+both ends of a state whose derivative is taken by j omega. All of these have known shapes over frequency and are
+eliminated. The errors at neighbouring frequencies are correlated by as much as the weights of the samples say, and the
+standard deviations hold that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from casid.arguments import an, names, number, numbers_by_name
+from casid.errors import EstimationError, InputError
+from casid.estimation.problem import chosen_parameters
+from casid.estimation.transcriptions.equation import equation_form
+from casid.frequency.regression import constants, real_rows
+from casid.model.system import EquationForm, Model
+from casid.records.record import Record
+from casid.views import brief
+
+_FORGOTTEN = 1e-9  # of a column's size when it was new: it is rounding now
+_SINGULAR = 1e-10  # of the largest singular value
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class TrackedDerivatives:
+    """Estimates at one time.
+
+    Attributes
+    ----------
+    t
+        Time of the last sample that they hold [s].
+    values, std
+        Name -> estimate, and its standard deviation for white noise of the equation's samples.
+    noise
+        Equation -> 1-sigma of its noise in the band.
+    """
+
+    t: float
+    values: dict[str, float]
+    std: dict[str, float]
+    noise: dict[str, float]
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+
+def track_derivatives(
+    model: Model,
+    samples: Record | Iterable[Mapping[str, float]],
+    *,
+    free: Sequence[str],
+    omega: np.ndarray | Sequence[float],
+    memory: float = np.inf,
+    every: float = 1.0,
+    fixed: Mapping[str, float] | None = None,
+) -> Iterator[TrackedDerivatives]:
+    """Estimate the parameters of a model's equations while the samples come.
+
+    Parameters
+    ----------
+    model
+        Its equations are those of `EquationError`, and linear in the free parameters.
+    samples
+        One table of channel -> value at a time, with the time under "t"; or a record, for a flight that is over. A
+        sample in which a channel is missing (nan) is left out.
+    free
+        Globs of the parameters to estimate, each in one equation.
+    omega
+        (frequencies,) [rad/s], such as `numpy.arange(0.5, 9.0, 0.25)`.
+    memory
+        Time after which a sample weighs 1/e as much as a new one [s]; infinite: nothing is forgotten.
+    every
+        Time between two estimates [s]; one more comes after the last sample.
+    fixed
+        Name -> value of parameters that are not estimated; all others stay nominal.
+
+    Yields
+    ------
+    TrackedDerivatives
+        From when the samples determine the parameters on.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist, frequencies that are none, and a sample without a channel that is needed.
+    EstimationError
+        For an equation that is not linear in a free parameter, and a parameter that is a constant of its equation or
+        stands in several.
+
+    Notes
+    -----
+    A state whose derivative is no channel needs samples at even times, of which none is missing.
+
+    Examples
+    --------
+    >>> omega = np.arange(0.5, 9.0, 0.25)
+    >>> for now in cs.track_derivatives(model, stream, free=["Cm_alpha", "Cm_q"], omega=omega, memory=20.0):
+    ...     print(now.t, now.values["Cm_alpha"], now.std["Cm_alpha"])
+    """
+    where = "track_derivatives"
+    an(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    grid = np.asarray(omega, dtype=float)
+    if grid.ndim != 1 or len(grid) < 2 or not np.isfinite(grid).all() or not (grid > 0.0).all():
+        raise InputError(f"{where}: omega has to be at least two positive frequencies in rad/s, (frequencies,)")
+    if memory != np.inf:
+        number(memory, f"{where}: memory", positive=True)
+    number(every, f"{where}: every", positive=True)
+    known = numbers_by_name(fixed or {}, f"{where}: fixed")
+    chosen = chosen_parameters(names(free, f"{where}: free"), model, f"{where}: free")
+    own = tuple(name for name in chosen if name not in known)
+    form = equation_form(model)
+    equations = _Equations(form, _regressors(model, form, own, known), _places(model, form, own))
+    channels = (form.channels, model.equation is None and bool(model.states))
+    return _tracked(equations, own, _samples(samples), channels, (grid, memory, every))
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """form; function (channels) -> (target less what is known, regressors (equations, free)); and per equation the
+    free parameters that stand in it."""
+
+    form: EquationForm
+    function: ca.Function
+    places: list[list[int]]
+
+
+def _regressors(model: Model, form: EquationForm, own: Sequence[str], known: Mapping[str, float]) -> ca.Function:
+    free = [model.parameters.index(name) for name in own]
+    symbols = ca.vertcat(*[model.p[i] for i in free])
+    slopes = ca.jacobian(form.prediction, symbols)
+    for i, name in enumerate(own):
+        if ca.depends_on(slopes[:, i], symbols):
+            raise EstimationError(f"track_derivatives: the equations are not linear in '{name}'; fix it")
+    values = model.nominal_vector(known)
+    values[free] = 0.0
+    rest, slopes = ca.substitute([form.target - form.prediction, slopes], [model.p], [ca.DM(values)])
+    return ca.Function("regressors", [form.m], [ca.densify(rest), ca.densify(slopes)])
+
+
+def _places(model: Model, form: EquationForm, own: Sequence[str]) -> list[list[int]]:
+    """Per equation the free parameters that stand in it. Raises EstimationError where none can be told."""
+    constant = constants(form, model, own)
+    if constant:
+        values = ", ".join(f"'{name}': {model.nominal[name]:g}" for name in constant)
+        raise EstimationError(
+            f"track_derivatives: {', '.join(constant)} add a constant, which is left out; fix them: fixed={{{values}}}"
+        )
+    symbols = ca.vertcat(*[model.p[model.parameters.index(name)] for name in own])
+    pattern = np.array(ca.DM(ca.jacobian_sparsity(form.prediction, symbols), 1.0).full(), dtype=bool)
+    for i, name in enumerate(own):
+        count = int(pattern[:, i].sum())
+        if count != 1:
+            stands = "in no equation" if count == 0 else f"in {count} equations; expected one"
+            raise EstimationError(f"track_derivatives: '{name}' stands {stands}; fix it")
+    return [np.flatnonzero(row).tolist() for row in pattern]
+
+
+def _samples(samples: Record | Iterable[Mapping[str, float]]) -> Iterable[Mapping[str, float]]:
+    if not isinstance(samples, Record):
+        return samples
+    columns = {"t": samples.t, **samples.channels}
+    return ({name: float(values[k]) for name, values in columns.items()} for k in range(len(samples)))
+
+
+def _tracked(
+    equations: _Equations,
+    own: Sequence[str],
+    samples: Iterable[Mapping[str, float]],
+    channels: tuple[Sequence[str], bool],
+    options: tuple[np.ndarray, float, float],
+) -> Iterator[TrackedDerivatives]:
+    omega, memory, every = options
+    sums: _Sums | None = None
+    due, given, last = -np.inf, -np.inf, np.nan
+    for sample in samples:
+        if sums is None:
+            sums = _Sums(equations, _differentiated(sample, *channels), omega, memory)
+            due = _value(sample, "t") + every
+        last = sums.add(sample)
+        if last >= due - 1e-9 * every:
+            due, given = due + every * np.ceil((last - due) / every + 1e-9), last
+            yield from _estimates(sums, own, last)
+    if sums is not None and last > given:
+        yield from _estimates(sums, own, last)
+
+
+def _differentiated(sample: Mapping[str, float], channels: Sequence[str], by_states: bool) -> dict[str, str]:
+    """Derivative that the samples do not have -> the state that it is of. Raises InputError for a missing channel."""
+    found = {}
+    for name in channels:
+        base = name.removesuffix("dot")
+        if name not in sample:
+            if not by_states or base == name or base not in sample:
+                raise InputError(f"track_derivatives: the samples have no channel '{name}', which the equations need")
+            found[name] = base
+    return found
+
+
+def _value(sample: Mapping[str, float], name: str) -> float:
+    if name not in sample:
+        raise InputError(
+            f"track_derivatives: the sample has no '{name}'; expected a table of channel -> value with 't'"
+        )
+    return float(sample[name])
+
+
+class _Sums:
+    """Transforms of the samples so far, each sample with its weight: (frequencies, columns) of the equations' targets
+    and regressors, of states to be differentiated, and of a constant; and the correlation of white noise in them."""
+
+    def __init__(
+        self, equations: _Equations, differentiated: Mapping[str, str], omega: np.ndarray, memory: float
+    ) -> None:
+        self.equations, self.differentiated = equations, dict(differentiated)
+        self.omega, self.memory = omega, memory
+        self._width = len(equations.form.names)
+        columns = self._width + sum(map(len, equations.places)) + len(self.differentiated) + 1
+        self.total = np.zeros((len(omega), columns), complex)
+        self.across = np.zeros((len(omega), len(omega)), complex)  # sum of w^2 e e^H
+        self.along = np.zeros_like(self.across)  # sum of w^2 e e^T
+        self.count, self.first, self.last, self.weight = 0, np.nan, np.nan, 1.0
+
+    def add(self, sample: Mapping[str, float]) -> float:
+        """Add a sample; gives its time."""
+        t = _value(sample, "t")
+        decay = 1.0
+        if self.count:
+            if t <= self.last:
+                raise InputError(f"track_derivatives: t = {t:g} s follows {self.last:g} s; expected increasing times")
+            decay = float(np.exp((self.last - t) / self.memory))
+        else:
+            self.first = t
+        self.count, self.last, self.weight = self.count + 1, t, self.weight * decay
+        signals = [0.0 if n in self.differentiated else _value(sample, n) for n in self.equations.form.channels]
+        states = [_value(sample, base) for base in self.differentiated.values()]
+        rest, slopes = (part.full() for part in self.equations.function(signals))
+        row = [*rest[:, 0], *(slopes[e, i] for e, own in enumerate(self.equations.places) for i in own), *states, 1.0]
+        self.total *= decay
+        self.across *= decay**2
+        self.along *= decay**2
+        if not np.isfinite(row).all():
+            if self.differentiated:
+                raise InputError(
+                    f"track_derivatives: a sample is missing at t = {t:g} s; then the samples must have the channels "
+                    f"{', '.join(self.differentiated)}"
+                )
+            return t
+        turn = np.exp(-1j * self.omega * (t - self.first))
+        self.total += np.outer(turn, row)
+        self.across += np.outer(turn, turn.conj())
+        self.along += np.outer(turn, turn)
+        return t
+
+    def noise(self) -> np.ndarray:
+        """(2 frequencies, 2 frequencies) covariance of the real rows for white noise of variance 1."""
+        plus, minus = self.across + self.along, self.along - self.across
+        across = np.imag(minus)
+        return 0.5 * np.block([[np.real(plus), across], [across.T, -np.real(minus)]])
+
+    def regression(self, equation: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Real rows of the target (rows,), of its regressors (rows, free) and of what is eliminated (rows, shapes)."""
+        first = self._width + sum(map(len, self.equations.places[:equation]))
+        x = self.total[:, first : first + len(self.equations.places[equation])]
+        z, shapes = self.total[:, equation], [self.total[:, -1]]
+        name = self.equations.form.names[equation]
+        if name in self.differentiated:
+            place = list(self.differentiated).index(name)
+            dt = (self.last - self.first) / (self.count - 1)
+            rate = 1j * self.omega - 1.0 / self.memory
+            z = z + rate * self.total[:, place - len(self.differentiated) - 1]
+            difference = rate / (np.exp(rate * dt) - 1.0)
+            # what the state differs by at both ends: the sample that is to come, and the first one
+            shapes.append(difference * np.exp(-1j * self.omega * (self.last - self.first)))
+            shapes.append(difference * np.exp(rate * dt) * self.weight)
+        return real_rows(z), real_rows(x), real_rows(np.stack(shapes, axis=1))
+
+
+def _basis(shapes: np.ndarray, constant: float) -> np.ndarray:
+    """(rows, directions) of unit length that span the shapes (rows, shapes), a constant before the ends of a state,
+    without those that have been forgotten; `constant` is the size of the first one when nothing cancels in it."""
+    size = np.linalg.norm(shapes, axis=0)
+    new = np.array([constant, *[size[1:].max(initial=0.0)] * (len(size) - 1)])
+    shapes = shapes[:, size > _FORGOTTEN * new]
+    directions, kept, _ = np.linalg.svd(shapes / np.linalg.norm(shapes, axis=0), full_matrices=False)
+    return directions[:, kept > _FORGOTTEN]
+
+
+def _estimates(sums: _Sums, own: Sequence[str], t: float) -> Iterator[TrackedDerivatives]:
+    """The least-squares estimates of all equations, nothing while the samples do not determine them."""
+    if sums.count < 2:
+        return
+    values, std, noise = {}, {}, {}
+    covariance = sums.noise()
+    for equation, places in enumerate(sums.equations.places):
+        if not places:
+            continue
+        z, x, shapes = sums.regression(equation)
+        basis = _basis(shapes, np.sqrt(sums.count * len(sums.omega)))
+        x, z = x - basis @ (basis.T @ x), z - basis @ (basis.T @ z)
+        scale = np.linalg.norm(x, axis=0)
+        if not (scale > 0.0).all():
+            return
+        left, singular, right = np.linalg.svd(x / scale, full_matrices=False)
+        if singular[-1] < _SINGULAR * singular[0] or len(z) <= x.shape[1] + basis.shape[1]:
+            return
+        gain = (right.T / singular) @ left.T / scale[:, None]
+        theta = gain @ z
+        taken = np.concatenate([basis, left], axis=1)
+        residual = z - x @ theta
+        freedom = np.trace(covariance) - np.trace(taken.T @ covariance @ taken)
+        variance = float(residual @ residual) / freedom
+        spread = np.sqrt(np.maximum(np.diagonal(gain @ covariance @ gain.T), 0.0) * variance)
+        values |= {own[i]: float(value) for i, value in zip(places, theta, strict=True)}
+        std |= {own[i]: float(value) for i, value in zip(places, spread, strict=True)}
+        noise[sums.equations.form.names[equation]] = float(np.sqrt(variance))
+    yield TrackedDerivatives(t=t, values={n: values[n] for n in own}, std={n: std[n] for n in own}, noise=noise)
