@@ -157,8 +157,22 @@ class ProofOfMatch:
 
     @property
     def passed(self) -> bool:
-        """Whether no test of the extended aircraft fails (of the given one, where it is alone)."""
-        return all(one.passed is not False for one in self.tests)
+        """Whether the extended aircraft passes every test (the given one, where it is alone); one that is not judged is
+        not passed."""
+        return all(one.passed is True for one in self.tests)
+
+    @property
+    def sentence(self) -> str:
+        """How many tests each side passes."""
+        told_of = []
+        for label in self.aircraft:
+            outcomes = [one.sides[label].passed for one in self.tests]
+            left = f", and {outcomes.count(None)} cannot be judged" if None in outcomes else ""
+            told_of.append(
+                f"{label} it passes {outcomes.count(True)} of {len(outcomes)} tests and fails {outcomes.count(False)}{left}"
+            )
+        said = "; ".join(told_of)
+        return f"{said[0].upper()}{said[1:]}."
 
     def to_dict(self) -> dict[str, Any]:
         """As `match.json`, "casid.match/1": SI units and radians; what is no number is null."""
@@ -166,6 +180,7 @@ class ProofOfMatch:
         return {
             "schema": "casid.match/1",
             "passed": self.passed,
+            "sentence": self.sentence,
             "standard": standard,
             "aircraft": dict(self.aircraft),
             "closed_loop": self.closed_loop,
@@ -492,6 +507,7 @@ def _lines(proof: ProofOfMatch) -> Iterable[str]:
     """The result as a terminal shows it: a line for each row, and below a test what its parts cost."""
     loop = "closed loop, corrections of the surfaces follow flight" if proof.closed_loop else "open loop"
     yield f"Proof of match by {proof.standard.name}, {proof.standard.edition}; {loop}"
+    yield proof.sentence
     for one in proof.tests:
         verdicts = ", ".join(f"{label} {_VERDICTS[side.passed]}" for label, side in one.sides.items())
         where = f"{one.record.name} {one.window.start:.1f} to {one.window.end:.1f} s"

@@ -30,7 +30,7 @@ def match(
 
     Flies every test of the table whose manoeuvre a record shows, from the measured state and with the inputs of flight.
     With an extended aircraft, each part that it has and the given one lacks is taken out in turn: which tolerances it
-    costs is told. The status is 0 when no test fails and 1 when one does, judged by the last aircraft.
+    costs is told. The status is 0 when the last aircraft passes every test, and 1 when it does not.
     With --out also DIR/match.html, one test per printed page, DIR/match.json and DIR/match_figures.
 
     Parameters

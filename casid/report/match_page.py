@@ -39,8 +39,8 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
         "summary": _summary(proof),
         "left_out": _left_out(proof),
         "tests": [_page(one, figures[pictures[f"test{i}"].name]) for i, one in enumerate(proof.tests)],
-        "word": "Pass" if proof.passed else "Fail",
-        "sentence": _sentence(proof),
+        "word": "Pass" if proof.passed else "Fail" if any(one.passed is False for one in proof.tests) else "Not judged",
+        "sentence": proof.sentence,
     }
     (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
 
@@ -55,17 +55,6 @@ def frame(proof: ProofOfMatch) -> DataFrame:
                 numbers = {key: getattr(check, key) for key in ("used", "deviation", "limit", "at_s", "in_s", "out_s")}
                 rows[name] = {"passed": check.passed, **numbers, "paragraph": one.test.paragraph, "why": check.why}
     return data_frame(rows, "row")
-
-
-def _sentence(proof: ProofOfMatch) -> str:
-    """How many tests each side passes."""
-    count, told = len(proof.tests), []
-    for label in proof.aircraft:
-        passed = sum(one.sides[label].passed is True for one in proof.tests)
-        failed = sum(one.sides[label].passed is False for one in proof.tests)
-        told.append(f"{label} it passes {passed} of {count} tests and fails {failed}")
-    said = "; ".join(told)
-    return f"{said[0].upper()}{said[1:]}."
 
 
 def _loop(proof: ProofOfMatch) -> str:

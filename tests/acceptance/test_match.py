@@ -198,8 +198,9 @@ def test_a_dutch_roll_is_measured_and_compared(given: cs.Aircraft) -> None:
 
 
 def test_a_short_dutch_roll_is_not_judged(given: cs.Aircraft) -> None:
-    (one,) = cs.proof_of_match(given, lateral_flight(given, 15.0), tests=["2.d.7"]).tests
-    assert one.passed is None and "6" in one.sides["as given"].checks[0].why
+    proof = cs.proof_of_match(given, lateral_flight(given, 15.0), tests=["2.d.7"])
+    assert proof.tests[0].passed is None and "6" in proof.tests[0].sides["as given"].checks[0].why
+    assert not proof.passed  # nor is it proved
 
 
 def test_an_effect_of_another_size_goes_back_to_that(given: cs.Aircraft) -> None:
