@@ -98,10 +98,10 @@ _ROOMS = {
         "Isolability",
         "isolability",
     ),
-    "casid.acceptance.match": (
+    "casid.acceptance.match": ("proof_of_match",),
+    "casid.acceptance.proof": (
         "MatchedTest",
         "ProofOfMatch",
-        "proof_of_match",
     ),
     "casid.acceptance.theil": (
         "Theil",

@@ -1,6 +1,7 @@
 from casid.acceptance.handbook import Handbook, modes
 from casid.acceptance.isolability import Isolability, isolability
-from casid.acceptance.match import MatchedTest, ProofOfMatch, proof_of_match
+from casid.acceptance.match import proof_of_match
+from casid.acceptance.proof import MatchedTest, ProofOfMatch
 from casid.acceptance.theil import Theil, theil
 from casid.acceptance.tolerances import Standard
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.acceptance.match import ProofOfMatch, proof_of_match
+from casid.acceptance.match import proof_of_match
+from casid.acceptance.proof import ProofOfMatch
 from casid.cli.options import AsJson, Axes, Files, Flag, Folder, Maps, aircraft_of, records_of, say_idle_effects
 from casid.errors import InputError
 from casid.report.folder import provenance, whole_folder, write_provenance

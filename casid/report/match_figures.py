@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from casid.acceptance.checks import compared_channels, span
-from casid.acceptance.match import EXTENDED, GIVEN, MatchedTest, ProofOfMatch
+from casid.acceptance.proof import EXTENDED, GIVEN, MatchedTest, ProofOfMatch
 from casid.acceptance.tolerances import Tolerance, told
 from casid.errors import unknown
 from casid.report.estimate_figures import file_name

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.acceptance.checks import Check
-from casid.acceptance.match import EXTENDED, MatchedTest, ProofOfMatch, Side
+from casid.acceptance.proof import EXTENDED, MatchedTest, ProofOfMatch, Side
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance
 from casid.report.match_figures import match_figure
