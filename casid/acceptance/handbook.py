@@ -7,7 +7,7 @@ included. Theil's coefficients of records stand in `theil`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
 from casid.acceptance.glide import best_glide
 from casid.acceptance.parameters import Known, known_by_diagnosis, known_by_file, known_by_fit
 from casid.acceptance.steady import Implicit, SteadyFlight
-from casid.arguments import number
+from casid.arguments import an, number
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
@@ -30,6 +30,7 @@ from casid.native.threads import single_threaded
 from casid.views import brief, view
 
 LEVEL = ("alpha", "delta_e", "thrust")
+_HEIGHTS = (-1e3, 2e4)  # m, of the standard atmosphere
 _CURVE = 21  # speeds of the trim curves
 
 
@@ -188,18 +189,19 @@ def modes(
     ['short period', 'phugoid', 'dutch roll', 'roll', 'spiral']
     """
     file = given_aircraft(aircraft, "modes")
+    an(fit, (Fit, Diagnosis, type(None)), "modes: fit", "fit=cs.solve(...) or fit=cs.diagnose(...)")
+    point = flight_point(file, V, altitude, rho) | {"climb_angle": number(climb_angle, "modes: climb_angle")}
     flight = SteadyFlight(file)
     if isinstance(fit, Diagnosis):
         known = known_by_diagnosis(flight, fit)
     else:
         known = known_by_file(flight) if fit is None else known_by_fit(flight, fit)
-    return handbook(flight, known, flight_point(file, V, altitude, rho) | {"climb_angle": float(climb_angle)}, speeds)
+    return handbook(flight, known, point, _speeds(speeds, point["V"]))
 
 
-def handbook(
-    flight: SteadyFlight, known: Known, point: Mapping[str, float], speeds: Sequence[float] | None = None
-) -> Handbook:
-    """The handbook of a steady flight and what is known of its parameters; `point`: V, rho, climb_angle."""
+def handbook(flight: SteadyFlight, known: Known, point: Mapping[str, float], speeds: np.ndarray) -> Handbook:
+    """The handbook of a steady flight and what is known of its parameters; `point`: V, rho, climb_angle; (n,) `speeds`
+    of the trim curves."""
     solved = flight.solve(LEVEL, point, known.values)
     n = len(flight.moving)
     along, units = flight.once(("handbook",), lambda: _matrix_and_numbers(flight))
@@ -215,15 +217,28 @@ def handbook(
         del numbers["lift_over_drag"]
         without = (*without, "the drag of the file at this point is not positive: no lift over drag is told")
     numbers |= {name: Number(value=v, std=known.std(d), unit=unit) for name, (v, d, unit) in glide.items()}
-    V = np.linspace(0.7, 1.4, _CURVE) * point["V"] if speeds is None else np.array(speeds, dtype=float)
     return Handbook(
         aircraft=flight.aircraft.name,
         flight=solved.values,
         modes={name: _told(name, mode, known) for name, mode in named(told).items()},
         numbers=numbers,
-        trim_curves=_curves(flight, known, point, V),
+        trim_curves=_curves(flight, known, point, speeds),
         notes=(*_notes(flight, silent, known), *without),
     )
+
+
+def usual_speeds(V: float) -> np.ndarray:
+    """(n,) airspeeds of trim curves about one [m/s]."""
+    return np.linspace(0.7, 1.4, _CURVE) * V
+
+
+def _speeds(given: Sequence[float] | None, V: float) -> np.ndarray:
+    """(n,) airspeeds [m/s]. Raises InputError for what is no list of positive numbers."""
+    if given is None:
+        return usual_speeds(V)
+    if isinstance(given, (str, Mapping)) or not isinstance(given, Iterable):
+        raise InputError("modes: speeds is no list of numbers; expected airspeeds in m/s, like [40.0, 50.0, 60.0]")
+    return np.array([number(one, "modes: one of the speeds", positive=True) for one in given])
 
 
 def _plain(one: Number) -> dict[str, Any]:
@@ -241,6 +256,10 @@ def flight_point(aircraft: Aircraft, V: float | None, altitude: float | None, rh
         rho, altitude = aircraft.trim.get("rho"), aircraft.trim.get("altitude")
     if speed is None or (rho is None and altitude is None):
         raise InputError(f"modes: '{aircraft.name}' has no V, or neither altitude nor rho, under [trim]; give them")
+    if rho is None and not _HEIGHTS[0] <= number(altitude, "modes: altitude") <= _HEIGHTS[1]:
+        raise InputError(
+            f"modes: altitude is {altitude:g} m; expected {_HEIGHTS[0]:g} to {_HEIGHTS[1]:g} m, or give rho"
+        )
     density = float(standard_density(np.array(altitude))) if rho is None else number(rho, "modes: rho", positive=True)
     return {"V": number(speed, "modes: V", positive=True), "rho": density}
 

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import norm
 
 from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
-from casid.arguments import names, numbers_by_name
+from casid.arguments import an, names, numbers_by_name
 from casid.design.level_flight import TYPICAL_NOISE
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
@@ -178,7 +178,7 @@ def isolability(
     *,
     channels: Iterable[str] | None = None,
     noise: Mapping[str, float] = MappingProxyType({}),
-    causes: Iterable[str | Effect] | None = None,
+    causes: Iterable[str | Effect] | str | None = None,
     suggest: bool = True,
     criteria: Criteria | None = None,
 ) -> Isolability:
@@ -223,7 +223,7 @@ def isolability(
     True
     """
     file, records = given_aircraft(aircraft, "isolability"), given_records(manoeuvres, "isolability")
-    criteria = criteria or Criteria()
+    criteria = an(criteria or Criteria(), Criteria, "isolability: criteria", "Criteria(...)")
     if not records:
         raise InputError("isolability: no manoeuvre is given; expected records of the surfaces")
     axes = axes_of(records)
@@ -298,6 +298,9 @@ def _noise(
     """Measured channel -> 1-sigma."""
     valid = aircraft_model(aircraft, axes=axes, effects=()).outputs
     chosen = [name for name in TYPICAL_NOISE if name in valid] if channels is None else names(channels, "channels")
+    for name in stated:
+        if name not in valid:
+            raise unknown("channel", name, valid, "isolability: noise")
     sigma = {}
     for name in chosen:
         if name not in valid:
@@ -317,14 +320,15 @@ def _flight(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) ->
     return replace(prepare(aircraft, records, criteria, flown.axes), doubted=())
 
 
-def _wanted(flight: Flight, causes: Iterable[str | Effect] | None) -> tuple[list[Effect], tuple[str, ...]]:
+def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tuple[list[Effect], tuple[str, ...]]:
     """Effects to be judged, and names of those of the catalogue that size says nothing of."""
     every = flight.effects
     if causes is None:
         chosen = [e for e in every if e.kind != "aero_term" or any(fnmatchcase(e.name, g) for g in _DEFAULT)]
     else:
-        chosen = []
-        for one in causes:
+        chosen: list[Effect] = []
+        for one in [causes] if isinstance(causes, str) else causes:
+            an(one, (str, Effect), "isolability: one of the causes", "'sensor_*' or an Effect")
             found = (
                 [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, one.replace("[", "[[]"))]
             )

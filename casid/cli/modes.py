@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from casid.acceptance.handbook import Handbook, flight_point, handbook
+from casid.acceptance.handbook import Handbook, flight_point, handbook, usual_speeds
 from casid.acceptance.parameters import known_by_document, known_by_file
 from casid.acceptance.steady import SteadyFlight
 from casid.acceptance.theil import Theil, theil
@@ -72,10 +72,10 @@ def modes(
         found: dict[str, Handbook] = {}
         for label, one in files.items():
             flight = SteadyFlight(one)
-            found[label] = handbook(flight, known_by_file(flight), point)
+            found[label] = handbook(flight, known_by_file(flight), point, usual_speeds(point["V"]))
             if label == first and estimate is not None:
                 known = known_by_document(flight, _document(estimate), str(estimate))
-                found[f"{label}, estimated"] = handbook(flight, known, point)
+                found[f"{label}, estimated"] = handbook(flight, known, point, usual_speeds(point["V"]))
         compared = _theil(files, read) if read else {}
         text = json.dumps(document(found, compared), indent=1)
         (folder / "modes.json").write_text(text + "\n", encoding="utf-8")

@@ -182,13 +182,13 @@ def test_best_glide_of_a_parabolic_polar() -> None:
 
 
 def everything(flight: SteadyFlight, known: Known) -> dict[str, float]:
-    found = handbook(flight, known, point_of(flight), [60.0])
+    found = handbook(flight, known, point_of(flight), np.array([60.0]))
     curves = {f"curve {n}": float(v[0]) for n, v in found.trim_curves.values.items()}
     return {label: one.value for label, one in rows(found)} | curves
 
 
 def deviations(flight: SteadyFlight, known: Known) -> dict[str, float]:
-    found = handbook(flight, known, point_of(flight), [60.0])
+    found = handbook(flight, known, point_of(flight), np.array([60.0]))
     curves = {f"curve {n}": float(v[0]) for n, v in found.trim_curves.std.items()}
     return {label: one.std for label, one in rows(found)} | curves
 
