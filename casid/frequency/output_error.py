@@ -119,6 +119,11 @@ class FourierOutputs:
             yield slice(first, first + len(rows)), rows
             first += len(rows)
 
+    @property
+    def frequencies(self) -> list[np.ndarray]:
+        """Per record (rows,) the frequency of each row [rad/s]."""
+        return [np.concatenate([np.tile(one.piece.omega, 2) for one in own]) for own in self._pieces]
+
     def _linear(self, one: _Transformed, parameters: np.ndarray) -> LinearSensitivity:
         model, free = self._problem.model, self._problem.free_index
         return sensitivity_at(model, free, one.x, one.u, parameters[one.piece.record])

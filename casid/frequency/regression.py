@@ -187,6 +187,11 @@ class FourierEquations:
             yield slice(first, first + len(rows)), rows
             first += len(rows)
 
+    @property
+    def frequencies(self) -> list[np.ndarray]:
+        """Per record (rows,) the frequency of each row [rad/s]."""
+        return self._by_record([np.tile(one.piece.omega, 2) for one in self._pieces])
+
     def _by_record(self, rows: list[np.ndarray]) -> list[np.ndarray]:
         records = range(int(self._record.max()) + 1)
         return [np.concatenate([rows[i] for i in np.flatnonzero(self._record == r)]) for r in records]

@@ -46,9 +46,11 @@ def histories(
     curves: Mapping[str, np.ndarray],
     empty: Callable[[float], Figure] = blank,
     inputs: Mapping[str, np.ndarray] | None = None,
+    *,
+    axis: str = "t [s]",
 ) -> Picture:
     """Measured (N, channels) and, by label, what models give (N, channels), one panel per channel; `empty` makes the
-    figure of a height. `inputs`, by channel (N,), stand in panels below."""
+    figure of a height. `inputs`, by channel (N,), stand in panels below. Where `t` is no time, `axis` names it."""
     inputs = inputs or {}
     with settings():
         above, below = -(-len(channels) // 2), -(-len(inputs) // 2)
@@ -68,7 +70,7 @@ def histories(
             ax.set_visible(False)
         for column in axes.T:
             lowest = [ax for ax in column if ax.get_visible()][-1]
-            lowest.set_xlabel("t [s]")
+            lowest.set_xlabel(axis)
             lowest.tick_params(labelbottom=True)
         first = [axes.flat[0], *axes.flat[2 * above : 2 * above + 1]]
         known = [pair for ax in first for pair in zip(*ax.get_legend_handles_labels(), strict=True)]

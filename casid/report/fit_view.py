@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from casid.errors import unknown
 from casid.estimation.fit import Fit
+from casid.frequency.output_error import FourierOutputError
+from casid.frequency.regression import FourierEquationError
 from casid.report.estimate_figures import histories
 from casid.report.notebook import data_frame, html_list, html_paragraph, html_table
 from casid.report.style import window
@@ -22,13 +25,21 @@ _LATEX = str.maketrans({c: "\\" + c for c in "_%#&$"} | {"^": r"\textasciicircum
 
 
 def plot(fit: Fit, record: str | None) -> Figure:
-    """Measured and predicted channels of one record."""
+    """Measured and predicted channels of one record, or their amplitudes over frequency where they are transforms."""
     records = {r.name: r for r in fit.problem.records}
     name = next(iter(records)) if record is None else record
     if name not in records:
         raise unknown("record", str(name), records, "fit.plot")
     predicted = fit.predictions[name]
     measured = predicted + fit.residuals[name]
+    if isinstance(cost := fit.problem.cost, FourierEquationError | FourierOutputError):
+        frequencies = cost.equations(fit.problem).frequencies[list(records).index(name)]
+        omega = np.unique(frequencies)
+        which = frequencies == omega[:, None]
+        values = (measured, predicted, fit.residuals[name])
+        measured, predicted, rest = (np.sqrt(which @ np.nan_to_num(one) ** 2) for one in values)
+        curves = {"fitted": predicted, "difference": rest}
+        return histories(name, omega, list(fit.channels), measured, curves, window, axis="frequency ω [rad/s]").figure
     return histories(name, records[name].t, list(fit.channels), measured, {"fitted": predicted}, window).figure
 
 
