@@ -78,6 +78,7 @@ _ROOMS = {
         "path",
         "solve",
     ),
+    "casid.estimation.petab": ("read_petab",),
     "casid.filtering.filter_error": (
         "FilterFit",
         "filter_error",

@@ -43,6 +43,7 @@ from casid.estimation import (
     path,
     solve,
 )
+from casid.estimation.petab import read_petab
 from casid.filtering.filter_error import FilterFit, filter_error
 from casid.formats.export import export
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
@@ -171,6 +172,7 @@ __all__ = [
     "precision",
     "profile",
     "proof_of_match",
+    "read_petab",
     "read_record",
     "read_records",
     "simulate",

@@ -75,6 +75,18 @@ def known_faults_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def petab_data() -> Path:
+    """Folder with problems of the PEtab benchmark collection, as `petab` beside the flight data; skipped without."""
+    for name in ("Rahman_MBS2016", "Crauste_CellSystems2017"):
+        if (folder := data_folder("petab", f"{name}/{name}.yaml")) is not None:
+            return folder
+    pytest.skip(
+        "no PEtab problems: clone Benchmarking-Initiative/Benchmark-Models-PEtab, and set CASID_DATA to the folder that "
+        "holds its problems as 'petab'"
+    )
+
+
+@pytest.fixture(scope="session")
 def regression_data() -> Path:
     """Folder with the statistical reference data sets of NIST (MGH17.dat, ...), as `strd` beside the flight data.
 
