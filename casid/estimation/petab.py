@@ -11,7 +11,6 @@ import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +79,7 @@ class _Tables:
     def read(cls, file: Path) -> _Tables:
         """All files that the YAML file names."""
         try:
-            yaml = import_module("yaml")
+            import yaml
         except ImportError:
             raise InputError(f"{file}: PEtab needs PyYAML; install it with: pip install 'casid[petab]'") from None
         try:
@@ -199,7 +198,7 @@ class _Reading:
         for name, parts in self.sampled.items():
             if name in plain:
                 symbols[name] = plain[name] + sum((plain[f"{name} is {n}"] * plain[n] for n in parts), ca.SX(0))
-        rules = self.tables.sbml.rules | {n: parsed(text, self.where) for n, text in self.literal.items()}
+        rules = {**self.tables.sbml.rules, **{n: parsed(text, self.where) for n, text in self.literal.items()}}
         inputs = {n: plain[n] for n in self.switches if n in plain}
         return Scope(where=self.where, known=symbols, rules=rules, inputs=inputs)
 
@@ -346,11 +345,12 @@ class _Reading:
         for name, parts in self.sampled.items():
             head, _, observable = name.partition("_")
             kind, index = head.split("Parameter")
-            own = sorted((_value(r, "time", self.where), _entries(r, kind)[int(index) - 1]) for r in rows
-                         if r["observableId"] == observable)  # fmt: skip
-            if not own:
-                own = [(0.0, next(_entries(r, kind)[int(index) - 1] for r in self.tables.measurements
-                                  if r["observableId"] == observable))]  # fmt: skip
+
+            def entries_of(some: Sequence[Row], own: str = observable, kind: str = kind, k: int = int(index) - 1):
+                chosen = [row for row in some if row["observableId"] == own]
+                return sorted((_value(row, "time", self.where), _entries(row, kind)[k]) for row in chosen)
+
+            own = entries_of(rows) or entries_of(self.tables.measurements)
             which = np.minimum(np.searchsorted([t for t, _ in own], grid), len(own) - 1)
             entries = [own[k][1] for k in which]
             channels[name] = np.array([_number(e) or 0.0 for e in entries])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -77,9 +76,10 @@ class SbmlModel:
 def library(what: str) -> Any:
     """libsbml. Raises InputError where it is not installed."""
     try:
-        return import_module("libsbml")
+        import libsbml
     except ImportError:
         raise InputError(f"{what}: SBML needs python-libsbml; install it with: pip install 'casid[petab]'") from None
+    return libsbml
 
 
 def read_sbml(path: Path) -> SbmlModel:
@@ -213,7 +213,7 @@ def translated(tree: Any, scope: Scope) -> ca.SX:
     """The expression of a formula; a number is one already. Raises InputError for what is not taken."""
     if isinstance(tree, int | float):
         return ca.SX(tree)
-    libsbml = import_module("libsbml")
+    libsbml = library(scope.where)
     kind = tree.getType()
     if tree.isNumber():
         return ca.SX(tree.getValue())

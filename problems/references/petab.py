@@ -167,8 +167,7 @@ def minimum_by_scipy(problem: Problem, start: Mapping[str, float], seconds: floa
                 options = {"maxiter": 5000, "maxfun": 100000, "ftol": 1e-13}
                 minimize(cost, x0, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options=options)
             else:
-                close = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
-                least_squares(residuals, x0, bounds=(low, high), x_scale="jac", **close)
+                least_squares(residuals, x0, bounds=(low, high), x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12)
     except _TimeUpError:
         pass
     took = time.perf_counter() - begin
