@@ -31,6 +31,7 @@ _COUNT = 100  # frequencies of a response
 _WINDOWS = 5  # lengths, of which the longest is half a stretch
 _SHORTEST = 0.25  # of the longest window
 _SAMPLES_PER_PERIOD = 10  # at the highest frequency
+_CHANCE = 0.05  # of two unrelated channels to be taken for related ones
 _FEWEST = 1.5  # independent averages, below which a coherence means nothing
 _SURE = 1e-6  # random error that weighs no more than a smaller one
 
@@ -55,6 +56,8 @@ class FrequencyResponse:
         (frequencies,) part of the output's power that is linear in all inputs together.
     random_error
         (frequencies,) standard deviation of the gain over the gain, and of the phase in rad.
+    averages
+        (frequencies,) independent windows behind it, less the other inputs.
     input_spectrum, output_spectrum
         (frequencies,) one-sided densities over omega, without the part of the other inputs.
     windows
@@ -71,15 +74,22 @@ class FrequencyResponse:
     coherence: np.ndarray
     multiple_coherence: np.ndarray
     random_error: np.ndarray
+    averages: np.ndarray
     input_spectrum: np.ndarray
     output_spectrum: np.ndarray
     windows: dict[float, float]
     records: tuple[str, ...]
 
     @cached_property
+    def by_chance(self) -> np.ndarray:
+        """(frequencies,) coherence that unrelated channels exceed in one case of twenty: 1 - 0.05^(1 / (n - 1)) of n
+        averages, high for few of them."""
+        return 1.0 - _CHANCE ** (1.0 / np.maximum(self.averages - 1.0, _SURE))
+
+    @cached_property
     def usable(self) -> np.ndarray:
-        """(frequencies,) whether the coherence is at least 0.6."""
-        return self.coherence >= USABLE
+        """(frequencies,) whether the coherence is at least 0.6, and more than what comes about by chance."""
+        return self.coherence >= np.maximum(USABLE, self.by_chance)
 
     @cached_property
     def gain_db(self) -> np.ndarray:
@@ -108,6 +118,7 @@ class FrequencyResponse:
             "coherence": self.coherence,
             "multiple_coherence": self.multiple_coherence,
             "random_error": self.random_error,
+            "averages": self.averages,
             "input_spectrum": self.input_spectrum,
             "output_spectrum": self.output_spectrum,
         }
@@ -287,6 +298,7 @@ def _composite(every: Sequence[Spectra], records: Sequence[str]) -> FrequencyRes
         coherence=coherence,
         multiple_coherence=_multiple(matrix),
         random_error=random_error(coherence, averages),
+        averages=averages,
         input_spectrum=np.real(own[:, 0, 0]),
         output_spectrum=np.real(own[:, 1, 1]),
         windows={one.window: one.averages for one in every},
@@ -345,7 +357,7 @@ def _lengths(
         )
     if windows is None:
         longest = 0.5 * max(part.duration for part in parts)
-        return np.geomspace(longest, _SHORTEST * longest, _WINDOWS).tolist()
+        return [round(float(one), 6) for one in np.geomspace(longest, _SHORTEST * longest, _WINDOWS)]
     found = [number(one, "frequency_response: windows", positive=True) for one in windows]
     if not found:
         raise InputError("frequency_response: windows is empty; expected lengths in s, like [20, 10, 5]")

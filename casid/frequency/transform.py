@@ -18,8 +18,10 @@ from casid.errors import InputError, unknown
 from casid.records.record import Record
 
 _EVEN = 1e-3  # of an interval: time stamps this close to an even grid are even
+_JITTER = 0.05  # of an interval: a reading that is as late as that is less wrong than one between two others
 _GAP = 1.5  # intervals: a longer step between two samples is a gap
 _SERIES = 0.1  # rad per sample: below it the weights come from their power series, good to 1e-11 there
+_AT_ONCE = 4_000_000  # terms of sums that are held in memory
 _POINTS_PER_PERIOD = 10  # a straight line over a tenth of a period is at most 5 % lower than the sine, 1 - cos(pi/10)
 
 # Weights of the cubic order in ascending powers of theta**2, real parts and imaginary parts over theta: Press et al.,
@@ -112,7 +114,9 @@ def chirp_z(values: np.ndarray, dt: float, omega: np.ndarray) -> np.ndarray:
     step = np.diff(omega)
     if len(omega) > 2 and np.allclose(step, step[0], rtol=1e-9, atol=0.0):
         return _czt(len(values), len(omega), float(omega[0]), float(step.mean()), dt)(values, axis=0)
-    return np.exp(-1j * np.outer(omega, dt * np.arange(len(values)))) @ values
+    t = dt * np.arange(len(values))
+    parts = np.array_split(omega, -(-len(omega) * len(t) // _AT_ONCE))
+    return np.concatenate([np.exp(-1j * np.outer(part, t)) @ values for part in parts])
 
 
 def finite_fourier(t: np.ndarray, values: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -233,12 +237,12 @@ def stretches(record: Record, channels: Sequence[str], omega_max: float) -> list
 
 
 def _stretch(name: str, t: np.ndarray, values: np.ndarray, dt: float) -> Stretch:
-    """These samples on a grid of interval dt, by straight lines where they are not there already."""
-    count = int(np.floor((t[-1] - t[0]) / dt + _EVEN)) + 1
-    grid = t[0] + dt * np.arange(count)
-    if count != len(t) or np.abs(t - grid).max() > _EVEN * dt:
+    """These samples on a grid of about the interval dt, by straight lines where they are not there already."""
+    count = int(np.round(np.diff(t) / dt).sum()) + 1  # whole intervals each, as the median may be off by a rounding
+    grid = np.linspace(t[0], t[-1], count)
+    if count != len(t) or np.abs(t - grid).max() > _JITTER * dt:
         values = np.stack([np.interp(grid, t, column) for column in values.T], axis=1)
-    return Stretch(record=name, start=float(t[0]), dt=dt, values=values)
+    return Stretch(record=name, start=float(t[0]), dt=float((t[-1] - t[0]) / (count - 1)), values=values)
 
 
 def _on_even_grid(t: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:

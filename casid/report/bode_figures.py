@@ -69,7 +69,8 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
         figure=figure,
         title=f"{_name(response.output)} to {_name(response.input)}",
         caption=f"Response of {_name(response.output)} to {_name(response.input)}{given}, from "
-        f"{', '.join(response.records)}. Grey: coherence below {USABLE:g}, where the response is not to be used.",
+        f"{', '.join(response.records)}. Grey: coherence below {USABLE:g}, or as "
+        "low as it comes about by chance, where the response is not to be used.",
         alt=f"Bode diagram and coherence of {response.output} to {response.input}.",
     )
 
@@ -129,7 +130,7 @@ def draw_coherence(ax: Axes, flight: FrequencyResponse) -> None:
     """Coherence, with the limit below which it is grey."""
     _grey(ax, flight)
     ax.plot(flight.omega, flight.coherence, color=MEASURED, lw=1.4)
-    ax.axhline(USABLE, color=FAINT, lw=0.9, ls="--")
+    ax.plot(flight.omega, np.maximum(USABLE, flight.by_chance), color=FAINT, lw=0.9, ls="--")
     ax.set_ylim(0.0, 1.03)
     ax.set_ylabel("coherence")
 

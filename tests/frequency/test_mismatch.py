@@ -26,6 +26,7 @@ def flight(coherence: float | np.ndarray = 1.0, response: np.ndarray | None = No
         coherence=coherence * ones,
         multiple_coherence=coherence * ones,
         random_error=0.01 * ones,
+        averages=10.0 * ones,
         input_spectrum=ones,
         output_spectrum=ones,
         windows={10.0: 10.0},

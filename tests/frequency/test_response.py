@@ -127,6 +127,18 @@ def test_the_error_falls_with_the_root_of_the_averages() -> None:
     assert random_error(np.array([0.5]), 8.0) == pytest.approx([0.25])
 
 
+@pytest.mark.parametrize("count", [1, 2, 8])
+def test_chance_takes_unrelated_channels_for_related_in_one_case_of_twenty(count: int) -> None:
+    """White noise in both, in 400 draws, with windows that do not overlap: 3, 6 and 24 of them."""
+    rng, beyond = np.random.default_rng(14), []
+    for _ in range(400):
+        flown = [record(f"m{k}", u=rng.standard_normal(750), y=rng.standard_normal(750)) for k in range(count)]
+        found = cs.frequency_response(flown, "u", "y", omega=[6.0, 14.0, 22.0], windows=[5.0], overlap=0.0)
+        assert found.averages == pytest.approx(3.0 * count * np.ones(3))
+        beyond.append(found.coherence > found.by_chance)
+    assert np.mean(beyond) == pytest.approx(0.05, abs=0.02)
+
+
 def test_overlapping_windows_are_as_many_as_their_correlation_allows() -> None:
     """Welch's formula for Hann's taper at an overlap of one half: its correlation is 1/6, so that K windows count as
     K / (1 + 2 (K - 1) / K / 36)."""

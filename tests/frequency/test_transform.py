@@ -96,6 +96,30 @@ def test_jumps_of_time_are_gaps() -> None:
     assert parts[1].values[:, 0] == pytest.approx(np.sin(t[200:]), abs=1e-12)
 
 
+def test_rounded_time_stamps_are_those_of_an_even_clock() -> None:
+    """30 Hz written with three decimals: the median interval is 0.033 s, the clock's 1/30 s."""
+    exact = np.arange(900) / 30.0
+    x = np.sin(2.0 * exact)
+    (part,) = stretches(Record(name="m1", t=np.round(exact, 3), channels={"x": x}), ["x"], 15.0)
+    assert part.dt == pytest.approx(1.0 / 30.0, rel=1e-4)
+    assert part.values[:, 0] == pytest.approx(x, abs=0.0)
+
+
+def test_jitter_is_brought_onto_an_even_grid() -> None:
+    t = 0.02 * np.arange(1000) + 0.004 * RNG.uniform(-1.0, 1.0, 1000)
+    (part,) = stretches(Record(name="m1", t=t, channels={"x": np.sin(2.0 * t)}), ["x"], 15.0)
+    assert part.values[:, 0] == pytest.approx(np.sin(2.0 * part.t), abs=1e-3)
+
+
+def test_sums_in_parts_are_the_sums() -> None:
+    """Of so many samples and frequencies that the table of all terms would not fit into memory."""
+    x = RNG.standard_normal(100_000)
+    omega = np.geomspace(0.1, 30.0, 90)
+    found = chirp_z(x, 0.02, omega)
+    k = 57
+    assert found[k] == pytest.approx(np.sum(x * np.exp(-1j * omega[k] * 0.02 * np.arange(len(x)))), abs=1e-8)
+
+
 def test_what_cannot_be_transformed_is_refused() -> None:
     t = 0.02 * np.arange(100)
     x, late = np.sin(t), np.concatenate([t[:50], t[50:] + 1.0])

@@ -26,6 +26,7 @@ def flight() -> FrequencyResponse:
         coherence=np.where((OMEGA > 1.0) & (OMEGA < 8.0), 0.9, 0.2),
         multiple_coherence=ones,
         random_error=0.02 * ones,
+        averages=10.0 * ones,
         input_spectrum=ones,
         output_spectrum=ones,
         windows={10.0: 10.0},
