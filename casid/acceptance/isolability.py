@@ -198,8 +198,8 @@ def isolability(
     noise
         Channel -> 1-sigma (SI); by default that of the file, and ordinary flight-test instruments where it says none.
     causes
-        Globs of names, like "sensor_*" or "aero_term(Cm:*)", or own effects. By default all of the catalogue but the
-        aerodynamic terms, of which only the lowest are taken.
+        Globs of names, like ``"sensor_*"`` or ``"aero_term(Cm:*)"``, or own effects. By default all of the catalogue
+        but the aerodynamic terms, of which only the lowest are taken.
     suggest
         Also look for the channel and the manoeuvre that would add most.
     criteria
