@@ -158,6 +158,12 @@ _ROOMS = {
         "check",
     ),
     "casid.diagnosis.data.finding": ("Finding",),
+    "casid.diagnosis.kinematics.compatibility": (
+        "Compatibility",
+        "InstrumentError",
+        "compatibility",
+    ),
+    "casid.diagnosis.kinematics.steady_wind": ("SteadyWind",),
     "casid.diagnosis.decision": (
         "Decision",
         "Gate",

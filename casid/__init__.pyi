@@ -13,6 +13,8 @@ from casid.diagnosis.decision import Decision as Decision
 from casid.diagnosis.decision import Gate as Gate
 from casid.diagnosis.decision import Trace as Trace
 from casid.diagnosis.dispatch import diagnose
+from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, compatibility
+from casid.diagnosis.kinematics.steady_wind import SteadyWind
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis
@@ -82,6 +84,7 @@ __all__ = [
     "Collocation",
     "ColumnMap",
     "CombinedError",
+    "Compatibility",
     "DataFindings",
     "Decision",
     "Diagnosis",
@@ -104,6 +107,7 @@ __all__ = [
     "InitialState",
     "InputDesign",
     "InputError",
+    "InstrumentError",
     "Ipopt",
     "Isolability",
     "Library",
@@ -135,6 +139,7 @@ __all__ = [
     "Standard",
     "Starts",
     "StateHistory",
+    "SteadyWind",
     "Steps",
     "SystemCause",
     "SystemDiagnosis",
@@ -148,6 +153,7 @@ __all__ = [
     "bootstrap",
     "check",
     "compare_responses",
+    "compatibility",
     "define_model",
     "define_regression",
     "design_input",

@@ -52,6 +52,14 @@ CHANNELS = _table(
     ("rho", "kg/m3", "air density", 1.0),
     ("mach", "1", "Mach number", 0.5),
     ("qbar", "Pa", "dynamic pressure", 5000.0),
+    ("v_north", "m/s", "velocity over ground, north", 100.0),
+    ("v_east", "m/s", "velocity over ground, east", 100.0),
+    ("v_down", "m/s", "velocity over ground, down", 5.0),
+    ("wind_north", "m/s", "wind towards north", 5.0),
+    ("wind_east", "m/s", "wind towards east", 5.0),
+    ("north", "m", "position north", 1000.0),
+    ("east", "m", "position east", 1000.0),
+    ("throttle", "1", "throttle", 1.0),
 )
 SURFACES = ("delta_e", "delta_a", "delta_r")
 

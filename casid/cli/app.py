@@ -13,6 +13,7 @@ COMMANDS = {
     "diagnose": "casid.cli.diagnose:diagnose",
     "why": "casid.cli.why:why",
     "check": "casid.cli.check:check",
+    "compatibility": "casid.cli.compatibility:compatibility",
     "estimate": "casid.cli.estimate:estimate",
     "simulate": "casid.cli.simulate:simulate",
     "response": "casid.cli.response:response",

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError, unknown
+from casid.records.checks import INPUTS
 from casid.records.clock import seconds_of
 from casid.records.named_arrays import loaded, table_of
 from casid.records.table import RawTable
+from casid.signals import CHANNELS
 
 # Channel -> (topic, field, factor) of a PX4 fixed wing; the attitude is a quaternion of its own topic.
 PX4 = {
@@ -33,13 +35,20 @@ PX4 = {
     "delta_r_command": ("vehicle_torque_setpoint", "xyz[2]", 1.0),
     "throttle": ("vehicle_thrust_setpoint", "xyz[0]", 1.0),
 }
+Series = tuple[np.ndarray, np.ndarray]  # stamps [s] and values
+
+# PX4 logs of recent and older versions name the wind differently.
+_WIND = ("wind", "wind_estimate")
+_GROUND = {"v_north": "vx", "v_east": "vy", "v_down": "vz", "north": "x", "east": "y"}
 _ATTITUDE = ("vehicle_attitude", tuple(f"q[{i}]" for i in range(4)))
+_MEASURED = frozenset(CHANNELS) - frozenset(INPUTS) - {"t", "throttle"}
+_SAME_RATE = 0.9  # of the clock's samples, from which a channel has its rate
 _GAP = 5.0  # median steps of a topic: a longer pause stays a gap
 
 
 def read_hdf5(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of an HDF5 file or a MATLAB 7.3 one: one vector per channel, or one matrix; needs the extra `hdf5`."""
-    h5py = _library("h5py", path, "hdf5")
+    h5py = library("h5py", path, "hdf5")
 
     def load() -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -59,7 +68,7 @@ def read_hdf5(path: Path, variable: str | None, time: str) -> RawTable:
 
 def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a sheet of an .xlsx file, by default the first; needs the extra `excel`."""
-    openpyxl = _library("openpyxl", path, "excel")
+    openpyxl = library("openpyxl", path, "excel")
 
     def load() -> dict[str, Any]:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
@@ -91,7 +100,7 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
 
 def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of an MDF4 measurement on the clock of its fastest channel; needs the extra `mdf`."""
-    asammdf = _library("asammdf", path, "mdf")
+    asammdf = library("asammdf", path, "mdf")
 
     def load() -> dict[str, Any]:
         with asammdf.MDF(path) as file:
@@ -99,7 +108,7 @@ def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
             named = {f"{s.name} [{s.unit}]" if s.unit else s.name: (s.timestamps, s.samples) for s in signals}
         return {"signals": named}
 
-    return _joined(path, loaded(path, load)["signals"])
+    return joined(path, loaded(path, load)["signals"])
 
 
 def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
@@ -109,7 +118,7 @@ def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
     ``delta_e_command`` and so on, and become surfaces by a column map with the throw as weight:
     ``--map delta_e=delta_e_command:deg*25``.
     """
-    pyulog = _library("pyulog", path, "ulog")
+    pyulog = library("pyulog", path, "ulog")
 
     def load() -> dict[str, Any]:
         topics: dict[str, Any] = {}
@@ -130,10 +139,33 @@ def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
         stamps = topics[topic]["timestamp"] * 1e-6
         angles = euler_angles(np.stack([np.asarray(topics[topic][part], float) for part in parts], axis=1))
         series |= {name: (stamps, angles[:, i]) for i, name in enumerate(("phi", "theta", "psi"))}
+    series |= _of_topic(topics, "vehicle_local_position", _GROUND)
+    for topic in _WIND:
+        series |= _of_topic(topics, topic, {"wind_north": "windspeed_north", "wind_east": "windspeed_east"})
     if not series:
         held = ", ".join(sorted(topics)[:8])
         raise InputError(f"{path}: none of the topics of a fixed wing is in the log; it holds {held or 'nothing'}")
-    return _joined(path, series)
+    return joined(path, series, _lost(series))
+
+
+def _of_topic(topics: Mapping[str, Any], topic: str, entries: Mapping[str, str]) -> dict[str, Series]:
+    """Channels that are fields of one topic."""
+    if topic not in topics:
+        return {}
+    data = topics[topic]
+    there = {name: entry for name, entry in entries.items() if entry in data}
+    return {name: (data["timestamp"] * 1e-6, np.asarray(data[entry], float)) for name, entry in there.items()}
+
+
+def _lost(series: Mapping[str, Series]) -> tuple[str, ...]:
+    """What a log of PX4 does not measure."""
+    notes = ["alpha and beta are not measured: vanes and upwash cannot be judged"]
+    notes.append("thrust is not measured, and throttle is no thrust: drag and propulsion cannot be told apart")
+    if "phi" in series:
+        notes.append("phi, theta and psi are estimates of the autopilot's filter, not measurements of their own")
+    if "V" not in series:
+        notes.append("there is no airspeed: V is lost, and dynamic pressure with it")
+    return tuple(notes)
 
 
 def euler_angles(quaternion: np.ndarray) -> np.ndarray:
@@ -145,20 +177,41 @@ def euler_angles(quaternion: np.ndarray) -> np.ndarray:
     return np.stack([phi, theta, psi], axis=1)
 
 
-def _joined(path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> RawTable:
-    """Channels of several rates on the clock of the fastest, by straight lines; pauses stay gaps."""
-    whole = {name: (stamps, values) for name, (stamps, values) in series.items() if len(stamps) > 1}
+def joined(path: Path, series: Mapping[str, Series], notes: tuple[str, ...] = ()) -> RawTable:
+    """Channels of several rates on the clock of the fastest. Pauses stay gaps.
+
+    Measured outputs of a slower rate keep their own samples, each at the nearest time of the clock, and are missing in
+    between: straight lines would be samples that nobody took. What drives a model, and what no model knows, is joined
+    by straight lines.
+    """
+    whole = {name: one for name, one in series.items() if len(one[0]) > 1}
     if not whole:
         raise InputError(f"{path}: no channel has two samples; expected time series")
     clock = max((stamps for stamps, _ in whole.values()), key=len)
+    spans = [(stamps[0], stamps[-1]) for name, (stamps, _) in whole.items() if name.endswith("_command")]
+    for begin, end in spans:  # what drives a model must be complete
+        clock = clock[(clock >= begin) & (clock <= end)]
+    if len(clock) < 2:
+        raise InputError(f"{path}: the commands of the surfaces have no time in common with the other channels")
     columns = [clock - clock[0]]
-    for stamps, values in whole.values():
+    for name, (stamps, values) in whole.items():
         column = np.interp(clock, stamps, np.asarray(values, float), left=np.nan, right=np.nan)
         before = np.clip(np.searchsorted(stamps, clock, side="right") - 1, 0, len(stamps) - 2)
         steps = np.diff(stamps)
-        pause = (steps > _GAP * np.median(steps))[before] & ~np.isin(clock, stamps)
-        columns.append(np.where(pause, np.nan, column))
-    return RawTable(source=str(path), names=("t", *whole), values=np.stack(columns, axis=1))
+        missing = (steps > _GAP * np.median(steps))[before] & ~np.isin(clock, stamps)
+        if name in _MEASURED and len(stamps) < _SAME_RATE * len(clock):
+            missing |= ~_nearest(clock, stamps)
+        columns.append(np.where(missing, np.nan, column))
+    return RawTable(source=str(path), names=("t", *whole), values=np.stack(columns, axis=1), notes=notes)
+
+
+def _nearest(clock: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """(N,) True at the time of a clock that is nearest to one of the stamps."""
+    after = np.clip(np.searchsorted(clock, stamps), 1, len(clock) - 1)
+    nearest = np.where(stamps - clock[after - 1] < clock[after] - stamps, after - 1, after)
+    at = np.zeros(len(clock), dtype=bool)
+    at[nearest[(stamps >= clock[0]) & (stamps <= clock[-1])]] = True
+    return at
 
 
 def _number(cell: Any) -> float | None:
@@ -173,7 +226,7 @@ def _number(cell: Any) -> float | None:
     return np.nan if not stripped else seconds_of(stripped)
 
 
-def _library(module: str, path: Path, extra: str) -> Any:
+def library(module: str, path: Path, extra: str) -> Any:
     try:
         return import_module(module)
     except ImportError:

@@ -14,6 +14,7 @@ import numpy as np
 from casid.arguments import a_path, an, given, is_path
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
+from casid.records.ardupilot import read_ardupilot
 from casid.records.arrays import read_mat, read_npz, read_parquet
 from casid.records.checks import (
     INPUTS,
@@ -45,6 +46,7 @@ _BINARY: Mapping[str, Callable[[Path, str | None, str], RawTable]] = MappingProx
         ".xlsx": read_excel,
         ".mf4": read_mdf,
         ".ulg": read_ulog,
+        ".bin": read_ardupilot,
     }
 )
 

@@ -253,7 +253,8 @@ def ulog(topics: dict[str, tuple[str, list[tuple[int, tuple[float, ...]]]]]) -> 
 
 
 def test_px4_ulog(tmp_path):
-    """Rates at 50 Hz, airspeed at 10 Hz: a straight line stays one; a quarter turn about the nose is 90 deg of bank."""
+    """Rates at 50 Hz; airspeed at 10 Hz has its own samples and no others; a quarter turn about the nose is 90 deg of
+    bank."""
     pytest.importorskip("pyulog")
     fast = [(1_000_000 + 20_000 * i, (0.01 * i, 0.0, 0.0)) for i in range(N)]
     slow = [(1_000_000 + 100_000 * i, (20.0 + 0.1 * i,)) for i in range(N // 5 + 1)]
@@ -269,10 +270,144 @@ def test_px4_ulog(tmp_path):
     (tmp_path / "m.ulg").write_bytes(raw)
     record = read_record(tmp_path / "m.ulg", ColumnMap.from_options(["delta_e=delta_e_command:deg*25"]))
     np.testing.assert_allclose(record.t, T, atol=1e-6)
-    np.testing.assert_allclose(record["V"], 20.0 + T, atol=1e-5)
+    np.testing.assert_allclose(record["V"][::5], 20.0 + T[::5], atol=1e-5)
+    assert np.isfinite(record["V"]).sum() == N // 5
+    assert any("throttle is no thrust" in note for note in record.notes)
     np.testing.assert_allclose(record["p"], 0.01 * np.arange(N), atol=1e-6)
     np.testing.assert_allclose(record["phi"], np.pi / 2.0, atol=1e-6)
     np.testing.assert_allclose(record["delta_e"], np.deg2rad(12.5), atol=1e-7)
+
+
+FORMATS = {"Q": "Q", "f": "f", "B": "B", "n": "4s", "N": "16s", "Z": "64s", "L": "i", "h": "h", "H": "H", "I": "I"}
+
+
+def dataflash(messages: dict[str, tuple[str, str, list[tuple]]]) -> bytes:
+    """A log of ArduPilot: messages of head A3 95 and a type; FMT, type 128, describes the others.
+
+    `messages`: name -> (formats, names of fields, rows); rows of all messages stand in the order of their first field.
+    """
+    head = b"\xa3\x95"
+    out = io.BytesIO()
+    kinds = {name: 129 + i for i, name in enumerate(messages)}
+    described = {"FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns")}
+    described |= {name: (kinds[name], formats, fields) for name, (formats, fields, _) in messages.items()}
+    for name, (kind, formats, fields) in described.items():
+        size = 3 + struct.calcsize("<" + "".join(FORMATS[c] for c in formats))
+        out.write(
+            head
+            + bytes([128])
+            + struct.pack("<BB4s16s64s", kind, size, name.encode(), formats.encode(), fields.encode())
+        )
+    rows = [(row, name) for name, (_, _, some) in messages.items() for row in some]
+    for row, name in sorted(rows, key=lambda one: (one[0][0], one[1])):
+        layout = "<" + "".join(FORMATS[c] for c in messages[name][0])
+        out.write(head + bytes([kinds[name]]) + struct.pack(layout, *row))
+    return out.getvalue()
+
+
+def flown_log(**changed: tuple[str, str, list[tuple]] | None) -> bytes:
+    """Ten seconds of a plane at 1000 m: IMU at 50 Hz, airspeed and GPS at 5 Hz, attitude at 25 Hz."""
+    us = [int(1e6 + 2e4 * i) for i in range(500)]
+    slow = us[::10]
+    pressure = 101325.0 * (1.0 - 2.25577e-5 * 1000.0) ** 5.25588
+    messages: dict[str, tuple[str, str, list[tuple]] | None] = {
+        "IMU": (
+            "QBffffff",
+            "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
+            [(t, 0, 0.3 * np.sin(t * 1e-6), 0.01, 0.02, 0.1, 0.2, -9.8) for t in us],
+        ),
+        "ATT": ("Qfff", "TimeUS,Roll,Pitch,Yaw", [(t, 10.0, 3.0, (350.0 + 5.0 * t * 1e-6) % 360.0) for t in us[::2]]),
+        "ARSP": ("QBf", "TimeUS,I,Airspeed", [(t, 0, 20.0) for t in us[::10]]),
+        "BARO": ("QBff", "TimeUS,I,Alt,Press", [(t, 0, 12.0, pressure) for t in us[::10]]),
+        "GPS": (
+            "QBBIHLLfff",
+            "TimeUS,I,Status,GMS,GWk,Lat,Lng,Spd,GCrs,VZ",
+            [
+                (t, 0, 3, 1000 + 200 * i, 2300, 10 * i + 450000000, 80000000, 25.0, 90.0, -1.0)
+                for i, t in enumerate(slow)
+            ],
+        ),
+        "XKF2": ("QBff", "TimeUS,C,VWN,VWE", [(t, 0, 1.0, 3.0) for t in us[::10]]),
+        "AOA": ("Qff", "TimeUS,AOA,SSA", [(t, 4.0, -1.0) for t in us[::5]]),
+        "AETR": ("Qffff", "TimeUS,Ail,Elev,Thr,Rudd", [(t, 450.0, 900.0, 60.0, -450.0) for t in us[::2]]),
+        "XXXX": ("QB", "TimeUS,N", [(t, 1) for t in us[::50]]),
+    }
+    messages |= changed
+    return dataflash({name: one for name, one in messages.items() if one is not None})
+
+
+SURFACES_OF_LOG = ["delta_e=delta_e_command:deg*25", "delta_a=delta_a_command:deg*20"]
+
+
+def test_ardupilot_log(tmp_path):
+    """Truth: what was written, by the layout of DataFlash; true airspeed over indicated is the root of 1.225/1.1116."""
+    pytest.importorskip("pymavlink")
+    (tmp_path / "m.bin").write_bytes(flown_log())
+    record = read_record(tmp_path / "m.bin", ColumnMap.from_options(SURFACES_OF_LOG))
+    assert len(record) == 499 and record.t[-1] == pytest.approx(9.96)  # as far as there are commands
+    np.testing.assert_allclose(record["p"], 0.3 * np.sin(record.t + 1.0), atol=1e-6)
+    np.testing.assert_allclose(record["az"], -9.8, rtol=1e-6)
+    np.testing.assert_allclose(record["delta_e"], np.radians(0.2 * 25.0), rtol=1e-6)
+    np.testing.assert_allclose(record["delta_a"], np.radians(0.1 * 20.0), rtol=1e-6)
+    np.testing.assert_allclose(record["throttle"][:-1], 0.6, rtol=1e-6)
+    expected = {
+        "altitude": 1000.0,
+        "V": 20.0 * np.sqrt(1.225 / 1.11164),
+        "v_north": 0.0,
+        "v_east": 25.0,
+        "v_down": -1.0,
+    }
+    for name, value in expected.items():
+        there = np.isfinite(record[name])
+        assert there.sum() == 50  # its own samples, and no others
+        np.testing.assert_allclose(record[name][there], value, rtol=2e-4, atol=1e-4)
+    there = np.isfinite(record["psi"])
+    assert there.sum() == 250
+    np.testing.assert_allclose(record["psi"][there], np.radians(355.0 + 5.0 * record.t[there]), atol=1e-5)
+    north = record["north"][np.isfinite(record["north"])]
+    np.testing.assert_allclose(north[-1] - north[0], 6.371e6 * np.radians(49e-6), rtol=1e-3)
+    assert not {"alpha", "beta", "thrust"} & set(record.channels)
+    np.testing.assert_allclose(record["alpha_estimate"][100], np.radians(4.0), rtol=1e-6)
+    said = " ".join(record.notes)
+    for part in (
+        "alpha and beta are not measured",
+        "kept as alpha_estimate",
+        "throttle is no thrust",
+        "estimates of the",
+    ):
+        assert part in said
+    assert "lost" not in said
+
+
+def test_ardupilot_quaternion_servos_and_no_airspeed(tmp_path):
+    """The attitude of a quarter turn about the nose; an elevator by pulses, reversed, half way from trim to its end."""
+    pytest.importorskip("pymavlink")
+    us = [int(1e6 + 2e4 * i) for i in range(0, 500, 2)]
+    half = float(np.sqrt(0.5))
+    values = {
+        "SERVO2_FUNCTION": 19.0,
+        "SERVO2_MIN": 1000.0,
+        "SERVO2_TRIM": 1400.0,
+        "SERVO2_MAX": 2000.0,
+        "SERVO2_REVERSED": 1.0,
+    }
+    changed = {
+        "AETR": None,
+        "ARSP": None,
+        "AOA": None,
+        "XKQ": ("QBffff", "TimeUS,C,Q1,Q2,Q3,Q4", [(t, 0, half, half, 0.0, 0.0) for t in us]),
+        "RCOU": ("QHHH", "TimeUS,C1,C2,C3", [(t, 1500, 1700, 1500) for t in us]),
+        "PARM": (
+            "QNf",
+            "TimeUS,Name,Value",
+            [(i, name.encode(), value) for i, (name, value) in enumerate(values.items())],
+        ),
+    }
+    (tmp_path / "m.bin").write_bytes(flown_log(**changed))
+    record = read_record(tmp_path / "m.bin", ColumnMap.from_options(SURFACES_OF_LOG[:1]))
+    np.testing.assert_allclose(record["phi"][np.isfinite(record["phi"])], np.pi / 2.0, atol=1e-6)
+    np.testing.assert_allclose(record["delta_e"], np.radians(-0.5 * 25.0), rtol=1e-6)
+    assert "V" not in record and any("V is lost" in note for note in record.notes)
 
 
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 3))
@@ -292,7 +427,8 @@ def test_quaternions_turn_as_three_rotations(angles):
 
 
 @pytest.mark.parametrize(
-    ("ending", "module"), [("h5", "h5py"), ("xlsx", "openpyxl"), ("mf4", "asammdf"), ("ulg", "pyulog")]
+    ("ending", "module"),
+    [("h5", "h5py"), ("xlsx", "openpyxl"), ("mf4", "asammdf"), ("ulg", "pyulog"), ("bin", "pymavlink.DFReader")],
 )
 def test_without_its_library_a_format_says_what_to_install(tmp_path, monkeypatch, ending, module):
     monkeypatch.setitem(__import__("sys").modules, module, None)
@@ -301,7 +437,7 @@ def test_without_its_library_a_format_says_what_to_install(tmp_path, monkeypatch
         read_record(tmp_path / f"m.{ending}")
 
 
-@pytest.mark.parametrize("ending", ["h5", "xlsx", "mf4", "ulg", "csv.gz"])
+@pytest.mark.parametrize("ending", ["h5", "xlsx", "mf4", "ulg", "bin", "csv.gz"])
 @given(content=st.binary(max_size=200))
 def test_rubbish_is_one_line(tmp_path_factory, ending, content):
     file = tmp_path_factory.mktemp("rubbish") / f"m.{ending}"

@@ -1,0 +1,65 @@
+"""`casid compatibility`: do the measurements agree with each other?"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from casid.cli.options import AsJson, Axes, Begin, End, Folder, Maps, records_of
+from casid.diagnosis.kinematics.compatibility import compatibility as checked
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft
+from casid.report.compatibility_page import write_compatibility
+from casid.report.folder import whole_folder
+
+
+def compatibility(
+    *records: Annotated[str, Parameter(name="RECORD")],
+    aircraft: Path | None = None,
+    axes: Axes | None = None,
+    maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
+    out: Folder | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Check the kinematic consistency of measurements by flight-path reconstruction.
+
+    Estimates the motion with biases of all instruments, and those errors of scale, delay and place that the data ask
+    for; with velocity over ground also the steady wind. Aerodynamics play no part. Status 0: the measurements
+    are compatible; 1: an error is clear and larger than allowed.
+    With --out also DIR/compatibility.html, a page with measured and reconstructed histories, and compatibility.json.
+
+    Parameters
+    ----------
+    records
+        Files, or patterns like 'flight/m*.csv', of one set of instruments.
+    aircraft
+        An aircraft file (TOML), for the places of the instruments and their noise.
+    axes
+        Default: what the channels allow.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    begin
+        Time [s] from which records are read.
+    end
+        Time [s] up to which records are read.
+    out
+        Folder for the page.
+    as_json
+        Print compatibility.json and nothing else.
+    """
+    if not records:
+        raise InputError("RECORD is missing; expected: compatibility RECORD ... [--aircraft FILE]")
+    file = None if aircraft is None else Aircraft.read(aircraft)
+    found = checked(records_of(records, maps or [], span=(begin, end)), file, axes=axes)
+    text = json.dumps(found.to_dict(), indent=1)
+    if out is not None:
+        with whole_folder(out) as folder:
+            write_compatibility(found, folder)
+            (folder / "compatibility.json").write_text(text + "\n", encoding="utf-8")
+    print(text if as_json else found)
+    return 0 if found.passed else 1

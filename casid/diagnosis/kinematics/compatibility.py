@@ -1,0 +1,358 @@
+"""Are the measurements compatible with each other? Flight-path reconstruction with errors of the instruments.
+
+Rates of rotation, accelerations, attitude and air data of a rigid body are tied by kinematics alone. The reconstruction
+(`kinematics.reconstruct`) leaves all forces and moments free. Beside the motion it estimates the biases of all
+instruments, and then those errors of scale, delay and place that the data ask for. R. V. Jategaonkar, Flight Vehicle
+System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A. Morelli, Aircraft System Identification (2006),
+chapter 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
+from casid.diagnosis.evidence.screening import Candidate, screen
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.kinematics import NEEDED, Turbulence, still_air
+from casid.diagnosis.kinematics.steady_wind import SteadyWind, steady_wind
+from casid.diagnosis.naming.size import plausible
+from casid.errors import InputError
+from casid.model.aircraft import Aircraft, Inertia
+from casid.model.causes import sensor_bias
+from casid.model.given import given_aircraft
+from casid.model.vocabulary import effect_title
+from casid.native.memory import kept_memory
+from casid.native.threads import single_threaded
+from casid.records.checks import require
+from casid.records.given import given_records
+from casid.records.record import Record
+from casid.signals import SURFACES, for_a_person
+
+_TRIED = ("sensor_scale", "sensor_delay", "vane_position", "accelerometer_position")
+# Angular accelerations are often computed from the rates. A constant error of heading changes nothing. One of airspeed
+# changes only what the ratio of accelerations to airspeed tells, which noise makes too small.
+_NO_BIAS = ("pdot", "qdot", "rdot", "psi", "V")
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstrumentError:
+    """An error of an instrument, as the kinematics have it.
+
+    Attributes
+    ----------
+    kind, target
+        "sensor_bias", "sensor_scale", "sensor_delay", "vane_position" or "accelerometer_position", and the channel, or
+        the group of channels that share the error.
+    value, std
+        Estimate and its 1-sigma, corrected for coloured residuals, in `unit`; signs as measured minus true.
+    allowed
+        What the better instruments of flight test keep to, in `unit`.
+    rivals
+        Other errors that explain the same, by name.
+    """
+
+    kind: str
+    target: str
+    value: float
+    std: float
+    unit: str
+    allowed: float
+    sigmas: float
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is within what is allowed, or not clearly there."""
+        return abs(self.value) <= max(self.allowed, self.sigmas * self.std)
+
+    @property
+    def sentence(self) -> str:
+        """In words, angles in degrees."""
+        factor, unit = for_a_person(self.unit)
+        value, std, allowed = (factor * x for x in (self.value, self.std, self.allowed))
+        others = f" (or {' or '.join(self.rivals[:3])})" if self.rivals else ""
+        shown = "" if unit == "1" else f" {unit}"
+        title = effect_title(self.kind, self.target, None)
+        return f"{title}{others}: {value:.3g} +- {std:.2g}{shown}; {allowed:.2g} is allowed."
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `errors` in compatibility.json."""
+        kept = ("kind", "target", "value", "std", "unit", "allowed")
+        return {name: getattr(self, name) for name in kept} | {"passed": self.passed, "rivals": list(self.rivals)}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Compatibility:
+    """What a check of compatibility found.
+
+    Attributes
+    ----------
+    errors
+        Biases of all instruments, and further errors that the data ask for, those that fail first.
+    left
+        Channel -> r.m.s. of what is left between measured and reconstructed, over the noise of the channel.
+    noise
+        Channel -> noise 1-sigma in SI.
+    moving_air
+        r.m.s. velocity [m/s] of turbulent air, 0 in calm air.
+    wind
+        Steady wind by the velocity over ground, where that is recorded.
+    measured, reconstructed
+        Record -> (N, channels) in the order of `left`; the reconstruction has the errors of the instruments in it.
+    """
+
+    records: tuple[Record, ...]
+    axes: str
+    errors: tuple[InstrumentError, ...]
+    left: dict[str, float]
+    noise: dict[str, float]
+    moving_air: float
+    wind: SteadyWind | None
+    measured: dict[str, np.ndarray]
+    reconstructed: dict[str, np.ndarray]
+    not_judged: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> tuple[InstrumentError, ...]:
+        """Errors that are clear and larger than allowed."""
+        return tuple(one for one in self.errors if not one.passed)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the measurements are compatible."""
+        return not self.failed
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of compatibility.json."""
+        return {
+            "schema": "casid.compatibility/1",
+            "records": [record.name for record in self.records],
+            "axes": self.axes,
+            "passed": self.passed,
+            "errors": [one.to_dict() for one in self.errors],
+            "channels": {name: {"left": self.left[name], "noise": self.noise[name]} for name in self.left},
+            "moving_air": self.moving_air,
+            "wind": None if self.wind is None else self.wind.to_dict(),
+            "not_judged": list(self.not_judged),
+        }
+
+    def __str__(self) -> str:
+        failed = [f"- {one.sentence}" for one in self.failed]
+        lines = failed or [
+            "The measurements are compatible: no error of an instrument is clear and larger than allowed."
+        ]
+        lines += ["", f"{'error':34} {'value':>10} {'1-sigma':>9} {'allowed':>9}  unit"]
+        for one in self.errors:
+            factor, unit = for_a_person(one.unit)
+            numbers = f"{factor * one.value:10.3g} {factor * one.std:9.2g} {factor * one.allowed:9.2g}"
+            lines.append(f"{f'{one.kind}({one.target})':34} {numbers}  {unit}{'' if one.passed else '  failed'}")
+        lines += ["", "left over noise: " + ", ".join(f"{name} {value:.2g}" for name, value in self.left.items())]
+        if self.moving_air:
+            lines.append(f"The air moves with {self.moving_air:.2g} m/s r.m.s.; errors are told beside that.")
+        if self.wind is not None:
+            lines.append(self.wind.sentence)
+        return "\n".join([*lines, *(f"Not judged: {one}." for one in self.not_judged)])
+
+
+@single_threaded()
+@kept_memory()
+def compatibility(
+    records: Sequence[Record | str | Path] | Record | str | Path,
+    aircraft: Aircraft | str | Path | None = None,
+    *,
+    axes: str | None = None,
+    criteria: Criteria | None = None,
+) -> Compatibility:
+    """Check whether the measurements of records agree with each other, and estimate the errors of their instruments.
+
+    Parameters
+    ----------
+    records
+        Records of one set of instruments, or names of files. Accelerations, rates of rotation and airspeed must be
+        there, in the plane at least that `axes` names.
+    aircraft
+        Brings in where the instruments stand and their noise. Nothing else of it is used.
+    axes
+        "full", "longitudinal" or "lateral"; by default the most that the channels allow.
+    criteria
+        Numbers to decide by; by default those of `Criteria()`.
+
+    Returns
+    -------
+    Compatibility
+        Errors of the instruments with their deviations, what is left of each channel, the wind.
+
+    Raises
+    ------
+    InputError
+        For records without the channels that kinematics need.
+
+    Examples
+    --------
+    >>> found = casid.compatibility(["m1.csv", "m2.csv"])  # doctest: +SKIP
+    >>> found.passed, [one.sentence for one in found.failed]  # doctest: +SKIP
+    """
+    given = given_records(records, "compatibility")
+    if not given:
+        raise InputError("no record was given; expected at least one")
+    by = criteria or Criteria()
+    flight = _flight(given, None if aircraft is None else given_aircraft(aircraft, "compatibility"), axes, by)
+    biased = [Attached(effect=sensor_bias(o), values={"value": 0.0}) for o in flight.outputs if o not in _NO_BIAS]
+    found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased))
+    air = kinematics.turbulence(flight, found.fit) if _fails(found, rivals) else still_air(flight)
+    if air.named:
+        found, rivals = _with_errors(flight, _in_moving_air(flight, biased, air))
+    errors = sorted(_errors(found, rivals), key=lambda one: one.passed)
+    names = tuple(flight.outputs)
+    measured = {r.name: r.matrix(names) for r in flight.records}
+    reconstructed = {r.name: found.fit.read[: len(r), j] for j, r in enumerate(flight.records)}
+    rest = np.concatenate([measured[name] - reconstructed[name] for name in measured])
+    rms = np.sqrt(np.nanmean(rest**2, axis=0))
+    return Compatibility(
+        records=given,
+        axes=flight.axes,
+        errors=tuple(errors),
+        left={name: float(rms[i] / flight.sigma[name]) for i, name in enumerate(names)},
+        noise=dict(flight.sigma),
+        moving_air=air.sigma if air.named else 0.0,
+        wind=steady_wind(given, found.fit),
+        measured=measured,
+        reconstructed=reconstructed,
+        not_judged=_not_judged(given, flight),
+    )
+
+
+def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | None, criteria: Criteria) -> Flight:
+    """The flight of records without thrust and aerodynamics."""
+    able = [name for name, needed in NEEDED.items() if all(c in record for record in records for c in (*needed, "V"))]
+    if axes is None and not able:
+        for record in records:
+            require(record, (*NEEDED["longitudinal"], "V"), "the check of compatibility")
+    axes = axes or (able[0] if able else "longitudinal")
+    if axes not in NEEDED:
+        raise InputError(f"compatibility: axes is '{axes}'; expected one of {', '.join(NEEDED)}")
+    for record in records:
+        require(record, (*NEEDED[axes], "V"), f"the check of compatibility ({axes})")
+    plane = _nominal(records, aircraft)
+    bare = [record.without("thrust", *(s for s in SURFACES)) for record in records]
+    still = [one.with_channels(**{s: np.zeros(len(one)) for s in SURFACES}) for one in bare]
+    dense = [one if "rho" in one else one.with_channels(rho=np.ones(len(one))) for one in still]
+    flight = prepare(plane, dense, criteria, axes)
+    if not kinematics.available(flight):
+        raise InputError("compatibility: accelerations or rates of rotation do not move in these records")
+    return flight
+
+
+def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
+    """An aircraft of any size: with free forces and moments, mass and inertia do not matter."""
+    speed = float(np.nanmedian(np.concatenate([record["V"] for record in records])))
+    given = (
+        {}
+        if aircraft is None
+        else {
+            "accelerometer": aircraft.accelerometer,
+            "alpha_vane": aircraft.alpha_vane,
+            "beta_vane": aircraft.beta_vane,
+            "noise": aircraft.noise,
+        }
+    )
+    return Aircraft(
+        name="any aircraft",
+        mass=1000.0,
+        inertia=Inertia(Ixx=1000.0, Iyy=1500.0, Izz=2000.0, Ixz=0.0),
+        area=10.0,
+        moment_length_lateral=10.0,
+        moment_length_pitch=1.0,
+        rate_length_lateral=5.0,
+        rate_length_pitch=0.5,
+        force_axes="body",
+        derivatives={"CZ_0": 0.0},
+        trim={"V": speed, "thrust": 0.0},
+        **given,
+    )
+
+
+def _in_moving_air(flight: Flight, biased: Sequence[Attached], air: Turbulence) -> FlightFit:
+    moving = kinematics.gusts(flight, air.sigma, length=air.length)
+    return kinematics.again(kinematics.reconstruct(flight, moving=moving), biased)
+
+
+def _with_errors(flight: Flight, found: FlightFit) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
+    """A reconstruction with the further errors that the data ask for, one after the other, and the rivals of each."""
+    rivals: dict[str, tuple[str, ...]] = {}
+    evidence = weigh(found, discrepancy=False)
+    for _ in range(flight.criteria.numerics.naming.rounds):
+        taken = {one.effect.key for one in found.attached}
+        able = [e for e in flight.effects if e.kind in _TRIED and e.key not in taken]
+        ranked = [one for one in screen(evidence, able) if plausible(one.attached) and one.net > 0.0]
+        better = _first_that_holds(evidence, ranked[: flight.criteria.numerics.naming.trials])
+        if better is None:
+            break
+        evidence, leader = better
+        found = evidence.fit
+        near = [one for one in ranked if one is not leader and one.net > leader.net - flight.criteria.data.alone]
+        rivals[leader.name] = tuple(one.name for one in near)
+    return evidence, rivals
+
+
+def _first_that_holds(evidence: Evidence, ranked: Sequence[Candidate]) -> tuple[Evidence, Candidate] | None:
+    """The reconstruction with the likeliest candidate that is clear and larger than allowed when it is fitted."""
+    for one in ranked:
+        again = kinematics.again(evidence.fit, [*evidence.fit.attached, one.attached])
+        now = weigh(again, discrepancy=False)
+        last = again.attached[-1]
+        if evidence.deviance > now.deviance and not _error(now, last, ()).passed:
+            return now, one
+    return None
+
+
+def _fails(evidence: Evidence, rivals: dict[str, tuple[str, ...]]) -> bool:
+    return any(not one.passed for one in _errors(evidence, rivals))
+
+
+def _errors(evidence: Evidence, rivals: dict[str, tuple[str, ...]]) -> list[InstrumentError]:
+    return [_error(evidence, one, rivals.get(one.name, ())) for one in evidence.fit.attached]
+
+
+def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> InstrumentError:
+    fit = evidence.fit
+    slot = next(
+        s.name for s in fit.slots if s.name == one.name or (s.attached is not None and fit.attached[s.attached] is one)
+    )
+    allowed = one.effect.smallest_that_matters(fit.flight.aircraft) or 0.0
+    # of as many errors as there are, one healthy set in a hundred fails
+    chance = 0.01 / (2.0 * len([e for e in fit.flight.effects if e.kind in (*_TRIED, "sensor_bias")]))
+    return InstrumentError(
+        kind=one.effect.kind,
+        target=one.effect.target,
+        value=one.values["value"],
+        std=deviation(evidence, slot),
+        unit=one.effect.unit,
+        allowed=float(allowed),
+        sigmas=float(-special.ndtri(chance)),
+        rivals=rivals,
+    )
+
+
+def _not_judged(records: Sequence[Record], flight: Flight) -> tuple[str, ...]:
+    wanted = {"alpha": "vane of incidence", "beta": "vane of sideslip", "phi": "bank angle", "theta": "pitch angle"}
+    plane = {"longitudinal": ("beta", "phi"), "lateral": ("alpha", "theta")}.get(flight.axes, ())
+    missing = [
+        f"{label}, which is not recorded"
+        for name, label in wanted.items()
+        if name not in flight.outputs and name not in plane
+    ]
+    over_ground = all("v_north" in record for record in records)
+    always = ("constant errors of airspeed and heading, which do not show in kinematics",)
+    return (*missing, *always, *(() if over_ground else ("steady wind, without velocity over ground",)))

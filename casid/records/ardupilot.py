@@ -1,0 +1,184 @@
+"""ArduPilot DataFlash logs of a plane (.bin): what is measured, what is an estimate of the autopilot, what is missing.
+
+Messages and fields as in "Onboard Message Log Messages" of the ArduPilot Plane documentation: IMU, ATT, XKQ, ARSP,
+BARO, GPS, XKF2, AOA, AETR, RCOU and PARM. Body axes point forward, right and down, as here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.errors import InputError
+from casid.records.foreign import Series, euler_angles, joined, library
+from casid.records.named_arrays import loaded
+from casid.records.table import RawTable
+
+_WANTED = ("IMU", "ATT", "XKQ", "NKQ", "ARSP", "BARO", "GPS", "XKF2", "NKF2", "AOA", "AETR", "RCOU", "PARM")
+_INSTANCE = ("I", "C")  # fields that number sensors and filters; the first one counts
+_FUNCTIONS = {4: "delta_a_command", 19: "delta_e_command", 21: "delta_r_command", 70: "throttle"}  # SERVOn_FUNCTION
+_FULL = 4500.0  # of AETR: a surface command at its end
+_EARTH = 6.371e6  # m: mean radius
+_SEA_LEVEL = 101325.0  # Pa
+
+
+def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
+    """Table of a DataFlash log of a plane, on the clock of its inertial unit; needs the extra `ardupilot`.
+
+    Surfaces are normalised commands, kept as ``delta_e_command`` and so on. They become surfaces by a column map with
+    the throw as weight: ``--map delta_e=delta_e_command:deg*25``. `notes` of the table say what is an estimate of the
+    autopilot and what is lost.
+    """
+    reader = library("pymavlink.DFReader", path, "ardupilot")
+
+    def load() -> dict[str, Any]:
+        if path.stat().st_size == 0:
+            raise ValueError("the file is empty")
+        rows: dict[str, list[dict[str, Any]]] = {}
+        log = reader.DFReader_binary.__new__(reader.DFReader_binary)
+        try:
+            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # where it tells of damaged messages
+                log.__init__(str(path), zero_time_base=True)
+                while (message := log.recv_match(type=list(_WANTED))) is not None:
+                    fields = message.to_dict()
+                    if all(not fields.get(name) for name in _INSTANCE):
+                        rows.setdefault(message.get_type(), []).append(fields)
+        finally:  # it leaves the file open, also where it fails
+            for opened in ("data_map", "filehandle"):
+                if hasattr(log, opened):
+                    getattr(log, opened).close()
+        return rows
+
+    rows = loaded(path, load)
+    series, notes = _series(rows)
+    if not {"p", "delta_e_command"} & series.keys():
+        raise InputError(
+            f"{path}: no messages of a plane; expected IMU, and AETR or RCOU, among {', '.join(sorted(rows))}"
+        )
+    return joined(path, series, notes)
+
+
+def _series(rows: Mapping[str, list[dict[str, Any]]]) -> tuple[dict[str, Series], tuple[str, ...]]:
+    """Channels with their stamps [s], and what is to be said of them."""
+    found: dict[str, Series] = {}
+    notes: list[str] = []
+    for part in (_inertial, _attitude, _barometer, _ground, _air, _inputs):
+        part(rows, found, notes)
+    estimated = [name for name in ("phi", "wind_north") if name in found]
+    if "phi" in estimated:
+        notes.append("phi, theta and psi are estimates of the autopilot's filter, not measurements of their own")
+    if "wind_north" in estimated:
+        notes.append("wind_north and wind_east are estimates of the autopilot's filter; no model takes them")
+    vanes = (
+        ""
+        if "alpha_estimate" not in found
+        else "; the autopilot's estimates are kept as alpha_estimate and beta_estimate"
+    )
+    notes.append(f"alpha and beta are not measured{vanes}: vanes and upwash cannot be judged")
+    notes.append("thrust is not measured, and throttle is no thrust: drag and propulsion cannot be told apart")
+    if "V" not in found:
+        notes.append("there is no airspeed sensor: V is lost, and dynamic pressure with it")
+    return found, tuple(notes)
+
+
+def _columns(rows: Mapping[str, list[dict[str, Any]]], message: str, *fields: str) -> tuple[np.ndarray, ...] | None:
+    """Stamps [s] and the fields of a message, or None where it is not there."""
+    kept = [row for row in rows.get(message, ()) if "TimeUS" in row and all(name in row for name in fields)]
+    if len(kept) < 2:
+        return None
+    table = np.array([[row["TimeUS"] * 1e-6, *(row[name] for name in fields)] for row in kept], dtype=float)
+    later = np.concatenate([[True], np.diff(np.maximum.accumulate(table[:, 0])) > 0.0])
+    return tuple(table[later].T)
+
+
+def _inertial(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    names = {"p": "GyrX", "q": "GyrY", "r": "GyrZ", "ax": "AccX", "ay": "AccY", "az": "AccZ"}
+    if (read := _columns(rows, "IMU", *names.values())) is not None:
+        found |= {name: (read[0], values) for name, values in zip(names, read[1:], strict=True)}
+
+
+def _attitude(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    for message in ("XKQ", "NKQ"):
+        if (read := _columns(rows, message, "Q1", "Q2", "Q3", "Q4")) is not None:
+            angles = euler_angles(np.stack(read[1:], axis=1))
+            found |= {name: (read[0], angles[:, i]) for i, name in enumerate(("phi", "theta", "psi"))}
+            return
+    if (read := _columns(rows, "ATT", "Roll", "Pitch", "Yaw")) is not None:
+        phi, theta, psi = (np.radians(values) for values in read[1:])
+        found |= {"phi": (read[0], phi), "theta": (read[0], theta), "psi": (read[0], np.unwrap(psi))}
+
+
+def _barometer(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    """Pressure altitude, since the altitude of BARO is counted from where it was switched on."""
+    if (read := _columns(rows, "BARO", "Press")) is not None:
+        found["altitude"] = read[0], (1.0 - (read[1] / _SEA_LEVEL) ** (1.0 / 5.25588)) / 2.25577e-5
+        notes.append("altitude is the pressure altitude of the standard atmosphere")
+
+
+def _ground(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    if (read := _columns(rows, "GPS", "Spd", "GCrs", "VZ")) is not None:
+        t, speed, course, down = read
+        course = np.radians(course)
+        found |= {"v_north": (t, speed * np.cos(course)), "v_east": (t, speed * np.sin(course)), "v_down": (t, down)}
+    if (read := _columns(rows, "GPS", "Lat", "Lng")) is not None:
+        latitude, longitude = np.radians(read[1]), np.radians(read[2])
+        found["north"] = read[0], _EARTH * (latitude - latitude[0])
+        found["east"] = read[0], _EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
+    for message in ("XKF2", "NKF2"):
+        if (read := _columns(rows, message, "VWN", "VWE")) is not None:
+            found |= {"wind_north": (read[0], read[1]), "wind_east": (read[0], read[2])}
+            return
+
+
+def _air(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    if (read := _columns(rows, "ARSP", "Airspeed")) is not None:
+        t, V = read
+        if "altitude" in found:
+            V = V * (1.0 - 2.25577e-5 * np.interp(t, *found["altitude"])) ** (-0.5 * 4.25588)
+            notes.append("V is the indicated airspeed over the root of the standard relative density at that altitude")
+        else:
+            notes.append("V is the indicated airspeed: without pressure it cannot be made true")
+        found["V"] = t, V
+    if (read := _columns(rows, "AOA", "AOA", "SSA")) is not None:
+        found |= {"alpha_estimate": (read[0], np.radians(read[1])), "beta_estimate": (read[0], np.radians(read[2]))}
+
+
+def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    """Commands from -1 to 1, before the mixer; or else what went out to the servos."""
+    if (read := _columns(rows, "AETR", "Ail", "Elev", "Thr", "Rudd")) is not None:
+        t, aileron, elevator, throttle, rudder = read
+        commands = {"delta_a_command": aileron, "delta_e_command": elevator, "delta_r_command": rudder}
+        found |= {name: (t, values / _FULL) for name, values in commands.items()} | {"throttle": (t, throttle / 100.0)}
+    else:
+        found |= _servos(rows)
+    if any(name.endswith("_command") for name in found):
+        notes.append(
+            "surfaces are commands from -1 to 1, with lag and delay of the servos before they act; the throw makes "
+            "them surfaces: --map delta_e=delta_e_command:deg*25"
+        )
+
+
+def _servos(rows: Mapping[str, list[dict[str, Any]]]) -> dict[str, Series]:
+    """Commands by pulse widths and the parameters of the servos; of several for one surface the first."""
+    parameters = {row["Name"]: row["Value"] for row in rows.get("PARM", ())}
+    found: dict[str, Series] = {}
+    for n in range(1, 17):
+        name = _FUNCTIONS.get(int(parameters.get(f"SERVO{n}_FUNCTION", 0)))
+        read = _columns(rows, "RCOU", f"C{n}")
+        if name is None or name in found or read is None:
+            continue
+        low, trim, high = (
+            parameters.get(f"SERVO{n}_{end}", usual)
+            for end, usual in (("MIN", 1100.0), ("TRIM", 1500.0), ("MAX", 1900.0))
+        )
+        sign = -1.0 if parameters.get(f"SERVO{n}_REVERSED", 0.0) else 1.0
+        begin = low if name == "throttle" else trim
+        up, down = max(high - begin, 1.0), max(begin - low, 1.0)
+        off = read[1] - begin
+        found[name] = read[0], sign * np.where(off > 0.0, off / up, off / down)
+    return found

@@ -1,0 +1,109 @@
+"""Compatibility of measurements. Truth: the errors that were put into the instruments of simulated flights, and a wind
+that was added to their velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.errors import InputError
+from casid.records.record import Record
+from problems.blind.sets import fly_set
+from problems.every_problem import DEMO
+
+Fault = Callable[[Record], Record]
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[Record, ...]:
+    return fly_set("do328", "clean-3", 3).records[:3]
+
+
+def late(record: Record, names: Sequence[str], seconds: float) -> Record:
+    t = record.t
+    return record.with_channels(**{n: np.interp(t - seconds, t, record[n]) for n in names if n in record})
+
+
+ERRORS: dict[str, tuple[Fault, dict[tuple[str, str], float]]] = {
+    "biases": (
+        lambda r: r.with_channels(ax=r["ax"] + 0.3, q=r["q"] + 0.006, beta=r["beta"] - 0.012),
+        {("sensor_bias", "ax"): 0.3, ("sensor_bias", "q"): 0.006, ("sensor_bias", "beta"): -0.012},
+    ),
+    "scales": (
+        lambda r: r.with_channels(alpha=1.08 * r["alpha"], r=0.95 * r["r"], rdot=0.95 * r["rdot"]),
+        {("sensor_scale", "alpha"): 0.08, ("sensor_scale", "r"): -0.05},
+    ),
+    "delay": (lambda r: late(r, ("V", "alpha", "beta"), 0.08), {("sensor_delay", "air_data"): 0.08}),
+    "several": (
+        lambda r: late(r.with_channels(alpha=1.08 * r["alpha"], ay=r["ay"] - 0.2), ("phi", "theta"), 0.06),
+        {("sensor_scale", "alpha"): 0.08, ("sensor_bias", "ay"): -0.2, ("sensor_delay", "attitude"): 0.06},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_known_errors_are_recovered_within_their_deviations(name: str, flown: tuple[Record, ...]) -> None:
+    """Each within three of its deviations, those alone fail, and the reconstruction comes down to the noise."""
+    fault, truth = ERRORS[name]
+    found = cs.compatibility([fault(record) for record in flown])
+    failed = {(one.kind, one.target): one for one in found.failed}
+    assert set(failed) == set(truth), str(found)
+    for key, value in truth.items():
+        assert abs(failed[key].value - value) < 3.0 * failed[key].std, str(found)
+        assert failed[key].std < 0.25 * abs(value)
+    assert not found.passed and all(found.left[c] < 1.1 for c in ("V", "alpha", "beta", "phi", "theta", "p", "q", "r"))
+
+
+def test_clean_flights_pass(flown: tuple[Record, ...]) -> None:
+    found = cs.compatibility(flown)
+    assert found.passed and found.axes == "full" and found.moving_air == 0.0
+    assert "The measurements are compatible" in str(found)
+    assert found.to_dict()["passed"] and found.to_dict()["wind"] is None
+
+
+def test_a_longitudinal_record_is_judged_in_its_plane() -> None:
+    """The elevator alone moves the demonstration's aircraft; its pitch angle reads 10 % too much."""
+    aircraft = cs.Aircraft.read(DEMO / "aircraft.toml")
+    at = cs.trim(aircraft, V=aircraft.trim["V"], altitude=aircraft.trim["altitude"])
+    t = np.arange(1000) / 50.0
+    channels = {name: np.full(len(t), value) for name, value in at.inputs.items()}
+    channels["delta_e"] = channels["delta_e"] + 0.04 * np.sign(np.sin(1.2 * t)) * (t > 1.0) * (t < 12.0)
+    flight = cs.simulate(cs.aircraft_model(aircraft), Record(name="m", t=t, channels=channels), at.state).as_record("m")
+    rng = np.random.default_rng(4)
+    noise = {"V": 0.1, "alpha": 1e-3, "q": 1e-3, "theta": 1e-3, "ax": 0.02, "az": 0.05}
+    read = {n: flight[n] + sigma * rng.standard_normal(len(t)) for n, sigma in noise.items()}
+    read["theta"] = 1.1 * flight["theta"] + noise["theta"] * rng.standard_normal(len(t))
+    found = cs.compatibility([Record(name="m", t=t, channels={"delta_e": channels["delta_e"], **read})])
+    assert found.axes == "longitudinal"
+    assert [(one.kind, one.target) for one in found.failed] == [("sensor_scale", "theta")], str(found)
+    assert abs(found.failed[0].value - 0.1) < 3.0 * found.failed[0].std
+
+
+def test_steady_wind_by_velocity_over_ground(flown: tuple[Record, ...]) -> None:
+    """8 m/s towards north and -5 towards east are added to the velocity through the air, in earth axes."""
+    turned = []
+    for record in flown:
+        rate = (record["q"] * np.sin(record["phi"]) + record["r"] * np.cos(record["phi"])) / np.cos(record["theta"])
+        psi = 0.5 + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(record.t))])
+        V, alpha, beta, phi, theta = (record[n] for n in ("V", "alpha", "beta", "phi", "theta"))
+        u, v, w = V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)
+        ahead = np.cos(theta) * u + np.sin(theta) * (np.sin(phi) * v + np.cos(phi) * w)
+        across = np.cos(phi) * v - np.sin(phi) * w
+        north = np.cos(psi) * ahead - np.sin(psi) * across + 8.0
+        east = np.sin(psi) * ahead + np.cos(psi) * across - 5.0
+        turned.append(record.with_channels(psi=psi, v_north=north, v_east=east))
+    wind = cs.compatibility(turned).wind
+    assert wind is not None  # 0.1 m/s: noise of the rates that the heading is made of, times the airspeed
+    assert abs(wind.north - 8.0) < max(3.0 * wind.north_std, 0.1)
+    assert abs(wind.east + 5.0) < max(3.0 * wind.east_std, 0.1)
+    assert wind.varies < 0.5 and "m/s towards 328 deg" in wind.sentence
+
+
+def test_what_kinematics_need_is_said(flown: tuple[Record, ...]) -> None:
+    with pytest.raises(InputError, match=r"needs V \(true airspeed\) for the check of compatibility"):
+        cs.compatibility([flown[0].without("V")])
+    with pytest.raises(InputError, match="no record was given"):
+        cs.compatibility([])
