@@ -67,7 +67,7 @@ def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | Non
 
 
 def _through_the_air(record: Record, found: FlightFit, j: int) -> np.ndarray:
-    """(N, 2) velocity through the air towards north and east [m/s]; what is not reconstructed is as recorded or zero."""
+    """(N, 2) velocity through the air towards north and east [m/s]; the rest is as recorded or zero."""
     states = found.model.states
 
     def series(name: str) -> np.ndarray:
