@@ -20,7 +20,12 @@ from casid.estimation import Problem
 from casid.estimation.noise import Noise
 from casid.estimation.working import initial_offsets
 
-PUBLISHED = {"Rahman_MBS2016": 21.1535, "Crauste_CellSystems2017": 190.964, "Elowitz_Nature2000": -63.203}
+PUBLISHED = {
+    "Rahman_MBS2016": 21.1535,
+    "Crauste_CellSystems2017": 190.964,
+    "Elowitz_Nature2000": -63.203,
+    "Fujita_SciSignal2010": -53.084,
+}
 _LOST = 1e10  # of a motion that cannot be integrated
 
 

@@ -7,8 +7,12 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, null_space
 
 _potrf, _potri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)
-_CLOSE = 1e-11  # residuals of the optimality conditions, of unknowns with unit curvature
-_POLISH = 1e-6  # change of the unknowns that the exact solution for the active limits may make
+# residuals of the optimality conditions, absolute and relative, of unknowns with unit curvature; more where rounding
+# does not allow that: what is active is solved exactly afterwards
+_CLOSE = ((1e-11, 0.0), (1e-11, 1e-13), (1e-8, 1e-10))
+_FAR = 100.0  # times as far as the longest way that the curvature allows: what is beyond is no limit
+_POLISH = 1e-10  # that the exact solution for the active limits may contradict what they are taken for
+_CORRECTIONS = 50  # of which limits are active
 
 
 def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
@@ -79,8 +83,12 @@ def parameter_step(
     if not np.isfinite(c).all() or np.isnan(low).any() or np.isnan(high).any():
         raise np.linalg.LinAlgError("the constraints are no numbers here")
     weight = np.full(len(rows), np.inf) if price is None else price * size
-    step, multipliers = _interior_point(h, g, c, low, high, weight)
-    return step * scale, multipliers / size
+    # in units of the way to go: the free step, and to the limits where they are exceeded
+    unit = max(float(np.abs(free).max()), float(np.maximum(low, -high).max(initial=0.0)), 1e-300)
+    far = _FAR * unit * max(float(np.sqrt(np.linalg.norm(inverse))), 1.0)
+    low, high = (np.where(np.abs(limit) > far, np.copysign(np.inf, limit), limit) for limit in (low, high))
+    step, multipliers = _interior_point(h, g / unit, c, low / unit, high / unit, weight / unit)
+    return unit * step * scale, unit * multipliers / size
 
 
 def _interior_point(
@@ -107,14 +115,28 @@ def _interior_point(
                 first.append(lower)
                 last.append(upper)
                 which.append(i)
+    if not parts:
+        raise np.linalg.LinAlgError("the constraints are no numbers here")
     matrix = np.array(parts)
     structure = {"h": ca.Sparsity.dense(*quadratic.shape), "a": ca.Sparsity.dense(*matrix.shape)}
-    options = {"error_on_fail": False, "piqp": {"eps_abs": _CLOSE, "eps_rel": 0.0, "eps_duality_gap_rel": 0.0}}
-    solver = ca.conic("reduced", "piqp", structure, options)
     least = np.concatenate([np.full(n, -np.inf), np.zeros(excess)])
-    result = solver(h=quadratic, g=np.concatenate([g, price[soft]]), a=matrix, lba=first, uba=last, lbx=least)
-    found, dual = (np.asarray(result[name]).ravel() for name in ("x", "lam_a"))
-    if not solver.stats()["success"] or not np.isfinite(found).all():
+    given = {
+        "h": quadratic,
+        "g": np.concatenate([g, price[soft]]),
+        "a": matrix,
+        "lba": first,
+        "uba": last,
+        "lbx": least,
+    }
+    for absolute, relative in _CLOSE:
+        close = {"eps_abs": absolute, "eps_rel": relative}
+        gap = {"eps_duality_gap_abs": absolute, "eps_duality_gap_rel": relative}
+        solver = ca.conic("reduced", "piqp", structure, {"error_on_fail": False, "piqp": close | gap})
+        result = solver(**given)
+        found, dual = (np.asarray(result[name]).ravel() for name in ("x", "lam_a"))
+        if solver.stats()["success"] and np.isfinite(found).all():
+            break
+    else:
         raise np.linalg.LinAlgError("the constraints cannot be satisfied together")
     multipliers = np.bincount(which, dual, len(c))
     return _polished(h, g, c, (low, high), price, (found[:n], multipliers))
@@ -128,21 +150,37 @@ def _polished(
     price: np.ndarray,
     near: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The solution with the limits that are active `near` it, exactly; those where the multiplier is larger than what
-    is left to the limit, or than what is left to the price."""
+    """The exact solution from one `near` it: limits are active where the multiplier is larger than what is left to the
+    limit. Where that guess is not yet consistent, it is corrected by an active-set method."""
     (low, high), (step, multipliers) = limits, near
-    at, above = c @ step, multipliers > 0.0
-    limit = np.where(above, high, low)
-    left = np.where(np.isfinite(limit), np.where(above, limit - at, at - limit), np.inf)  # negative beyond the limit
-    active = (np.abs(multipliers) > left) | (low == high)
+    equal = low == high
+    side = np.where(equal | (multipliers > 0.0), 1.0, -1.0)  # at which limit
+    limit = np.where(side > 0.0, high, low)
+    left = np.where(np.isfinite(limit), side * (limit - c @ step), np.inf)  # negative beyond the limit
+    active = (np.abs(multipliers) > left) | equal
     paid = active & (price - np.abs(multipliers) < -left)
-    held = np.flatnonzero(active & ~paid)
-    pushed = g + c[paid].T @ (np.sign(multipliers[paid]) * price[paid])
-    n, rows = len(g), c[held]
-    matrix = np.block([[h, rows.T], [rows, np.zeros((len(held), len(held)))]])
-    solved = np.linalg.lstsq(matrix, np.concatenate([-pushed, limit[held]]), rcond=1e-13)[0]
-    exact, dual = solved[:n], np.zeros(len(c))
-    dual[held], dual[paid] = solved[n:], np.sign(multipliers[paid]) * price[paid]
-    if np.abs(exact - step).max() > _POLISH * (1.0 + np.abs(step).max()):
-        return step, np.where(active, multipliers, 0.0)
-    return exact, dual
+    n = len(g)
+    for _ in range(_CORRECTIONS):
+        held = np.flatnonzero(active & ~paid)
+        pushed = np.where(paid, side * price, 0.0) if paid.any() else np.zeros(len(c))
+        limit, rows = np.where(side > 0.0, high, low), c[held]
+        matrix = np.block([[h, rows.T], [rows, np.zeros((len(held), len(held)))]])
+        right = np.concatenate([-g - c.T @ np.where(paid, pushed, 0.0), limit[held]])
+        solved = np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
+        exact, dual = solved[:n], np.where(paid, pushed, 0.0)
+        dual[held] = solved[n:]
+        at = c @ exact
+        # by how much each row contradicts what it is taken for
+        wrong_side = np.where(active & ~paid & ~equal, -side * dual, 0.0)
+        too_dear = np.where(active & ~paid, np.abs(dual) - price, -np.inf)
+        returned = np.where(paid, -side * (at - limit), 0.0)
+        beyond = np.where(~active, np.maximum(at - high, low - at), 0.0)
+        wrong = np.stack([wrong_side, np.maximum(too_dear, 0.0), returned, beyond])
+        kind, row = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
+        if wrong[kind, row] <= _POLISH:
+            return exact, dual
+        active[row] = kind != 0
+        paid[row] = kind == 1
+        if kind == 3:
+            side[row] = 1.0 if at[row] > high[row] else -1.0
+    return step, multipliers
