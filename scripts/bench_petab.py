@@ -6,7 +6,8 @@ Set-up       problems of the PEtab benchmark collection by `read_petab`; all par
              bounds; the default method, and STARTS starts. scipy: least squares (L-BFGS-B where noise is estimated) on
              LSODA's motion with differences, from the same start and from further draws for as long as casid took.
              Wall-clock seconds, reading and compiling included.
-Expectation  nothing ends below its start, and nothing is said to have converged that LSODA contradicts by more than 0.01.
+Expectation  nothing ends below its start, and nothing is said to have converged that LSODA contradicts by more than
+             0.01.
 
     python scripts/bench_petab.py [--data DIR] [--only TEXT ...] [--factor F ...] [--starts N] [--json FILE]
 
@@ -20,6 +21,7 @@ from casid.cli.start import run_script
 import math
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +91,7 @@ def times(problem: Problem, factor: float) -> Problem:
     for row, lower, upper in zip(*problem.linear_rows, strict=True):
         name = problem.parameters[int(np.flatnonzero(row)[0])]
         start[name] = min(max(start[name], lower), upper)
-    return cs.Problem(**{f: getattr(problem, f) for f in problem.__dataclass_fields__} | {"start": start})
+    return replace(problem, start=start)
 
 
 def _by_scipy(problem: Problem, seconds: float, starts: int) -> Row:
