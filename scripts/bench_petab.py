@@ -82,7 +82,7 @@ def one(file: Path, published: float, factor: float, starts: int) -> Row:
         "worse than start": checked > start + APART,
         "wrongly converged": fit.converged and not abs(own - checked) < APART,
     }
-    return row | _by_scipy(posed, max(seconds, LEAST), starts)
+    return {**row, **_by_scipy(posed, max(seconds, LEAST), starts)}
 
 
 def times(problem: Problem, factor: float) -> Problem:
