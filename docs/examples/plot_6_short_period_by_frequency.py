@@ -46,7 +46,7 @@ responses = [
 ]
 
 # %%
-# The low-order equivalent system of the pitch rate has the form of the handbooks. The angle of attack is given a form of
+# The low-order equivalent system of the pitch rate has the form of the handbooks. The angle of attack has a form of
 # its own, with a zero, and shares damping and frequency.
 form = {
     "q": cs.TransferFunction(gain="K_q", zeros=["1/T_theta2"], pole_pairs=[("zeta_sp", "omega_sp")], delay="tau"),
