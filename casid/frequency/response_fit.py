@@ -18,6 +18,8 @@ from casid.views import brief, view
 
 _DB = 20.0 / np.log(10.0)  # of a gain whose logarithm is one
 _EVALUATIONS = 200  # of one start
+_TOLERANCE = 1e-12  # relative change of cost and parameters: rounding
+_FAR = 1e6  # dB, a response that is no number
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -63,6 +65,11 @@ class MeasuredResponse:
         object.__setattr__(self, "omega", omega)
         object.__setattr__(self, "response", response)
         object.__setattr__(self, "coherence", np.broadcast_to(coherence, omega.shape))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(frequencies,) whether the coherence is at least 0.6."""
+        return self.coherence >= USABLE
 
     def __repr__(self) -> str:
         return brief(self)
@@ -181,24 +188,28 @@ def fit_responses(
 ) -> tuple[ResponseFit, np.ndarray]:
     """The best fit from several starts (starts, parameters), and its parameters (parameters,).
 
-    Raises EstimationError where no start has a finite cost.
+    Raises EstimationError where no start has a finite cost, and for more parameters than the responses have numbers.
     """
+    count = sum(2 * len(one.error) for one in measured)
+    if starts.shape[1] >= count:
+        raise EstimationError(
+            f"response fit: {starts.shape[1]} free parameters and {count} numbers in the responses; fix some"
+        )
     best = None
-    for start in starts:
-        rows = _rows(model, measured, start)
-        if not all(np.isfinite(part).all() for part in rows):
+    for start in np.unique(starts, axis=0):
+        if not np.isfinite(_rows(model, measured, start)[0]).all():
             continue
-        with np.errstate(all="ignore"):
-            found = least_squares(
-                lambda p: _rows(model, measured, p)[0],
-                start,
-                jac=lambda p: np.nan_to_num(_rows(model, measured, p)[1]),  # pyright: ignore[reportArgumentType]
-                x_scale="jac",
-                ftol=1e-14,
-                xtol=1e-12,
-                gtol=1e-14,
-                max_nfev=_EVALUATIONS,
-            )
+        found = least_squares(
+            lambda p: np.nan_to_num(_rows(model, measured, p)[0], nan=_FAR, posinf=_FAR, neginf=-_FAR),
+            start,
+            jac=lambda p: np.nan_to_num(_rows(model, measured, p)[1]),  # pyright: ignore[reportArgumentType]
+            method="lm",
+            x_scale="jac",
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE,
+            max_nfev=_EVALUATIONS,
+        )
         if best is None or found.cost < best.cost:
             best = found
     if best is None:
@@ -243,10 +254,10 @@ def measured_responses(
         if label_of(one) in found:
             raise InputError(f"{where}: two responses of {label_of(one)}; expected each once")
         low, high = band or (0.0, np.inf)
-        use = (one.omega >= low * (1 - 1e-9)) & (one.omega <= high * (1 + 1e-9)) & (one.coherence >= USABLE)
+        use = (one.omega >= low * (1 - 1e-9)) & (one.omega <= high * (1 + 1e-9)) & one.usable
         if use.sum() < 2:
             raise InputError(
-                f"{where}: {label_of(one)} has {int(use.sum())} frequencies with a coherence of at least {USABLE:g} in "
+                f"{where}: {label_of(one)} has {int(use.sum())} usable frequencies (coherence {USABLE:g} or more) in "
                 "the band; expected at least 2"
             )
         chosen = MeasuredResponse(
@@ -327,7 +338,7 @@ def _result(
     scale = 1.0 / np.where(scale > 0.0, scale, 1.0)
     left, singular, right = np.linalg.svd(slopes * scale, full_matrices=False)
     covariance = np.full((len(values), len(values)), np.nan)
-    if len(residual) > len(values) and singular[-1] > 1e-10 * singular[0]:
+    if singular[-1] > 1e-10 * singular[0]:
         gain = scale[:, None] * (right.T / singular) @ left.T  # (parameters, rows) of the estimate by the rows
         noise = _noise(measured)
         rest = np.trace(noise) - np.trace(left.T @ noise @ left)  # what is left of it in the residuals

@@ -164,11 +164,11 @@ def test_it_finds_what_scipy_finds(record_property) -> None:
             out += [20.0 / np.log(10.0) * np.real(error), np.sqrt(0.01745) * np.degrees(np.imag(error))]
         return np.concatenate(out)
 
-    begin = time.perf_counter()
+    begin = time.process_time()
     theirs, covariance = curve_fit(rows, np.zeros(80), np.zeros(80), p0=list(SHORT_PERIOD.values()), xtol=1e-14)
-    middle = time.perf_counter()
+    middle = time.process_time()
     fit = cs.fit_transfer_functions(found, "short period", start=SHORT_PERIOD)
-    record_property("seconds", {"scipy": middle - begin, "casid": time.perf_counter() - middle})
+    record_property("seconds", {"scipy": middle - begin, "casid": time.process_time() - middle})
     assert list(fit.values.values()) == pytest.approx(theirs, rel=1e-5)
     # the same residuals, whose errors scipy takes as equally large in dB and in weighted deg
     assert [one.std for one in fit.parameters.values()] == pytest.approx(np.sqrt(np.diagonal(covariance)), rel=0.2)
@@ -184,7 +184,7 @@ def test_wrong_names_and_responses_are_errors() -> None:
         cs.fit_transfer_functions([q, q], "short period")
     with pytest.raises(InputError, match="unknown output 'q'"):
         cs.fit_transfer_functions(q, "roll")
-    with pytest.raises(InputError, match="0 frequencies"):
+    with pytest.raises(InputError, match="0 usable frequencies"):
         cs.fit_transfer_functions(q, "short period", band=(20.0, 30.0))
     with pytest.raises(InputError, match="shape"):
         cs.MeasuredResponse(input="u", output="y", omega=OMEGA, response=np.ones(3))
