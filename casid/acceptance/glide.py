@@ -18,6 +18,7 @@ from casid.errors import InputError
 GLIDE = ("alpha", "delta_e", "climb_angle")
 _HELD = tuple(name for name in SETTINGS if name not in GLIDE)
 _RANGE = (0.4, 2.5)  # of the speed of the flight point: where the best glide is looked for
+_UNITS = {"best_glide_speed": "m/s", "best_glide_ratio": "1", "best_glide_sink_rate": "m/s"}
 _SMALL = 1e-6  # residual that counts as none
 _EDGE = 0.01  # of a speed: an optimum nearer to the end of the range is none
 
@@ -39,11 +40,23 @@ def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quant
         jac=lambda y: flattest.residual(y, held, known.values)[1].full(),
         tol=1e-12,
     )
-    if not np.abs(found.fun).max() < _SMALL:
-        return {}, (f"no best glide: {' '.join(found.message.split())}",)
-    value, slope = flattest.quantities(found.x, held, known.values)
-    units = {"best_glide_speed": "m/s", "best_glide_ratio": "1", "best_glide_sink_rate": "m/s"}
-    return {n: (float(v), d, unit) for (n, unit), v, d in zip(units.items(), value, slope, strict=True)}, ()
+    if np.abs(found.fun).max() < _SMALL:
+        return _named(*flattest.quantities(found.x, held, known.values)), ()
+    # at the corner of a table, where the slope jumps, the optimum stays: the deviations are those of a glide at its speed
+    along = flight.once(("glide at a speed",), lambda: flight.along(GLIDE, _told(flight)))
+    value, slope = along(*flight.at(GLIDE, at), known.values)
+    slope[0] = np.nan
+    return _named(value, slope), ("the best glide is at a corner of a table: its speed has no deviation",)
+
+
+def _told(flight: SteadyFlight) -> ca.SX:
+    """Speed, glide ratio and rate of descent."""
+    V, climb = flight.setting["V"], flight.setting["climb_angle"]
+    return ca.vertcat(V, -1.0 / ca.tan(climb), -V * ca.sin(climb))
+
+
+def _named(value: np.ndarray, slope: np.ndarray) -> Quantities:
+    return {n: (float(v), d, unit) for (n, unit), v, d in zip(_UNITS.items(), value, slope, strict=True)}
 
 
 class _Flattest:
@@ -58,8 +71,7 @@ class _Flattest:
         whole = ca.vertcat(R, ca.jacobian(R, z).T @ m - towards, ca.jacobian(R, V).T @ m)
         unknown = ca.vertcat(z, V, m)
         held = ca.vertcat(*(flight.setting[name] for name in _HELD if name != "V"))
-        climb = z[GLIDE.index("climb_angle")]
-        told = ca.vertcat(V, -1.0 / ca.tan(climb), -V * ca.sin(climb))
+        (told,) = ca.substitute([_told(flight)], [flight.setting["climb_angle"]], [z[GLIDE.index("climb_angle")]])
         self._towards = towards.full()[:, 0]
         self._slope = ca.Function("slope", [z, V, held, flight.p], [ca.jacobian(R, z)])
         self.residual = ca.Function("glide", [unknown, held, flight.p], [whole, ca.jacobian(whole, unknown)])

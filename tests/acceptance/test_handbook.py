@@ -181,6 +181,19 @@ def test_best_glide_of_a_parabolic_polar() -> None:
     assert found["best_glide_sink_rate"].value == pytest.approx(V * np.sin(angle), rel=1e-6)
 
 
+def test_best_glide_at_the_corner_of_a_table() -> None:
+    """Drag is constant up to an angle of attack and rises steeply beyond: the glide is flattest at that angle."""
+    corner, CD0 = 0.06, 0.03
+    a = navion()
+    flat = {n: v for n, v in a.derivatives.items() if n[:2] not in ("CL", "CD")}
+    bend = cs.table("CD", "alpha", [-0.3, corner, 0.4], [CD0, CD0, CD0 + 1.0], name="drag")
+    a = replace(a, derivatives=flat | {"CL_alpha": 5.0}, tables=(bend,), relative_uncertainty=0.01)
+    found = cs.modes(a)
+    assert found.numbers["best_glide_ratio"].value == pytest.approx(5.0 * corner / CD0, rel=1e-2)
+    assert found.numbers["best_glide_ratio"].std > 0.0 and np.isnan(found.numbers["best_glide_speed"].std)
+    assert any("corner" in note for note in found.notes)
+
+
 def everything(flight: SteadyFlight, known: Known) -> dict[str, float]:
     found = handbook(flight, known, point_of(flight), np.array([60.0]))
     curves = {f"curve {n}": float(v[0]) for n, v in found.trim_curves.values.items()}
