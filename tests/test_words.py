@@ -1,12 +1,58 @@
-"""The words of the pages: every public name has an entry in the reference."""
+"""The words of the pages: plain terms of the field, and every public name has an entry in the reference."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+import pytest
 
 import casid
 
 REPO = Path(__file__).resolve().parent.parent
+PAGES = (REPO / "README.md", REPO / "CONTRIBUTING.md", *sorted((REPO / "docs").glob("*.md")))
+
+# Words that only insiders understand -> what a page says instead. Terms are defined in docs/glossary.md.
+REPLACEMENTS = {
+    r"stands? against flight": "is inconsistent with flight",
+    r"(the )?file refitted|refitted (file|model)": "re-estimated model",
+    r"told by (them|these|the records)|tell little of": "identifiable from these records",
+    r"what is told\b|is told as\b|are told\b": "what is reported",
+    r"\bthat is said\b|\band is said\b": "this is reported",
+    r"\bas wholes\b|\bwholes are\b": "complete hypotheses",
+    r"\bsmall (further )?terms of\b": "model discrepancy",
+    r"\b(unknown|anonymous|slow) (history|histories)\b|\banonymous input": "latent input",
+    r"\bdrops? of the deviance\b": "likelihood-ratio statistic",
+    r"\bits price\b|\bthe price of its\b": "selection penalty",
+    r"\bpromises?\b|\bpromised\b(?! gain\b)": "predicted (score statistic)",
+    r"\bmakes more missing\b|\bwhat is no\b|\bnumber that is none\b": "say what it is, in a positive sentence",
+    r"\bis chance\b|\bcame first is\b": "their ranking is not significant",
+    r"\b(cannot be |be )parted\b": "separated",
+    r"\bfor want of\b|\bwant of\b": "because ... is missing",
+    r"\bthe weakest first\b": "backward elimination",
+    r"\bbought like\b": "name the rule",
+    r"\btells most\b": "is most informative",
+    r"\bflat in\b": "insensitive to",
+    r"\bhouse rules\b|\bthe house\b": "conventions; the code",
+    r"\blab protocol\b": "experiment script",
+    r"\bborn\b": "originate",
+    r"\bbelieved to\b|\bis believed\b": "accepted; trusted",
+    r"\bput in (first|beforehand)\b": "added before the search",
+    r"\bmend(ed|s)?\b": "corrected",
+}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_has_no_private_words(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    prose = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)  # programs and names keep theirs
+    prose = re.sub(r"\s+", " ", prose)
+    found = [
+        f"'{hit.group()}': write '{instead}'"
+        for words, instead in REPLACEMENTS.items()
+        for hit in re.finditer(words, prose, flags=re.IGNORECASE)
+    ]
+    assert not found, "\n".join(found)
 
 
 def test_the_page_of_the_api_has_every_public_name() -> None:
