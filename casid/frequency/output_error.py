@@ -52,8 +52,17 @@ class FourierOutputError:
 
     Examples
     --------
-    >>> problem = cs.Problem(model, records, free=["Cm_*"], cost=cs.FourierOutputError(band=(0.6, 9.0)))
-    >>> fit = cs.solve(problem)
+    >>> import numpy as np, casid as cs
+    >>> roll = cs.define_model(
+    ...     "roll", states=["p"], inputs=["delta_a"], parameters={"Lp": -1.0, "Lda": -5.0}, outputs=["p"],
+    ...     dynamics=lambda s: {"p": s.Lp * s.p + s.Lda * s.delta_a}, output=lambda s: {"p": s.p},
+    ... )
+    >>> t = 0.02 * np.arange(1000)
+    >>> inputs = cs.Record(name="m1", t=t, channels={"delta_a": 0.05 * np.sin(t) * np.cos(2.3 * t)})
+    >>> record = cs.simulate(roll, inputs, np.zeros(1), {"Lp": -2.0}).as_record("m1")
+    >>> cost = cs.FourierOutputError(band=(0.5, 6.0))
+    >>> round(cs.solve(cs.Problem(roll, [record], free=["Lp"], cost=cost))["Lp"].value, 6)
+    -2.0
 
     References
     ----------

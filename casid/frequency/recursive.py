@@ -103,9 +103,18 @@ def track_derivatives(
 
     Examples
     --------
-    >>> omega = np.arange(0.5, 9.0, 0.25)
-    >>> for now in cs.track_derivatives(model, stream, free=["Cm_alpha", "Cm_q"], omega=omega, memory=20.0):
-    ...     print(now.t, now.values["Cm_alpha"], now.std["Cm_alpha"])
+    >>> import numpy as np, casid as cs
+    >>> roll = cs.define_model(
+    ...     "roll", states=["p"], inputs=["delta_a"], parameters={"Lp": -1.0, "Lda": -5.0}, outputs=["p"],
+    ...     dynamics=lambda s: {"p": s.Lp * s.p + s.Lda * s.delta_a}, output=lambda s: {"p": s.p},
+    ... )
+    >>> t = 0.02 * np.arange(1000)
+    >>> inputs = cs.Record(name="m1", t=t, channels={"delta_a": 0.05 * np.sin(t) * np.cos(2.3 * t)})
+    >>> record = cs.simulate(roll, inputs, np.zeros(1), {"Lp": -2.0}).as_record("m1")
+    >>> for now in cs.track_derivatives(roll, record, free=["Lp"], omega=np.arange(0.5, 6.0, 0.3), every=10.0):
+    ...     print(round(now.t), round(now.values["Lp"], 2))
+    10 -2.0
+    20 -2.0
     """
     where = "track_derivatives"
     an(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
