@@ -22,6 +22,10 @@ _ROOMS = {
         "read_records",
         "write_record",
     ),
+    "casid.records.segments": (
+        "Segment",
+        "segments",
+    ),
     "casid.model.aircraft": (
         "Aircraft",
         "EffectValue",

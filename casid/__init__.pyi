@@ -70,6 +70,7 @@ from casid.model.system import Model, define_model, define_regression
 from casid.model.tables import Table, table
 from casid.model.trim import Trim, trim
 from casid.records import ColumnMap, Record, read_record, read_records, write_record
+from casid.records.segments import Segment, segments
 from casid.report.page import write_report
 
 __version__: str
@@ -134,6 +135,7 @@ __all__ = [
     "ResponseFit",
     "ResponseParameter",
     "SampledFeedback",
+    "Segment",
     "Simulation",
     "SingleShooting",
     "Standard",
@@ -181,6 +183,7 @@ __all__ = [
     "read_petab",
     "read_record",
     "read_records",
+    "segments",
     "simulate",
     "solve",
     "standard_3211",

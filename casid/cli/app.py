@@ -22,6 +22,7 @@ COMMANDS = {
     "design": "casid.cli.design:design",
     "modes": "casid.cli.modes:modes",
     "isolate": "casid.cli.isolate:isolate",
+    "segments": "casid.cli.segments:segments",
     "convert": "casid.cli.convert:convert",
     "export": "casid.cli.export:export",
     "new-aircraft": "casid.cli.new_aircraft:new_aircraft",

@@ -1,0 +1,89 @@
+"""`casid segments`: the manoeuvres in a long log."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from casid.cli.options import AsJson, Begin, End, Folder, Maps, records_of
+from casid.errors import InputError
+from casid.records.readers import write_record
+from casid.records.record import Record
+from casid.records.segments import Segment
+from casid.records.segments import segments as found_in
+from casid.report.estimate_figures import file_name, write_pictures
+from casid.report.folder import whole_folder
+from casid.report.segment_figures import segment_figure
+from casid.signals import DEGREE
+
+
+def segments(
+    *logs: Annotated[str, Parameter(name="LOG")],
+    maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
+    out: Folder | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Find the manoeuvres in long logs, by the excitation of each axis.
+
+    Prints a table. The status is 0, and 1 when no log has a manoeuvre. With --out every manoeuvre is written as
+    DIR/LOG_1.csv and so on, beside DIR/segments.json and a picture DIR/figures/segments_LOG.svg.
+
+    Parameters
+    ----------
+    logs
+        Files, or patterns like 'logs/*.bin'.
+    maps
+        Column map: alpha=ALCG:deg, or a TOML file.
+    begin
+        Time [s] from which logs are read.
+    end
+        Time [s] up to which logs are read.
+    out
+        Folder for the manoeuvres.
+    as_json
+        Print segments.json and nothing else.
+    """
+    if not logs:
+        raise InputError("LOG is missing; expected: segments LOG ... [--out DIR]")
+    records = records_of(logs, maps or [], span=(begin, end))
+    found = {record.name: found_in(record) for record in records}
+    text = json.dumps(_document(found), indent=1)
+    if out is not None:
+        with whole_folder(out) as folder:
+            _write(records, found, folder)
+            (folder / "segments.json").write_text(text + "\n", encoding="utf-8")
+    print(text if as_json else _table(found))
+    return 0 if any(found.values()) else 1
+
+
+def _document(found: Mapping[str, Sequence[Segment]]) -> dict[str, Any]:
+    logs = {name: [one.to_dict() for one in some] for name, some in found.items()}
+    return {"schema": "casid.segments/1", "logs": logs}
+
+
+def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], folder: Path) -> None:
+    for record in records:
+        for number, one in enumerate(found[record.name], 1):
+            name = f"{file_name(record.name)}_{number}"
+            write_record(record.between(one.start, one.stop, name), folder / f"{name}.csv")
+    write_pictures([segment_figure(record, found[record.name]) for record in records], folder / "figures")
+
+
+def _table(found: Mapping[str, Sequence[Segment]]) -> str:
+    """One line for each manoeuvre, angles in degrees."""
+    lines = [f"{'log':16} {'no':>3} {'from s':>9} {'to s':>9}  {'axes':16} surface r.m.s. deg; rate range deg/s"]
+    for name, some in found.items():
+        if not some:
+            lines.append(f"{name:16} no manoeuvre stands out")
+        for number, one in enumerate(some, 1):
+            surfaces = ", ".join(f"{s} {rms / DEGREE:.2g}" for s, rms in one.surfaces.items())
+            rates = ", ".join(f"{r} {span / DEGREE:.3g}" for r, span in one.rates.items())
+            head = f"{name:16} {number:3} {one.start:9.2f} {one.stop:9.2f}"
+            lines.append(f"{head}  {'+'.join(one.axes):16} {surfaces}; {rates}")
+    return "\n".join(lines)

@@ -1,0 +1,169 @@
+"""Manoeuvres in a long record: stretches in which surfaces move far more than they do between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from casid.records.channel_table import gaps
+from casid.records.checks import MIN_DURATION, MIN_SAMPLES
+from casid.records.given import given_record
+from casid.records.noise import pooled_sigma
+from casid.records.record import Record
+from casid.signals import DEGREE, SURFACES
+
+AXES: Mapping[str, str] = {"delta_e": "pitch", "delta_a": "roll", "delta_r": "yaw"}
+_RATES: Mapping[str, str] = {"pitch": "q", "roll": "p", "yaw": "r"}
+_WINDOW = 1.0  # s: over which activity is measured; inputs of flight tests have steps of 0.2 to 2 s
+_TREND = 15.0  # s: slower changes of a surface are trim
+_QUIET, _PEAK = 0.2, 0.995  # quantiles of activity between and in manoeuvres
+_DISTINCT = 5.0  # peak over quiet activity from which manoeuvres stand out
+_SMALLEST = 0.2 * DEGREE  # r.m.s. activity that excites nothing
+_NOISE = 3.0  # 1-sigmas of noise that quiet activity is at least
+_JOINED, _BEFORE, _AFTER = 3.0, 1.0, 4.0  # s: shorter rests are within a manoeuvre; kept before and after it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """A manoeuvre in a long record.
+
+    Attributes
+    ----------
+    start, stop
+        Times [s] as `Record.between` takes them.
+    axes
+        "pitch", "roll" and "yaw", those whose surface moves.
+    surfaces
+        Surface -> r.m.s. deflection [rad] about its mean.
+    rates
+        Rate of rotation -> its range [rad/s], of those recorded.
+    """
+
+    start: float
+    stop: float
+    axes: tuple[str, ...]
+    surfaces: Mapping[str, float]
+    rates: Mapping[str, float]
+
+    @property
+    def duration(self) -> float:
+        """Time [s] from start to stop."""
+        return self.stop - self.start
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers by name, in SI."""
+        return {
+            "start": self.start,
+            "stop": self.stop,
+            "axes": list(self.axes),
+            "surfaces": dict(self.surfaces),
+            "rates": dict(self.rates),
+        }
+
+
+def segments(record: Record | str | Path) -> tuple[Segment, ...]:
+    """Find the manoeuvres in a long record by the excitation of each axis.
+
+    The activity of a surface is its r.m.s. deflection over 1 s, without changes of trim. A manoeuvre is where it is
+    above the geometric mean of its quiet and its largest level, where these are a factor of 5 apart. A surface that
+    always moves alike, as under an autopilot in gusts, has none.
+
+    Parameters
+    ----------
+    record
+        A record, or the name of its file. Pauses in its time part manoeuvres.
+
+    Returns
+    -------
+    tuple of Segment
+        In the order of time, 1 s before the first movement to 4 s after the last one.
+
+    Raises
+    ------
+    InputError
+        As `read_record`.
+
+    Examples
+    --------
+    >>> record = casid.read_record("log.bin", "map.toml")  # doctest: +SKIP
+    >>> parts = [record.between(one.start, one.stop) for one in casid.segments(record)]  # doctest: +SKIP
+    """
+    record = given_record(record, "segments")
+    moving = {name: _moves(record, name) for name in SURFACES if name in record}
+    spans = _joined(record, np.logical_or.reduce(list(moving.values()))) if moving else []
+    found = [_segment(record, moving, start, stop) for start, stop in spans]
+    return tuple(one for one in found if _long_enough(record, one))
+
+
+def _moves(record: Record, name: str) -> np.ndarray:
+    """(N,) whether a surface moves as in a manoeuvre."""
+    activity = surface_activity(record, name)
+    noise = float(np.nan_to_num(pooled_sigma([record[name]])))
+    quiet = max(float(np.quantile(activity, _QUIET)), _NOISE * noise)
+    peak = float(np.quantile(activity, _PEAK))
+    level = np.sqrt(max(quiet, peak / _DISTINCT**2) * peak)
+    if peak < max(_SMALLEST, _DISTINCT * quiet):
+        return np.zeros(len(record), dtype=bool)
+    return activity > level
+
+
+def surface_activity(record: Record, name: str) -> np.ndarray:
+    """(N,) r.m.s. deflection [rad] of a surface over a second, without changes of trim."""
+    even = np.interp(_clock(record), record.t, record[name])
+    trend = ndimage.median_filter(even, _odd(_TREND / record.dt), mode="nearest")
+    square = ndimage.uniform_filter1d((even - trend) ** 2, _odd(_WINDOW / record.dt), mode="nearest")
+    return np.interp(record.t, _clock(record), np.sqrt(np.maximum(square, 0.0)))
+
+
+def _clock(record: Record) -> np.ndarray:
+    return np.arange(record.t[0], record.t[-1] + 0.5 * record.dt, record.dt)
+
+
+def _odd(samples: float) -> int:
+    return max(3, round(samples) | 1)
+
+
+def _joined(record: Record, moving: np.ndarray) -> list[tuple[float, float]]:
+    """Begin and end [s] of manoeuvres: movements less than some seconds apart are one, pauses of the time part them."""
+    at = np.flatnonzero(moving)
+    if not len(at):
+        return []
+    t, parts = record.t, np.flatnonzero(np.diff(record.t[at]) > _JOINED)
+    first, last = np.concatenate([[0], parts + 1]), np.concatenate([parts, [len(at) - 1]])
+    edges = [float(t[0]), *(edge for pause in gaps(record) for edge in pause), float(t[-1]) + record.dt]
+    spans = []
+    for a, b in zip(t[at[first]], t[at[last]], strict=True):
+        low = max(edge for edge in edges if edge <= a)
+        high = min(edge for edge in edges if edge > b)
+        start, stop = max(float(a) - _BEFORE, low), min(float(b) + _AFTER, high)
+        if (
+            spans
+            and start <= spans[-1][1]
+            and not any(spans[-1][1] <= x <= start for pause in gaps(record) for x in pause)
+        ):
+            spans[-1] = spans[-1][0], stop
+        else:
+            spans.append((start, stop))
+    return spans
+
+
+def _segment(record: Record, moving: Mapping[str, np.ndarray], start: float, stop: float) -> Segment:
+    inside = (record.t >= start) & (record.t < stop)
+    surfaces = {name: float(np.std(record[name][inside])) for name, at in moving.items() if at[inside].any()}
+    axes = tuple(AXES[name] for name in surfaces)
+    rates = {
+        r: float(np.nanmax(x) - np.nanmin(x))
+        for r in _RATES.values()
+        if r in record and np.isfinite(x := record[r][inside]).any()
+    }
+    return Segment(start=start, stop=stop, axes=axes, surfaces=surfaces, rates=rates)
+
+
+def _long_enough(record: Record, one: Segment) -> bool:
+    inside = (record.t >= one.start) & (record.t < one.stop)
+    return int(inside.sum()) >= MIN_SAMPLES and one.duration >= MIN_DURATION
