@@ -90,8 +90,8 @@ class FourierOutputError:
         Raises
         ------
         EstimationError
-            For a model without states or that depends on time, a free parameter that does not enter the linear model,
-            and a band without a frequency.
+            For a model without states, that depends on time or has no derivatives at the mean motion, a free parameter
+            that does not enter the linear model, and a band without a frequency.
         """
         return FourierOutputs(problem, self.band)
 
@@ -108,6 +108,12 @@ class FourierOutputs:
         self._pieces = [_transformed(problem, record, r, band) for r, record in enumerate(problem.records)]
         self.targets = [np.concatenate([real_rows(one.outputs) for one in own]) for own in self._pieces]
         start = problem.start_parameters
+        for record, own in zip(problem.records, self._pieces, strict=True):
+            if not all(np.isfinite(self._linear(one, start).matrix).all() for one in own):
+                raise EstimationError(
+                    f"FourierOutputError: '{problem.model.name}' has no derivatives at the mean motion of record "
+                    f"'{record.name}'; measure its states, or use OutputError"
+                )
         steps = [_Outputs(one, self._linear(one, start)).eliminated for own in self._pieces for one in own]
         self.eliminated = sum(steps)
 

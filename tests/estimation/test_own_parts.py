@@ -19,6 +19,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import moved
 from casid.estimation.solvers.solver import Outcome
 from casid.estimation.transcriptions.dynamics import Dynamics
+from casid.estimation.transcriptions.equation import EquationPart
 
 
 def problem(**options: Any) -> cs.Problem:
@@ -169,3 +170,24 @@ def test_a_model_without_states_is_a_regression(method, cost):
     assert fit.converged and fit.channels["y"].samples == 39
     np.testing.assert_allclose(list(fit.values.values()), theirs.x, rtol=1e-7)
     assert fit.noise["y"] == pytest.approx(np.sqrt(2 * theirs.cost / 39), rel=1e-6)
+
+
+@dataclass(frozen=True)
+class FirstHalf:
+    """Equation error of the first half of each record alone: a cost that makes its equation part itself."""
+
+    output_weight: float = 0.0
+    equation_weight: float = 1.0
+
+    def equations(self, problem: cs.Problem) -> EquationPart:
+        whole = EquationPart(problem)
+        return EquationPart(problem, [(r, signals[: len(signals) // 2]) for r, signals in enumerate(whole.data)])
+
+
+def test_a_cost_may_make_its_equation_part_itself() -> None:
+    record = problem().records[0]
+    half = record.between(-np.inf, record.t[len(record) // 2])
+    own = cs.solve(problem(cost=FirstHalf()))
+    cut = cs.solve(cs.Problem(short_period(), [half], free=["*"], start=START, cost=cs.EquationError()))
+    assert own.values == pytest.approx(cut.values, rel=1e-9)
+    assert np.allclose(own.covariance, cut.covariance, rtol=1e-6)

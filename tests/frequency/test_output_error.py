@@ -136,3 +136,37 @@ def test_time_and_frequency_domain_are_equivalent_on_white_noise() -> None:
         assert (np.abs((there - here).mean(axis=0)) < 3.0 * (there - here).std(axis=0) / np.sqrt(300)).all()
         covered = np.mean(hits[f"band {domain}"])
         assert 0.93 < covered < 0.97
+
+
+@pytest.mark.parametrize("cost", [COST, cs.FourierEquationError(band=BAND)], ids=["outputs", "equations"])
+def test_a_fit_is_drawn_over_frequency_and_kept(cost, tmp_path) -> None:
+    """The amplitude that is drawn is that of the discrete Fourier transform, in units of the noise of a sample."""
+    record = noisy(flown(), NOISE, np.random.default_rng(9))
+    fit = cs.solve(problem(record, cost=cost))
+    measured = fit.plot().axes[0].get_lines()[0]
+    name = next(iter(fit.channels))
+    bins = 2.0 * np.pi * np.arange(len(T) // 2 + 1) / (len(T) * record.dt)
+    inside = (bins >= BAND[0]) & (bins <= BAND[1])
+    amplitude = np.abs(np.fft.rfft(record[name]))[inside] * np.sqrt(2.0 / len(T))
+    factor = np.degrees(1.0) if name == "alpha" else 1.0  # alpha is known to be an angle, and drawn in degrees
+    assert measured.get_xdata() == pytest.approx(bins[inside])
+    assert measured.get_ydata() == pytest.approx(factor * amplitude, rel=1e-6)
+    fit.save(tmp_path / "fit.casid")
+    again = cs.load(tmp_path / "fit.casid")
+    assert again.values == fit.values
+    assert np.allclose(again.covariance, fit.covariance)
+
+
+def test_a_model_without_derivatives_at_the_mean_motion_is_an_error() -> None:
+    root = define_model(
+        "root",
+        states=("x",),
+        inputs=("u",),
+        parameters={"a": -1.0},
+        outputs=("x",),
+        dynamics=lambda s: {"x": s.a * np.sqrt(s.x) + s.u},
+        output=lambda s: {"x": s.x},
+    )
+    record = cs.Record(name="m", t=T, channels={"x": -1.0 - 0.1 * np.sin(T), "u": np.cos(T)})
+    with pytest.raises(EstimationError, match="mean motion of record 'm'"):
+        cs.solve(cs.Problem(root, [record], free=["a"], cost=COST))
