@@ -11,7 +11,7 @@ import numpy as np
 
 from casid.arguments import given
 from casid.errors import EstimationError, InputError
-from casid.estimation.integration import Stepping, integrated
+from casid.estimation.integration import Stepping, integrated, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import is_found, to_second_order
 from casid.estimation.solvers.objective import Objective
@@ -111,8 +111,9 @@ def as_motion(attempt: Attempt) -> Attempt:
     """The same parameters and initial states simulated in one piece, with the noise of highest likelihood."""
     objective, point = attempt.objective, attempt.outcome.point
     layout = objective.layout
-    whole = Objective(objective.problem, SingleShooting(substeps=layout.substeps).dynamics(objective.problem))
+    method = SingleShooting(substeps=layout.substeps, implicit=is_implicit(attempt.method))
+    whole = Objective(objective.problem, method.dynamics(objective.problem))
     begin = replace(point, nodes=point.nodes[layout.first], noise=np.zeros((0, point.nodes.shape[1])), points=None)
     value, _ = whole.relaxed(begin, whole.value(begin))
     outcome = replace(attempt.outcome, point=begin, value=value, linear=None, attracted=False)
-    return Attempt(objective=whole, outcome=outcome, method=SingleShooting(substeps=layout.substeps))
+    return Attempt(objective=whole, outcome=outcome, method=method)

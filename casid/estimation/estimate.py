@@ -140,6 +140,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         solver=outcome.solver,
         substeps=objective.layout.substeps if objective.dynamics is not None else 1,
         way=end.remark,
+        implicit=bool(getattr(method, "implicit", False)) and objective.dynamics is not None,
     )
 
 

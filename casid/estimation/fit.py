@@ -64,8 +64,9 @@ class Fit:
         constraint with per-record parameters has one for every record.
     solver
         The one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all.
-    method, substeps
-        The transcription and its steps per sample interval: those that were taken where `solve` was free to choose.
+    method, substeps, implicit
+        The transcription, its steps per sample interval and whether shooting took implicit ones: those that were taken
+        where `solve` was free to choose.
     starts
         How many of several starts ended where; None where there was one.
     way
@@ -93,6 +94,7 @@ class Fit:
     method: str
     solver: str
     substeps: int = 1
+    implicit: bool = False
     starts: Starts | None = None
     way: str = ""
 
@@ -112,6 +114,7 @@ class Fit:
         if not self.states:
             return ""
         kind = "implicit (Radau collocation)" if self.method == "Collocation" else "explicit (Runge-Kutta)"
+        kind = "implicit (Radau)" if self.implicit else kind
         return f"{kind}, {self.substeps} step{'s' * (self.substeps != 1)} per sample interval"
 
     @property

@@ -14,11 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome, Solver
-from casid.estimation.transcriptions.collocation import LiftedCollocation
+from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
+from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.steps import compiled, rates_function
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
@@ -30,6 +32,7 @@ _ORDER = 4  # of Runge and Kutta's method
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
+_SMALL_DEFECT = 1e-6  # of the states
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 _GROWTH = 1.3  # more steps than the order asks for
 _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviations, and the solution by no more
@@ -40,33 +43,60 @@ def integrated(
 ) -> tuple[Objective, Outcome, Transcription]:
     """The solution on a motion that is integrated well enough, with its objective and the transcription that it took:
     with more steps where the data are worth them."""
-    return _finely(objective, outcome, method, solver) if method.substeps is None else (objective, outcome, method)
+    if method.substeps is not None:
+        return objective, outcome, method
+    found = _finely(objective, outcome, method, solver)
+    if found[1].status == "converged" or not isinstance(found[2], Collocation):
+        return found
+    other = _by_implicit_shooting(objective, method, solver)
+    return other if _is_lower(other, found) else found
+
+
+def _by_implicit_shooting(
+    objective: Objective, method: Stepping, solver: Solver
+) -> tuple[Objective, Outcome, Transcription]:
+    """Where collocation finds no solution: it may lead states out of the range in which the model has numbers, which
+    the motion itself never leaves."""
+    implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
+    steps = _steps_at_start(objective)
+    objective = Objective(objective.problem, replace(implicit, substeps=steps).dynamics(objective.problem))
+    return _finely(objective, solver.minimise(objective), implicit, solver)
+
+
+def _is_lower(one: tuple[Objective, Outcome, Transcription], other: tuple[Objective, Outcome, Transcription]) -> bool:
+    """Whether the first of two ends is a solution, or more likely and a motion of the model."""
+    (first, ours, _), (second, theirs, _) = one, other
+    if ours.status == "converged" or theirs.status == "converged":
+        return ours.status == "converged"
+    costs = [o.misfit(e.value) + e.value.violation() for o, e in ((first, ours), (second, theirs))]
+    return bool(costs[0] < costs[1] or not np.isfinite(costs[1]))
 
 
 def _finely(
     objective: Objective, outcome: Outcome, method: Stepping, solver: Solver
 ) -> tuple[Objective, Outcome, Transcription]:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
-    problem, steps = objective.problem, 1
+    problem = objective.problem
     if objective.dynamics is None or problem.feedback is not None or objective.soft:
         return objective, outcome, method
+    steps = objective.layout.substeps
     for _ in range(_REFINEMENTS):
         needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
         if needed <= steps:
             break
-        near = outcome.status == "converged" and needed <= _NEAR * steps
+        near = _is_motion(outcome) and needed <= _NEAR * steps
         steps = needed
         if steps > _MOST_STEPS:
-            if isinstance(method, Collocation):
+            if is_implicit(method):
                 break
-            method, steps, near = Collocation(), 1, False
+            method, steps, near = Collocation(), _steps_at_start(objective), False
         coarse = objective.dynamics
         method = replace(method, substeps=steps)
         dynamics = method.dynamics(problem)
         begin = _begin(outcome.point, coarse, dynamics) if near else None
         objective = Objective(problem, dynamics, begin)
         outcome = solver.minimise(objective)
-        if near and outcome.status != "converged":
+        if near and not _is_motion(outcome):
             objective = Objective(problem, dynamics)
             outcome = solver.minimise(objective)
     return objective, outcome, method
@@ -81,8 +111,12 @@ def _begin(point: Point, coarse: Dynamics | None, fine: Dynamics) -> Point:
 
 def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> int:
     steps = objective.layout.substeps
-    if outcome.status != "converged":  # where it gave up is no place to judge the motion of the solution
-        return steps if isinstance(finer, Collocation) else max(_stable_steps(objective), steps)
+    if not _is_motion(outcome):  # where it gave up is no place to judge the motion of the solution
+        if not is_implicit(finer):
+            return max(_stable_steps(objective), steps)
+        return max(_steps_at_start(objective), steps if np.isfinite(outcome.value.cost) else 2 * steps)
+    if outcome.status != "converged" and not is_implicit(finer) and _stable_steps(objective) > steps:
+        return _stable_steps(objective)
     if _is_plain(objective, outcome):
         return steps
     linear = outcome.linear
@@ -90,9 +124,9 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> in
         with suppress(np.linalg.LinAlgError):
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
-        return max(_stable_steps(objective), steps)
+        return steps if is_implicit(finer) else max(_stable_steps(objective), steps)
     excess = _integration_error(objective, outcome, linear, finer)
-    if not np.isfinite(excess) and isinstance(finer, Collocation):
+    if not np.isfinite(excess) and is_implicit(finer):
         return 2 * steps
     return steps if excess < 1.0 else max(_steps_for(excess, steps, _order(finer)), steps + 1)
 
@@ -129,9 +163,23 @@ def _fastest(objective: Objective, states: np.ndarray, parameters: np.ndarray, d
     return float(np.abs(eigenvalues[eigenvalues.real < 0.0] if decaying else eigenvalues).max(initial=0.0))
 
 
+def _is_motion(outcome: Outcome) -> bool:
+    """Whether an end is a motion of the model, converged or not."""
+    value = outcome.value
+    return outcome.status == "converged" or bool(np.isfinite(value.cost) and value.worst() < _SMALL_DEFECT)
+
+
+def is_implicit(method: Transcription) -> bool:
+    return isinstance(method, Collocation) or (
+        isinstance(method, SingleShooting | MultipleShooting) and method.implicit
+    )
+
+
 def _order(method: Transcription) -> int:
     """With which power of the step the error falls."""
-    return 2 * method.degree - 1 if isinstance(method, Collocation) else _ORDER
+    if isinstance(method, Collocation):
+        return 2 * method.degree - 1
+    return 5 if is_implicit(method) else _ORDER
 
 
 def _stable_steps(objective: Objective) -> int:
@@ -142,6 +190,41 @@ def _stable_steps(objective: Objective) -> int:
     return math.ceil(min(rate * interval / _STABLE, 1e6))
 
 
+def _steps_at_start(objective: Objective) -> int:
+    """Steps of collocation per sample interval with which the motion at the start is right to a deviation of the data:
+    a coarser mesh may have no solution, or one of its own."""
+    problem, steps = objective.problem, 1
+    sigma = objective.noise.levels.sigma[: len(problem.model.outputs)]
+    first = np.cumsum([0] + [len(record) - 1 for record in problem.records])[:-1]
+    coarse = _collocated(problem, steps)
+    while steps < _MOST_STEPS:
+        fine = _collocated(problem, 2 * steps)
+        made = coarse[0] - fine[0]
+        carried = np.zeros_like(made)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k in range(len(made)):
+                carried[k] = made[k] + (0.0 if k in first else fine[1][k] @ carried[k - 1])
+        off = _held_by_data(carried, made, objective.scale)
+        if np.linalg.norm((fine[2] @ off[..., None])[..., 0] / sigma) < 1.0:
+            break
+        coarse, steps = fine, 2 * steps
+    return steps
+
+
+def _collocated(problem: Problem, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As of `LiftedCollocation.after_samples`, at the start."""
+    layout = build_layout(problem, CONDENSED, steps)
+    dynamics = LiftedCollocation(problem.model, problem.free_index, layout, Collocation().degree)
+    return dynamics.after_samples(problem.start_parameters)
+
+
+def _held_by_data(carried: np.ndarray, alone: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Of errors (count, n) that are carried along or stay alone: the former, unless the motion grows by itself, faster
+    than a double integrator. There the data hold the nodes, so that each error counts where it is made."""
+    most, made = (float(np.abs(one / scale).max(initial=0.0)) for one in (carried, alone))
+    return carried if most <= len(alone) ** 2 * made else alone
+
+
 def _integration_error(objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription) -> float:
     """How many times too large |e| is, or what it makes of the cost, if that is worse. By the motion with twice as many
     steps from the same nodes; `method` is the transcription with these."""
@@ -150,7 +233,7 @@ def _integration_error(objective: Objective, outcome: Outcome, linear: Linearise
     assert trajectory is not None and linear.blocks is not None
     power = 2.0 ** _order(method)
     scale = power / (power - 1.0)  # of the difference, to the error
-    if isinstance(finer, LiftedCollocation):
+    if isinstance(finer, LiftedCollocation) and outcome.point.points is not None:
         y, end = _with_halves(objective, outcome, finer)
     else:
         better = finer.trajectory(nodes, value.parameters[objective.layout.record])
@@ -190,19 +273,14 @@ def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarra
 
 
 def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> np.ndarray:
-    """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them.
-
-    Of a motion that grows by itself, faster than a double integrator, no error grows with it: the data hold the nodes.
-    There each error counts where it is made.
-    """
+    """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them."""
     assert linear.blocks is not None
     carried, alone, n = np.zeros_like(off), np.zeros_like(off), off.shape[1]
     with np.errstate(over="ignore", invalid="ignore"):
         for k in objective.layout.tied:
             carried[k + 1] = linear.blocks.transition[k, :, :n] @ carried[k] + off[k]
             alone[k + 1] = off[k]
-    most, made = (float(np.abs(one / objective.scale).max(initial=0.0)) for one in (carried, alone))
-    return carried if most <= len(off) ** 2 * made else alone
+    return _held_by_data(carried, alone, objective.scale)
 
 
 def _steps_for(excess: float, substeps: int, power: int = _ORDER) -> int:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.attempt import Attempt, Timed, as_motion, attempted, build_objective, timed
+from casid.estimation.integration import Stepping, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.results import ANOTHER_MINIMUM
 from casid.estimation.second_opinion import doubtful
@@ -157,6 +158,8 @@ def _found_elsewhere(best: Attempt, first: Attempt) -> str:
 
 def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -> Ending:
     """The start where its simulation is more likely than what was found."""
+    if isinstance(end.attempt.method, Stepping) and is_implicit(end.attempt.method):
+        method = end.attempt.method  # the same integration of both
     objective = build_objective(problem, method)
     point = objective.start()
     nothing = Outcome(

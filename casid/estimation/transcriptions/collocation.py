@@ -29,7 +29,7 @@ from casid.model.system import Model
 
 CONDENSED = 10  # sample intervals whose states are eliminated together: a matter of time and memory alone
 _NEWTON = 20  # steps of Newton's method for one step of the motion
-_SOLVED = 1e-10  # of the states: what may be left of its equations
+_SOLVED = 1e-8  # of a state: the last step of it
 _SLAB = 4096  # samples of which the rows are held at once
 
 
@@ -84,12 +84,16 @@ class KernelLift:
 
 
 class LiftedCollocation:
-    """The dynamics of a layout by collocation; same interface as `Shooting`."""
+    """The dynamics of a layout by collocation; same interface as `Shooting`.
+
+    lifted   whether interior states are unknowns. If not, they are the motion from the nodes, each step solved by
+             Newton's method: shooting with implicit steps.
+    """
 
     soft = False
 
-    def __init__(self, model: Model, free: np.ndarray, layout: Layout, degree: int) -> None:
-        self.layout, self.degree, self._model, self._free = layout, degree, model, free
+    def __init__(self, model: Model, free: np.ndarray, layout: Layout, degree: int, lifted: bool = True) -> None:
+        self.layout, self.degree, self._model, self._free, self._lifted = layout, degree, model, free, lifted
         self.tau, self.c = radau(degree)
         self.shape = (layout.segments, layout.length, degree, len(model.states))
         self._packed: Packed | None = None
@@ -101,9 +105,12 @@ class LiftedCollocation:
         )
 
     @property
-    def points0(self) -> np.ndarray:
-        """(K, L d, n) interior states on straight lines between the first guesses of the samples."""
+    def points0(self) -> np.ndarray | None:
+        """(K, L d, n) interior states on straight lines between the first guesses of the samples; None where they are
+        no unknowns."""
         layout = self.layout
+        if not self._lifted:
+            return None
         following = np.concatenate([layout.guess[:, 1:], layout.guess[:, -1:]], axis=1)
         following[layout.tied, -1] = layout.guess[layout.tied + 1, 0]
         along = self.tau[:, None] * (following - layout.guess)[:, :, None]
@@ -116,11 +123,14 @@ class LiftedCollocation:
 
     def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
         """nodes (K, n), parameters (K, model parameters), interior states (K, L d, n)."""
-        interior = self.points0 if points is None else points
+        interior = points if points is not None else self.points0
+        if interior is None:
+            interior = self._motion(nodes, parameters)
         states, kernel = self._states(nodes, interior), self.kernel
         if kernel is not None:
             y, gap, squares = kernel.gaps(self._packed_for(kernel), nodes, interior, parameters)
-            return Trajectory(states=states, y=y, end=interior[:, -1], squares=squares, points=interior, gap=gap)
+            kept = gap if self._lifted else None
+            return Trajectory(states=states, y=y, end=interior[:, -1], squares=squares, points=interior, gap=kept)
         begin = time.perf_counter()
         count, length, d, n = self.shape
         slope, outputs = compiled(self._model, dynamics_function), compiled(self._model, output_function)
@@ -132,9 +142,22 @@ class LiftedCollocation:
         gap -= self.layout.dt[:, :, None, None] * slopes.reshape(inside.shape)
         y = outputs.mapped(count * length)(states, self.layout.u0, repeated)[0].reshape(count, length, -1)
         self._offer.spent += time.perf_counter() - begin
-        return Trajectory(
-            states=states, y=y.copy(), end=interior[:, -1], points=interior, gap=gap.reshape(interior.shape)
-        )
+        kept = gap.reshape(interior.shape) if self._lifted else None
+        return Trajectory(states=states, y=y.copy(), end=interior[:, -1], points=interior, gap=kept)
+
+    def _motion(self, nodes: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(K, L d, n) interior states of the motion from the nodes; not finite from where there is none."""
+        kernel, (count, length, d, n) = self.kernel, self.shape
+        if kernel is not None:
+            scale = self._model.scale_vector()
+            return kernel.motion(self._packed_for(kernel), nodes, parameters, scale, _SOLVED)
+        begin, points, state = time.perf_counter(), np.empty((count, length, d, n)), nodes
+        for j in range(length):
+            which = np.arange(count) * length + j
+            points[:, j], _ = self.solved(which, state, np.repeat(state[:, None], d, axis=1), parameters)
+            state = points[:, j, -1]
+        self._offer.spent += time.perf_counter() - begin
+        return points.reshape(count, -1, n)
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
         """Linearised at a trajectory; weights as of `Shooting.blocks`. Raises numpy.linalg.LinAlgError where a step is
@@ -143,9 +166,8 @@ class LiftedCollocation:
         kernel = self.kernel
         if kernel is not None:
             packed = self._packed_for(kernel)
-            found = kernel.lift(packed, trajectory.states[:, 0], points, parameters, weights)
-            assert found.kept is not None
-            lift = KernelLift(kernel=kernel, kept=found.kept, shift=found.shift)
+            found = kernel.lift(packed, trajectory.states[:, 0], points, parameters, weights, keep=self._lifted)
+            lift = None if found.kept is None else KernelLift(kernel=kernel, kept=found.kept, shift=found.shift)
         else:
             begin = time.perf_counter()
             found, lift = self._plain(trajectory, parameters, weights, slice(None))
@@ -157,7 +179,7 @@ class LiftedCollocation:
             transition=found.transition,
             end=found.end,
             covariance=None,
-            lift=lift,
+            lift=lift if self._lifted else None,
         )
 
     def slabs(
@@ -185,7 +207,12 @@ class LiftedCollocation:
         return LiftedCollocation(model, self._free, layout, self.degree)
 
     def symbolic(self, at: ProblemSymbols) -> Simulated:
-        """The polynomials as expressions."""
+        """The polynomials as expressions. Raises EstimationError where their points are no unknowns."""
+        if not self._lifted:
+            raise EstimationError(
+                "solve: implicit shooting solves its steps one by one, which a nonlinear programme does not represent; "
+                "use GaussNewton(), or Collocation()"
+            )
         return collocated(self._model, self._free, self.layout, self.tau, self.c, at)
 
     def refined(self, coarse: LiftedCollocation, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -198,6 +225,23 @@ class LiftedCollocation:
         table = _lagrange(np.append(0.0, coarse.tau), own)
         return np.einsum("rt,klrn->kltn", table, inside).reshape(count, length * d, n)
 
+    def after_samples(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of all samples but the last of each record, (P, n) states a sample interval after the first guess of their
+        state, (P, n, n) their derivative by that, and (P, o, n) derivative of the outputs there; parameters (records,
+        model parameters). Not finite where there is no motion."""
+        layout, n = self.layout, self.shape[3]
+        begin = np.concatenate([sample[:-1] for sample in layout.sample])
+        values = parameters[layout.record[begin // layout.length]]
+        state, transition = layout.guess.reshape(-1, n)[begin], np.tile(np.eye(n), (len(begin), 1, 1))
+        for j in range(layout.substeps):
+            guess = np.repeat(state[:, None], self.degree, axis=1)
+            points, by_state = self.solved(begin + j, state, guess, values)
+            state, transition = points[:, -1], by_state @ transition
+        last = layout.u1.reshape(layout.dt.size, -1)[begin + layout.substeps - 1]
+        key = tuple(int(i) for i in self._free)
+        outputs = compiled(self._model, _output_derivatives, key).mapped(len(begin))(state, last, values)[0]
+        return state, transition, outputs.reshape(len(begin), -1, n).copy()
+
     def local_errors(
         self, nodes: np.ndarray, points: np.ndarray, parameters: np.ndarray, halves: LiftedCollocation
     ) -> np.ndarray:
@@ -209,7 +253,7 @@ class LiftedCollocation:
         half, after = np.arange(count * length)[:, None] * 2 + [0, 1], before
         repeated = np.repeat(parameters, length, axis=0)
         for k in range(2):
-            after = halves.advanced(half[:, k], after, guess[:, k], repeated)
+            after = halves.solved(half[:, k], after, guess[:, k], repeated)[0][:, -1]
         return (after - points.reshape(count, length, -1, n)[:, :, -1].reshape(-1, n)).reshape(count, length, n)
 
     def carried(
@@ -235,28 +279,36 @@ class LiftedCollocation:
         y = outputs(states, self.layout.u0, repeated)[0].reshape(trajectory.y.shape)
         return y.copy(), trajectory.end + off
 
-    def advanced(self, which: np.ndarray, before: np.ndarray, guess: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """(P, n) states after the steps number `which` (P,) of all, from states before (P, n), by Newton's method from
-        a guess (P, d, n) of the points; parameters (P, model parameters). Not finite where it finds none."""
+    def solved(
+        self, which: np.ndarray, before: np.ndarray, guess: np.ndarray, parameters: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(P, d, n) points of the steps number `which` (P,) of all, from states before (P, n), by Newton's method from
+        a guess, and (P, n, n) derivative of the last one in the state before; parameters (P, model parameters). Not
+        finite where it finds none."""
         d, n = guess.shape[1:]
         u = self._inputs_at_points(slice(None))
         u = u.reshape(self.layout.dt.size, *u.shape[2:])[which]
         dt, many = self.layout.dt.ravel()[which, None, None], np.repeat(parameters, d, axis=0)
         derivatives = compiled(self._model, _slope_function).mapped(len(which) * d)
-        X = guess.copy()
+        X, size, by_state = guess.copy(), self._model.scale_vector(), np.zeros((len(which), n, n))
+        by_node = np.tile((self.c[0][:, None, None] * np.eye(n)).reshape(d * n, n), (len(which), 1, 1))
+        left = np.full(len(which), np.inf)
         for _ in range(_NEWTON):
             f, fx = (r.reshape(len(which), d, n, -1) for r in derivatives(X, u, many))
             gap = np.einsum("ri,prn->pin", self.c, np.concatenate([before[:, None], X], axis=1)) - dt * f[..., 0]
-            if not np.isfinite(gap).all():
-                break
+            right = np.concatenate([gap.reshape(len(which), d * n, 1), by_node], axis=2)
             try:
-                step = np.linalg.solve(self._matrix(dt[..., 0], fx), gap.reshape(len(which), -1, 1))
+                solved = np.linalg.solve(self._matrix(dt[..., 0], fx), right)
             except np.linalg.LinAlgError:
                 break
-            X = X - step.reshape(X.shape)
-            if np.abs(step).max() <= _SOLVED * np.abs(X).max():
-                return X[:, -1]
-        return np.full_like(before, np.nan)
+            step, former = solved[..., 0].reshape(X.shape), left
+            X, by_state = X - step, -solved[:, -n:, 1:]
+            left = (np.abs(step) / np.maximum(np.abs(X), size)).max(axis=(1, 2))
+            if not (left > _SOLVED).any() or not (left < former).any():
+                break
+        good = left <= _SOLVED
+        good = good[:, None, None]
+        return np.where(good, X, np.nan), np.where(good, by_state, np.nan)
 
     def _states(self, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(K, L, n) states before each step."""
@@ -277,8 +329,8 @@ class LiftedCollocation:
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
     ) -> tuple[LiftedBlocks, PlainLift]:
         """Blocks of some segments with their rows, and how their interior states follow."""
-        data, points, gap = self.layout, trajectory.points, trajectory.gap
-        assert points is not None and gap is not None
+        data, points, gap = self.layout, _points_of(trajectory), trajectory.gap
+        gap = np.zeros_like(points) if gap is None else gap
         states, y = trajectory.states[segments], trajectory.y[segments]
         count, length, n = states.shape
         derived = self._derived(states, points[segments], parameters[segments], segments)

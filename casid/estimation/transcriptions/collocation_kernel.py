@@ -38,6 +38,11 @@ class CollocationKernel:
         loaded.kept.restype = number
         self._kept = int(loaded.kept())
         self._gaps, self._lift, self._follow = loaded.gaps, loaded.lift, loaded.follow
+        self._motion = loaded.motion
+        self._motion.argtypes, self._motion.restype = (
+            (number, number, *[address] * 4, ctypes.c_double, *[address] * 2),
+            None,
+        )
         self._gaps.argtypes = (number, number, *[address] * 8)
         self._lift.argtypes = (number, number, *[address] * 5, number, *[address] * 8)
         self._follow.argtypes = (number, number, *[address] * 7)
@@ -59,6 +64,15 @@ class CollocationKernel:
         call(self._gaps, count, length, packed.data, nodes, points, parameters, packed.seen, y, gap, squares)
         return y, gap, squares
 
+    def motion(
+        self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray, scale: np.ndarray, tolerance: float
+    ) -> np.ndarray:
+        """points (K, L d, n) of the motion from the nodes, to a relative tolerance of each state or of its scale."""
+        (count, n), length = nodes.shape, packed.data.shape[1]
+        points = np.empty((count, length * self.degree, n))
+        call(self._motion, count, length, packed.data, nodes, parameters, scale, tolerance, self._work, points)
+        return points
+
     def lift(
         self,
         packed: Packed,
@@ -67,8 +81,9 @@ class CollocationKernel:
         parameters: np.ndarray,
         weights: np.ndarray,
         rows: bool = False,
+        keep: bool = False,
     ) -> LiftedBlocks:
-        """weights (patterns, o, o) as in `Shooting.blocks`; with rows nothing is kept."""
+        """weights (patterns, o, o) as in `Shooting.blocks`; keep: what `follow` takes."""
         (count, n), (blocks, length) = nodes.shape, packed.data.shape[:2]
         o, nf = self.sizes.o, n + self.sizes.f
         found = LiftedBlocks(
@@ -77,7 +92,7 @@ class CollocationKernel:
             transition=np.empty((count, n, nf)),
             end=np.empty((count, n)),
             shift=np.empty((count, nf + 2)),
-            kept=None if rows else aligned((blocks, length, self._kept, self.lanes)),
+            kept=aligned((blocks, length, self._kept, self.lanes)) if keep else None,
             rows=np.zeros((count, length, o, nf)) if rows else None,
         )
         call(

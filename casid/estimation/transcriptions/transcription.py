@@ -6,14 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from casid.arguments import number, numbers_by_name, whole
+from casid.arguments import an, number, numbers_by_name, whole
 from casid.errors import EstimationError, InputError
 from casid.estimation.cost import RangeWeights
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
-from casid.estimation.transcriptions.layout import build_layout
+from casid.estimation.transcriptions.layout import Layout, build_layout
 from casid.estimation.transcriptions.shooting import Shooting
+
+_STAGES = 3  # of Radau's method, as in Hairer and Wanner's RADAU5
 
 
 class Transcription(Protocol):
@@ -31,7 +33,10 @@ class SingleShooting:
     Attributes
     ----------
     substeps
-        Runge-Kutta steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
+        Steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
+    implicit
+        Steps of Radau's method of fifth order, each solved by Newton's, instead of explicit ones of Runge and Kutta:
+        for stiff motions, and for states that must not leave their range on the way.
 
     Raises
     ------
@@ -40,9 +45,11 @@ class SingleShooting:
     """
 
     substeps: int | None = None
+    implicit: bool = False
 
     def __post_init__(self) -> None:
         _check_substeps(self.substeps, "SingleShooting")
+        an(self.implicit, bool, "SingleShooting: implicit", "implicit=True")
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """One segment per record.
@@ -53,6 +60,8 @@ class SingleShooting:
             For sub-steps with a control law in the loop.
         """
         layout = build_layout(problem, None, _steps(problem, self.substeps))
+        if self.implicit:
+            return _implicit(problem, layout)
         return Shooting(problem.model, problem.free_index, layout, {}, problem.feedback)
 
 
@@ -70,7 +79,9 @@ class MultipleShooting:
         a disturbance of the model enters through df/dw. Defects then are random with the covariance that this
         noise gains over the interval, and are paid for in the cost.
     substeps
-        Runge-Kutta steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
+        Steps per sample interval; None: as many as it takes, which `Fit.substeps` says.
+    implicit
+        As of SingleShooting.
 
     Raises
     ------
@@ -81,9 +92,11 @@ class MultipleShooting:
     interval: int = 25
     process_noise: Mapping[str, float] | None = None
     substeps: int | None = None
+    implicit: bool = False
 
     def __post_init__(self) -> None:
         _check_substeps(self.substeps, "MultipleShooting")
+        an(self.implicit, bool, "MultipleShooting: implicit", "implicit=True")
         whole(self.interval, "MultipleShooting: interval (samples)")
         for name, intensity in numbers_by_name(self.process_noise or {}, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
@@ -105,6 +118,10 @@ class MultipleShooting:
                 "give Problem(noise={channel: 1-sigma, ...}) or its covariance"
             )
         layout = build_layout(problem, self.interval, _steps(problem, self.substeps))
+        if self.implicit:
+            if noise:
+                raise EstimationError("solve: process noise takes explicit steps; leave implicit or process_noise out")
+            return _implicit(problem, layout)
         return Shooting(problem.model, problem.free_index, layout, noise, problem.feedback)
 
 
@@ -153,6 +170,13 @@ class Collocation:
 def _check_substeps(substeps: int | None, where: str) -> None:
     if substeps is not None:
         whole(substeps, f"{where}: substeps")
+
+
+def _implicit(problem: Problem, layout: Layout) -> Dynamics:
+    """Shooting whose steps are those of Radau's method."""
+    if problem.feedback is not None:
+        raise EstimationError("solve: a digital control law in the loop takes explicit steps; leave implicit out")
+    return LiftedCollocation(problem.model, problem.free_index, layout, _STAGES, lifted=False)
 
 
 def _steps(problem: Problem, substeps: int | None) -> int:

@@ -5,6 +5,7 @@
 #define POINTS (DEGREE * N)
 #define SIDES_OF_STEP (1 + NF)            /* what an interior state follows: itself, the state before, the parameters */
 #define KEPT (POINTS * SIDES_OF_STEP + N) /* vectors of a step that `follow` needs */
+#define NEWTON 20                         /* steps for a step of the motion */
 #define THRESHOLD 0.1                     /* of the largest entry below: a smaller pivot is exchanged */
 
 long kept(void) { return KEPT; }
@@ -90,8 +91,8 @@ static inline void pivot_rows(V (*A)[POINTS], V (*b)[SIDES_OF_STEP], int c)
     }
 }
 
-/* b <- -A^-1 b */
-UNROLLED static void solve_step(V (*A)[POINTS], V (*b)[SIDES_OF_STEP])
+/* b <- -A^-1 b, of the first `sides` columns */
+static inline __attribute__((always_inline)) void solve_step(V (*A)[POINTS], V (*b)[SIDES_OF_STEP], int sides)
 {
     for (int c = 0; c < POINTS; c++) {
         V largest = A[c][c] * A[c][c], own = largest;
@@ -109,17 +110,17 @@ UNROLLED static void solve_step(V (*A)[POINTS], V (*b)[SIDES_OF_STEP])
             if (!any) continue;
             factor *= inverse;
             for (int j = c + 1; j < POINTS; j++) A[r][j] -= factor * A[c][j];
-            for (int j = 0; j < SIDES_OF_STEP; j++) b[r][j] -= factor * b[c][j];
+            for (int j = 0; j < sides; j++) b[r][j] -= factor * b[c][j];
         }
         A[c][c] = inverse;
     }
     for (int c = POINTS - 1; c >= 0; c--) {
         for (int k = c + 1; k < POINTS; k++)
-            for (int j = 0; j < SIDES_OF_STEP; j++) b[c][j] -= A[c][k] * b[k][j];
-        for (int j = 0; j < SIDES_OF_STEP; j++) b[c][j] *= A[c][c];
+            for (int j = 0; j < sides; j++) b[c][j] -= A[c][k] * b[k][j];
+        for (int j = 0; j < sides; j++) b[c][j] *= A[c][c];
     }
     for (int c = 0; c < POINTS; c++)
-        for (int j = 0; j < SIDES_OF_STEP; j++) b[c][j] = -b[c][j];
+        for (int j = 0; j < sides; j++) b[c][j] = -b[c][j];
 }
 
 /* columns of q (O, NF + 2): derivatives, residual, what the offset of the state makes of it; q <- L q */
@@ -151,6 +152,48 @@ static inline void system_of_step(const V *x, const V *X, const V *d, const V *p
     }
     residual(gap, x, X, f, dt);
     for (int i = 0; i < POINTS; i++) b[i][0] = gap[i];
+}
+
+/* points (count, length, POINTS) of the motion from the nodes: every step by Newton's method from the state before it,
+   until no step changes a point by more than `tolerance` of itself, or of scale (N) where that is larger. Not a number
+   from where it finds none. `work` as of `lift`. */
+UNROLLED
+void motion(long count, long length, const V *data, const double *nodes, const double *parameters, const double *scale,
+            double tolerance, V *work, double *points)
+{
+    V (*A)[POINTS] = (V (*)[POINTS])work;
+    V (*b)[SIDES_OF_STEP] = (V (*)[SIDES_OF_STEP])(work + POINTS * POINTS);
+    for (long first = 0; first < count; first += W) {
+        V x[N], p[Q], X[POINTS], f[POINTS], gap[POINTS];
+        COLLOCATION_ARRAYS;
+        gather(x, nodes, N, first, count);
+        gather(p, parameters, Q, first, count);
+        for (long k = 0; k < length; k++, data += STRIDE) {
+            for (int i = 0; i < DEGREE; i++) memcpy(X + i * N, x, sizeof x);
+            V largest = (V){0} + INFINITY;
+            for (int round = 0; round < NEWTON; round++) {
+                system_of_step(x, X, data, p, A, b, f, gap, Fs, Qs);
+                solve_step(A, b, 1);
+                largest = (V){0};
+                for (int i = 0; i < POINTS; i++) {
+                    X[i] += b[i][0];
+                    V size = larger(larger(X[i], -X[i]), (V){0} + scale[i % N]);
+                    V moved = larger(b[i][0], -b[i][0]) / size;
+                    for (int l = 0; l < W; l++)
+                        if (!(moved[l] <= largest[l])) largest[l] = moved[l];
+                }
+                int open = 0;
+                for (int l = 0; l < W; l++) open |= largest[l] > tolerance;
+                if (!open) break;
+            }
+            for (int l = 0; l < W; l++)
+                if (!(largest[l] <= tolerance))
+                    for (int i = 0; i < POINTS; i++) X[i][l] = NAN;
+            for (int l = 0; l < W && first + l < count; l++)
+                for (int i = 0; i < POINTS; i++) points[((first + l) * length + k) * POINTS + i] = X[i][l];
+            memcpy(x, X + (DEGREE - 1) * N, sizeof x);
+        }
+    }
 }
 
 /* Arrays as of `linearise` in segments.c; besides: shift (count, NF + 2), of the offset o of the predictions that the
@@ -203,7 +246,7 @@ void lift(long count, long length, const V *data, const double *nodes, const dou
             }
             gather_points(X, points, k, length, first, count);
             system_of_step(x, X, data, p, A, b, f, gap, Fs, Qs);
-            solve_step(A, b);
+            solve_step(A, b, SIDES_OF_STEP);
             if (keep) {
                 memcpy(keep, b, POINTS * SIDES_OF_STEP * sizeof(V));
                 keep += POINTS * SIDES_OF_STEP;
