@@ -16,6 +16,7 @@ from casid.model.trim import trim
 _RATE = {"CY": "betadot", "Cl": "betadot", "Cn": "betadot"}  # of the flow angle that unsteady aerodynamics are of
 _RANGE = 0.1  # rad about the trim, in which a parabola stands for the drag of a file
 _ROUNDING = 1e-12
+_POWERS = ("0", "alpha", "alpha^2", "alpha^3")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,18 +81,42 @@ def absorbed(aircraft: Aircraft) -> Absorbed:
 
 
 def need_derivatives(aircraft: Aircraft, target: str) -> None:
-    """Raise InputError unless the aerodynamics are derivatives and terms of lift and drag, which `target` needs."""
+    """Raise InputError unless the aerodynamics are derivatives and terms, which `target` needs."""
     if aircraft.tables or aircraft.aerodynamics is not None:
         what = "tables" if aircraft.tables else "aerodynamics of their own"
         raise InputError(
             f"'{aircraft.name}': its aerodynamics are {what}, and {target} holds derivatives alone; estimate "
             "derivatives about a flight point first, or export to matlab"
         )
-    if aircraft.force_axes != "wind":
-        raise InputError(
-            f"'{aircraft.name}': force_axes is \"{aircraft.force_axes}\", and {target} has lift and drag; give a file "
-            'with force_axes = "wind"'
-        )
+
+
+def in_wind_axes(plain: Absorbed) -> Absorbed:
+    """Lift and drag in place of CX and CZ, by their series about the trim: lift to first order in the angle of attack,
+    drag to second, everything else as it acts there. A line in `left` says how far that departs. Files in wind axes are
+    left alone."""
+    if plain.aircraft.force_axes == "wind":
+        return plain
+    at = _trim_alpha(plain.aircraft)
+    s, c = np.sin(at), np.cos(at)
+    X, Z = (np.polynomial.Polynomial([plain.value(name, term) for term in _POWERS]) for name in ("CX", "CZ"))
+    (x, dx, ddx), (z, dz, ddz) = ([float(one(at)), float(one.deriv()(at)), float(one.deriv(2)(at))] for one in (X, Z))
+    lift, lift_slope = x * s - z * c, dx * s + x * c - dz * c + z * s
+    drag, drag_slope = -x * c - z * s, -dx * c + x * s - dz * s - z * c
+    bend = 0.5 * (-ddx * c + 2.0 * dx * s + x * c - ddz * s - 2.0 * dz * c + z * s)
+    rows = {name: dict(row) for name, row in plain.rows.items() if name not in ("CX", "CZ")}
+    rows["CL"] = {"0": lift - lift_slope * at, "alpha": lift_slope}
+    rows["CD"] = {"0": drag - drag_slope * at + bend * at**2, "alpha": drag_slope - 2.0 * bend * at, "alpha^2": bend}
+    for term in {**plain.rows.get("CX", {}), **plain.rows.get("CZ", {})}:
+        if term not in _POWERS:
+            along, down = plain.value("CX", term), plain.value("CZ", term)
+            rows["CL"][term], rows["CD"][term] = along * s - down * c, -along * c - down * s
+    kept = {name: {term: v for term, v in row.items() if v != 0.0} for name, row in rows.items()}
+    alpha = at + np.linspace(-_RANGE, _RANGE, 41)
+    off = np.abs(X(alpha) * np.sin(alpha) - Z(alpha) * np.cos(alpha) - lift - lift_slope * (alpha - at)).max()
+    note = (
+        f"CX and CZ: as lift and drag about alpha = {at:.4f} rad; lift up to {off:.2g} off within {_RANGE:g} rad of it"
+    )
+    return replace(plain, rows=kept, left=(*plain.left, note))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +131,7 @@ class Polar:
 
 def polar_of(plain: Absorbed) -> Polar:
     """The drag polar of a file: value and slope of its drag at the trim. Raises InputError without a lift slope."""
-    powers = [plain.value("CD", term) for term in ("0", "alpha", "alpha^2", "alpha^3")]
+    powers = [plain.value("CD", term) for term in _POWERS]
     lift = [plain.value("CL", term) for term in ("0", "alpha")]
     if lift[1] == 0.0:
         raise InputError(f"'{plain.aircraft.name}': CL_alpha is zero or missing, so that there is no drag polar")

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from casid.errors import InputError
-from casid.formats.absorbed import absorbed, need_derivatives, polar_of
+from casid.formats.absorbed import absorbed, in_wind_axes, need_derivatives, polar_of
 from casid.model.aircraft import Aircraft
 
 _MASS = 2.0  # kg, of SIM_Plane
@@ -46,11 +46,11 @@ def ardupilot_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
     Raises
     ------
     InputError
-        For aerodynamics that are not derivatives of lift and drag, an aircraft that is not symmetric, and a surface
+        For aerodynamics that are not derivatives, an aircraft that is not symmetric, and a surface
         without effect on its own axis.
     """
     need_derivatives(aircraft, "ardupilot-json")
-    plain = absorbed(aircraft)
+    plain = in_wind_axes(absorbed(aircraft))
     a, polar = plain.aircraft, polar_of(plain)
     if not a.inertia.symmetric:
         raise InputError(f"'{a.name}': Ixy and Iyz are not zero, which ardupilot-json cannot hold")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 
-from casid.formats.absorbed import Absorbed, absorbed, need_derivatives, polar_of
+from casid.formats.absorbed import Absorbed, absorbed, in_wind_axes, need_derivatives, polar_of
 from casid.model.aircraft import Aircraft
 
 SURFACES = {"delta_e": "elevator_joint", "delta_a": "aileron_joint", "delta_r": "rudder_joint"}
@@ -51,10 +51,10 @@ def gazebo_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
     Raises
     ------
     InputError
-        For aerodynamics that are not derivatives of lift and drag.
+        For aerodynamics that are not derivatives.
     """
     need_derivatives(aircraft, "gazebo")
-    plain = absorbed(aircraft)
+    plain = in_wind_axes(absorbed(aircraft))
     a, polar = plain.aircraft, polar_of(plain)
     span, chord = 2.0 * a.rate_length_lateral, 2.0 * a.rate_length_pitch
     left = [*plain.left, *plain.beyond(_HELD), *([polar.note] if polar.note else []), *_ALWAYS]
