@@ -10,6 +10,7 @@ from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Collocation,
     GaussNewton,
+    InitialState,
     Ipopt,
     MultipleShooting,
     Problem,
@@ -168,6 +169,12 @@ def test_constrained_fits_from_zero_come_to_those_from_near():
 def test_paths_that_contradict_each_other_end_with_a_word():
     contrary = problem(path("alpha", upper=0.001), path("alpha", lower=0.002))
     fit = solve(contrary, solver=GaussNewton())
+    assert not fit.converged and "cannot be satisfied together" in fit.status
+
+
+def test_a_path_that_begins_beyond_its_limit_ends_with_a_word():
+    begin = InitialState(value={"alpha": 0.01, "q": -0.02}, std={"alpha": 0.0, "q": 0.0})
+    fit = solve(problem(path("alpha", upper=0.005), initial_state=begin), solver=GaussNewton())
     assert not fit.converged and "cannot be satisfied together" in fit.status
 
 

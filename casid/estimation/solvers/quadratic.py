@@ -75,7 +75,11 @@ def parameter_step(
     if not len(rows):
         return free * scale, np.zeros(0)
     c = rows * scale
-    size = np.maximum(np.linalg.norm(c, axis=1), 1e-300)
+    size = np.linalg.norm(c, axis=1)
+    moves = size > 0.0
+    if ((lower > 0.0) | (upper < 0.0))[~moves].any():  # a limit that no step moves
+        raise np.linalg.LinAlgError("the constraints cannot be satisfied together")
+    size = np.where(moves, size, 1.0)
     c, low, high = c / size[:, None], lower / size, upper / size
     inside = c @ free
     if ((inside >= low) & (inside <= high)).all():
@@ -86,7 +90,9 @@ def parameter_step(
     # in units of the way to go: the free step, and to the limits where they are exceeded
     unit = max(float(np.abs(free).max()), float(np.maximum(low, -high).max(initial=0.0)), 1e-300)
     far = _FAR * unit * max(float(np.sqrt(np.linalg.norm(inverse))), 1.0)
-    low, high = (np.where(np.abs(limit) > far, np.copysign(np.inf, limit), limit) for limit in (low, high))
+    if not np.isfinite(far):
+        raise np.linalg.LinAlgError("the constraints are no numbers here")
+    low, high = np.where(low < -far, -np.inf, low), np.where(high > far, np.inf, high)
     step, multipliers = _interior_point(h, g / unit, c, low / unit, high / unit, weight / unit)
     return unit * step * scale, unit * multipliers / size
 
