@@ -132,7 +132,7 @@ def test_time_and_frequency_domain_are_equivalent_on_white_noise() -> None:
         here, there = (np.array(values[name]) for name in (domain, f"band {domain}"))
         ratio = there.std(axis=0) / here.std(axis=0)
         assert ratio == pytest.approx(np.ones(len(truth)), abs=0.08)
-        assert np.abs(there - here).std(axis=0) == pytest.approx(np.zeros(len(truth)), abs=here.std(axis=0).max())
+        assert ((there - here).std(axis=0) < 0.5 * here.std(axis=0)).all()  # independent ones would differ by 1.4
         assert (np.abs((there - here).mean(axis=0)) < 3.0 * (there - here).std(axis=0) / np.sqrt(300)).all()
         covered = np.mean(hits[f"band {domain}"])
         assert 0.93 < covered < 0.97
