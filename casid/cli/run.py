@@ -34,7 +34,7 @@ def call(app: App, arguments: Sequence[str] | None = None) -> int:
     try:
         command, bound, _ = app.parse_args(list(words), exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        raise InputError(f"{' '.join(str(error).split()).rstrip('.')}; see {app.name[0]} --help") from None
+        raise InputError(f"{' '.join(str(error).split()).rstrip('., …')}; see {app.name[0]} --help") from None
     ready()
     status = command(*bound.args, **bound.kwargs)
     return status if isinstance(status, int) else 0

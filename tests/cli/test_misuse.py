@@ -43,6 +43,11 @@ MISUSES: list[tuple[str, str]] = [
     ("check", "RECORD"),
     ("convert {r}", "TARGET"),
     ("convert", "SOURCE"),
+    ("estimat x", "estimate"),
+    ("compatibility", "RECORD"),
+    ("segments", "LOG"),
+    ("check {r} --from 9 --to 3", "--from 9 --to 3"),
+    ("convert {r} {p} {d}/o.csv", "name a folder"),
     ("design", "aircraft"),
     ("new-aircraft", "target"),
     ("new-aircraft {d}/n.toml", "--mass"),
@@ -168,7 +173,7 @@ def test_misuse_is_one_line(words, named, broken, tmp_path, monkeypatch, capsys)
     status = status_of(app, words.format(**places).split())
     said = capsys.readouterr()
     assert status == 2, said
-    assert said.err.startswith("error: ") and said.err.count("\n") == 1
+    assert said.err.startswith("error: ") and said.err.count("\n") == 1 and ", ;" not in said.err
     assert named.format(**places) in said.err, said.err
     assert not list(tmp_path.iterdir()) and sorted(broken.iterdir()) == before
 
