@@ -30,7 +30,8 @@ class Cause:
     gates
         What it had to pass, beside all others and on held-out records, to be named.
     probability
-        That it is there; `log_odds` against everything that does without it.
+        That it, or one of what it cannot be told from, is there; `alone` that it itself is; `log_odds` against
+        everything that does without it.
     """
 
     kind: str
@@ -51,6 +52,7 @@ class Cause:
     share: float
     gates: tuple[Gate, ...] = ()
     probability: float | None = None
+    alone: float | None = None
     log_odds: float | None = None
 
     @property

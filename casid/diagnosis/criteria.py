@@ -302,7 +302,10 @@ class GivenCriteria:
     """The simulation as it is given: what contradicts it, and what the records can tell of."""
 
     window: float = number(
-        5.0, "beginning of a record to which the initial state of the file as given is fitted", unit="s"
+        5.0, "beginning of a record to which states that are not measured are fitted, of the file as given", unit="s"
+    )
+    beginning: float = number(
+        1.0, "beginning of a record that tells where a measured state begins, of the file as given", unit="s"
     )
     sigmas: float = number(3.0, "honest 1-sigmas by which flight contradicts a number of the file", "derived: 3 sigmas")
     unstated: float = number(0.1, "part of a number within which it stands where its uncertainty is not stated")
@@ -315,6 +318,9 @@ class GivenCriteria:
         "measured: records of one axis show 0.03 to 0.21, of all axes 0.3 and more",
     )
     worse: float = number(1.05, "ratio of the error on held-out records that is a loss")
+    fails: float = number(
+        10.0, "ratio of the error on held-out records, or of that to the noise, at which the extended model fails"
+    )
     above_noise: float = number(1.1, "error over noise that shows")
     refined: float = number(1.5, "ratio of errors that values within their stated uncertainty must gain for a word")
 

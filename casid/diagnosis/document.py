@@ -41,6 +41,7 @@ def cause_entry(cause: Cause) -> dict[str, Any]:
         "statistic": cause.statistic,
         "dof": cause.dof,
         "probability": cause.probability,
+        "alone": cause.alone,
         "log_odds": cause.log_odds,
         "held_out_gain": cause.held_out_gain,
         "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],

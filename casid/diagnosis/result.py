@@ -18,8 +18,10 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.view import View
+from casid.diagnosis.given.account import AccountStep
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.kinematics.kinematics import Turbulence
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCHEMA = "casid.diagnosis/3"
+_INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -48,8 +51,14 @@ class Diagnosis:
         What these records or this file leave open, and why.
     data
         Faults of the data.
+    remark
+        What is said besides a verdict that names nothing.
     contradicted
-        What of the file stands against flight, worst first.
+        Numbers of the file that are inconsistent with flight, worst first.
+    factors
+        Factors that groups of derivatives have in common; these derivatives are not contradicted one by one.
+    account
+        Shares of the error on the held-out records that data, values and structure take away, the largest first.
     as_given, refitted, extended
         The file unmodified; its values fitted; with what was found. On the records that were fitted; `held_out_*` on
         records never used.
@@ -84,9 +93,12 @@ class Diagnosis:
     verdict: str
     headline: str
     sentence: str
+    remark: str = ""
     not_judged: tuple[NotJudged, ...] = ()
     data: tuple[Finding, ...] = ()
     contradicted: tuple[Contradiction, ...] = ()
+    factors: tuple[Factor, ...] = ()
+    account: tuple[AccountStep, ...] = ()
     aircraft: Aircraft
     extended_aircraft: Aircraft
     causes: tuple[Cause, ...]
@@ -151,6 +163,18 @@ class Diagnosis:
         return self.bare.criteria
 
     @property
+    def detectable_by_channel(self) -> dict[str, dict[str, float]]:
+        """Channel -> "delay", "lag", "bias", "scale" -> the smallest that these records would have shown, in SI units;
+        infinite where the derivatives absorb any size."""
+        found: dict[str, dict[str, float]] = {}
+        for effect in self.bare.flight.effects:
+            kind = effect.kind.removeprefix("sensor_")
+            if effect.name in self.detectable and effect.kind in (f"sensor_{k}" for k in _INSTRUMENT_FAULTS):
+                size = self.detectable[effect.name]
+                found.setdefault(effect.target, {})[kind] = size if size <= effect.limit else math.inf
+        return found
+
+    @property
     def is_extended(self) -> bool:
         """Whether the extended model has anything that the refitted file has not, be it a cause or minor."""
         return self.extended.fit is not self.refitted.fit
@@ -213,7 +237,7 @@ class Diagnosis:
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
         lines += [f"  - data: {one.sentence}" for one in self.data]
-        lines += [f"  - values: {one.sentence}" for one in self.contradicted]
+        lines += [f"  - values: {one.sentence}" for one in (*self.factors, *self.contradicted)]
         lines += [
             f"  - {cause.sentence} ({_sure(cause)}log likelihood ratio {0.5 * cause.statistic:.0f})"
             for cause in self.causes
@@ -237,6 +261,8 @@ class Diagnosis:
             "not_judged": [one.to_dict() for one in self.not_judged],
             "data": [one.to_dict() for one in self.data],
             "notes": {record.name: list(record.notes) for record in self._records},
+            "account": [one.to_dict() for one in self.account],
+            "factors": [one.to_dict() for one in self.factors],
             "contradicted": [one.to_dict() for one in self.contradicted],
             "causes": [cause_entry(cause) for cause in self.causes],
             "minor": [cause_entry(cause) for cause in self.minor],
@@ -257,6 +283,7 @@ class Diagnosis:
                 "after": {m.station: m.gain for m in self.missing_after},
             },
             "smallest_detectable": {n: v if math.isfinite(v) else None for n, v in self.detectable.items()},
+            "detectable": self.detectable_by_channel,
             "seconds": dict(self.seconds),
         }
 

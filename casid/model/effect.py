@@ -64,6 +64,7 @@ class Effect:
     grounded     believed only when kinematics see it: what a file lacks of the forces reads the same
     by_record    it may be in some records and not in others: instruments and loading change between flights
     relative     free derivatives imitate it when it is in all records: only differences between records show
+    includes     kinds of simpler effects that are special cases of it: where one of these does as well, it comes first
     shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because
                  free derivatives take up the rest
     expected     structure that other aircraft have: put into the model when it is found, and no fault
@@ -112,6 +113,7 @@ class Effect:
     grounded: bool = False
     by_record: bool = False
     relative: bool = False
+    includes: tuple[str, ...] = ()
     shows_as: str | None = None
     expected: bool = False
     improbable: bool = False

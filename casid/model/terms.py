@@ -122,6 +122,15 @@ class Term:
             product = product * one.evaluate(values[one.variable])
         return product
 
+    def slope(self, variable: str, values: Mapping[str, float]) -> float:
+        """Its derivative with respect to a variable, at these values; stretches are taken as constant there."""
+        power = dict(self.factors).get(variable, 0)
+        if not power:
+            return 0.0
+        lowered = tuple((v, p - (v == variable)) for v, p in self.factors)
+        rest = Term(factors=tuple((v, p) for v, p in lowered if p), stretches=self.stretches)
+        return power * float(rest.evaluate(values))
+
 
 @cache
 def parse_term(text: str, where: str = "") -> Term:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_of
-from casid.model.station import Station
 from casid.report.bars import kinematic, ladder, missing
 from casid.report.budget_figures import budget
 from casid.report.cause_response import cause_response
@@ -22,7 +21,7 @@ from casid.report.reconstruction import Reconstruction, reconstruct
 from casid.report.residuals import gain, histories, residuals
 from casid.report.shape import missing_history, shape, wind
 from casid.report.style import Picture, settings
-from casid.report.tracks import tracks
+from casid.report.tracks import PLANES, tracks
 
 _MOST = 3  # causes, and places where something is unexplained, that have pictures of their own
 
@@ -54,13 +53,14 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
 
 
 def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
-    """Name of the picture that comes first."""
-    if diagnosis.causes:
-        effect = effect_of(diagnosis.causes[0])
-        of_air = effect.enters is not None and Station.at(effect.enters).kind == "wind"
-        choice = ("wind", "missing_history", "shape", "onset") if of_air else ("wind", "shape", "onset")
-        return next((name for name in choice if name in table), "residuals")
-    return "unexplained" if "unexplained" in table else "histories"
+    """Name of the picture that comes first: the channels in engineering units, of the plane in which the error as given
+    is largest."""
+    channels = diagnosis.budget.channels
+    error = {
+        f"tracks_{plane}": max((channels[name].as_given for name in names if name in channels), default=0.0)
+        for plane, (_, names) in PLANES.items()
+    }
+    return max((name for name in error if name in table), key=lambda name: error[name], default="histories")
 
 
 def _of_causes(diagnosis: Diagnosis, seen: Reconstruction) -> Iterator[Picture]:

@@ -186,9 +186,14 @@ def _headline(diagnosis: Diagnosis) -> Headline:
 
 def _values_told(diagnosis: Diagnosis) -> str:
     told, against = sum(one.determined for one in diagnosis.flight.values()), len(diagnosis.contradicted)
+    moved = next((one.what for one in diagnosis.account if one.step == "values"), ())
+    largest = f" The largest significant changes: {', '.join(moved[:5])}." if moved else ""
     if not against:
-        return f"None of the {told} numbers of the file that these records tell of stands against flight."
-    return f"{against} of {told} numbers of the file that these records tell of stand against flight."
+        return (
+            f"All {told} numbers of the file that these records identify are consistent with flight within the "
+            f"uncertainty that the file states.{largest}"
+        )
+    return f"{against} of {told} numbers of the file that these records identify are inconsistent with flight.{largest}"
 
 
 def _facts(diagnosis: Diagnosis) -> str:

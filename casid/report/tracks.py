@@ -29,7 +29,7 @@ from casid.report.style import (
     settings,
 )
 
-_PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
+PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
     {
         "longitudinal": (("delta_e", "thrust"), ("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
         "lateral": (("delta_a", "delta_r"), ("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
@@ -39,7 +39,7 @@ _ROW, _INPUT_ROW = 0.62, 0.5  # inches
 _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
 _POINTS = 1500  # of a line over all records: more than its pixels
-_BEYOND = 0.6  # of what was measured: how far a simulation that departs is followed
+_BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
 _HELD = "#EAF4EE"
 
 
@@ -65,7 +65,7 @@ def tracks(diagnosis: Diagnosis) -> list[Picture]:
     """One picture for each plane of motion that was measured."""
     pieces = _pieces(diagnosis)
     with settings():
-        found = [_plane(diagnosis, name, pieces) for name in _PLANES]
+        found = [_plane(diagnosis, name, pieces) for name in PLANES]
     return [picture for picture in found if picture is not None]
 
 
@@ -97,7 +97,7 @@ def _wrong(view: View, r: int) -> float:
 
 
 def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture | None:
-    surfaces, channels = _PLANES[plane]
+    surfaces, channels = PLANES[plane]
     measured = diagnosis.as_given.fit.model.outputs
     shown = [name for name in channels if name in measured]
     inputs = [name for name in surfaces if any(name in one.record for one in pieces)]

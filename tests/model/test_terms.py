@@ -99,3 +99,12 @@ def test_what_is_no_term_is_an_error(text, message):
 def test_a_wrong_derivative_gets_the_nearest_name(name, suggestion):
     with pytest.raises(InputError, match=f"did you mean '{suggestion}'"):
         derivative_term(name)
+
+
+@pytest.mark.parametrize("term", ["alpha", "alpha^2", "alpha*beta^2", "q*delta_e"])
+def test_the_slope_of_a_term_is_its_derivative(term: str) -> None:
+    """Central differences, which are exact to rounding for these powers."""
+    at = {"alpha": 0.1, "beta": -0.05, "q": 0.02, "delta_e": 0.2}
+    for name in at:
+        above, below = (parse_term(term).evaluate({**at, name: at[name] + h}) for h in (1e-4, -1e-4))
+        assert parse_term(term).slope(name, at) == pytest.approx((above - below) / 2e-4, abs=1e-10)

@@ -45,6 +45,19 @@ class FileUnit:
             terms={c: {t: value * self._on(t) for t, value in row.items()} for c, row in aircraft.terms.items()},
         )
 
+    def scale_of(self, coefficient: str, variable: str) -> float:
+        """Estimated over true derivative where the numbers of the file are taken for SI: a force coefficient is
+        estimated as m a / (qbar S), a moment coefficient as I omega_dot / (qbar S l), a rate as omega l / V."""
+        rolls = coefficient in ("Cl", "Cn", "CY")
+        length = self.lateral if rolls else self.pitch
+        moment = coefficient in ("Cl", "Cm", "Cn")
+        scale = self.area * (length / self.inertia if moment else 1.0 / self.mass)
+        if variable in ("p", "r", "betadot"):
+            scale *= self.lateral
+        elif variable in ("q", "alphadot"):
+            scale *= self.pitch
+        return scale / self.angle if variable in _ANGLES else scale
+
     def _on(self, term: str) -> float:
         """Factor on a derivative by a monomial."""
         if self.angle == 1.0 or term == "0":

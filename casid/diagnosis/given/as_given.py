@@ -1,7 +1,7 @@
 """The aircraft file as it is given, flown through the records: its own values, its own effects, nothing fitted.
 
-Only where a flight begins is not in the file: the initial state is the one that fits the first seconds of each record
-best. Fitted to the whole record it would make up for what is wrong with the file.
+Only where a flight begins is not in the file. A state that is measured begins as it was measured; one that is not, as
+it fits the first seconds of each record best. Fitted, a measured state would make up for what is wrong with the file.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
 
 
 def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
-    """(R, states) that fit the first seconds of the records best; None where these show too little."""
+    """(R, states): as measured, and for states that are not measured those that fit the first seconds of the records
+    best; None where these show too little."""
     window = flight.criteria.given.window
     parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
     try:
@@ -94,4 +95,19 @@ def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
         begun = _states(short, known)
     except InputError:
         return None
-    return begun.linear.X[0]
+    start, states = begun.linear.X[0].copy(), begun.model.states
+    for r, record in enumerate(flight.records):
+        for i, state in enumerate(states):
+            if state in flight.outputs and state in record:
+                start[r, i] = _measured_start(record, state, flight.criteria.given.beginning, start[r, i])
+    return start
+
+
+def _measured_start(record: Record, channel: str, beginning: float, otherwise: float) -> float:
+    """Value of a channel at the beginning of a record, by a straight line through its first readings; `otherwise` where
+    there are too few."""
+    t = record.t - record.t[0]
+    seen = (t <= beginning) & np.isfinite(record[channel])
+    if seen.sum() < 3:
+        return float(otherwise)
+    return float(np.polynomial.Polynomial.fit(t[seen], record[channel][seen], 1)(0.0))

@@ -19,6 +19,7 @@ from casid.estimation.residual_colour import (
     spread,
 )
 from casid.estimation.solvers.quadratic import inverse_along
+from casid.model.terms import VARIABLES, derivative_term, parse_term
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,11 +35,12 @@ class FlightValue:
 def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     """Name -> what flight says of every fitted number of a model.
 
-    The 1-sigma allows for small terms of the structure, for stretches of record that disagree, and for coloured
-    residuals, whichever is largest.
+    A derivative is the slope at the middle of the flight, with the terms that were added to the model: the file states
+    the slope of a model without them. The 1-sigma allows for small terms of the structure, for stretches of record that
+    disagree, and for coloured residuals, whichever is largest.
     """
     fit, found = evidence.fit, {}
-    coloured = coloured_deviation(fit)
+    coloured, bends = coloured_deviation(fit), _bends(fit)
     for i, slot in enumerate(fit.slots):
         value, weight = float(fit.values[i]), float(fit.prior_weight[i])
         variance = float(evidence.covariance[i, i])
@@ -49,7 +51,40 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
         determined = from_records > fit.flight.criteria.given.from_records
+        if bend := bends.get(slot.name):
+            along = np.zeros(len(evidence.covariance))
+            along[i] = 1.0
+            for j, part in bend.items():
+                along[j] = part
+                own += part * float(fit.values[j])
+            honest *= math.sqrt(max(float(along @ evidence.covariance @ along), 0.0) / variance)
         found[slot.name] = FlightValue(value=own, std=honest / from_records, determined=determined)
+    return found
+
+
+def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:
+    """Name of a derivative -> number of a slot -> slope of the added term of that slot at the medians of the flight."""
+    number = {slot.name: i for i, slot in enumerate(fit.slots)}
+    terms = [
+        (one.effect.target, parse_term(one.effect.regressor), number[one.name])
+        for one in fit.attached
+        if one.effect.regressor and one.effect.quasi_steady and not one.onsets and one.name in number
+    ]
+    if not terms:
+        return {}
+    live = fit.batch.live
+    middle = {
+        name: float(np.median(np.broadcast_to(series, live.shape)[live]))
+        for name, series in fit.regressors.items()
+        if name in VARIABLES
+    }
+    found: dict[str, dict[int, float]] = {}
+    for name in fit.derivatives:
+        coefficient, term = derivative_term(name)
+        if term.degree != 1:
+            continue
+        slopes = {i: own.slope(term.name, middle) for target, own, i in terms if target == coefficient}
+        found[name] = {i: slope for i, slope in slopes.items() if slope}
     return found
 
 

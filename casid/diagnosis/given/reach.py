@@ -9,6 +9,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.given.axes import axes_that_tell
 from casid.diagnosis.given.contradicted import Contradiction, contradicted
+from casid.diagnosis.given.factors import Factor, common_factors
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged, left_open, of_other_records
 from casid.diagnosis.given.thrust import drag_level, with_thrust
@@ -43,9 +44,19 @@ class Reach:
 
     def contradicted(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
         """What of an aircraft file stands against flight, as far as these records can tell."""
+        return contradicted(aircraft, self._open(aircraft, values), self.flight.criteria, self._slopes(aircraft))
+
+    def factors(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Factor, ...]:
+        """The factors that groups of derivatives of an aircraft file have in common."""
+        return common_factors(aircraft, self._open(aircraft, values), self.flight.criteria, self._slopes(aircraft))
+
+    def _open(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> dict[str, FlightValue]:
+        """The values without the level of drag where the thrust is unknown."""
         open_level = {drag_level(aircraft)} if "thrust" in self.flight.unknown else set()
-        determined = {name: one for name, one in values.items() if name not in open_level}
-        return contradicted(aircraft, determined, self.flight.criteria, given_slopes(aircraft, self.given))
+        return {name: one for name, one in values.items() if name not in open_level}
+
+    def _slopes(self, aircraft: Aircraft) -> dict[str, float]:
+        return given_slopes(aircraft, self.given)
 
 
 def reach_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str | None) -> Reach:

@@ -160,8 +160,15 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
         {**one, "probability": tempered(place.of((one["kind"], one["target"], one["term"])))}
         for one in cause.indistinguishable_from
     )
-    own = place.of((cause.kind, cause.target, cause.term))
-    return replace(cause, probability=tempered(own), log_odds=place.log_odds, indistinguishable_from=alike)
+    own = place.of(cause.key)
+    together = own + sum(place.of(key) for key in {(o["kind"], o["target"], o["term"]) for o in alike} - {cause.key})
+    return replace(
+        cause,
+        probability=tempered(min(together, 1.0)),
+        alone=tempered(own),
+        log_odds=place.log_odds,
+        indistinguishable_from=alike,
+    )
 
 
 def _not_named(naming: Naming, seen: Collection[tuple[str, str, str | None]], scale: _Scale) -> dict[str, float]:

@@ -49,7 +49,7 @@ def by_rules(
     stages.begin("verdict")
     minor, unexplained, belief = _told(begun, naming, kept, left)
     causes = belief.causes
-    verdict, sentence = verdict_of(causes, minor, unexplained, naming, kept.fit)
+    verdict, sentence, remark = verdict_of(causes, minor, unexplained, naming, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     refitted, extended, held_refitted, held_extended = map(
@@ -61,6 +61,7 @@ def by_rules(
         verdict=verdict,
         headline=sentence,
         sentence=sentence,
+        remark=remark,
         aircraft=aircraft,
         extended_aircraft=extended_file,
         causes=causes,

@@ -3,6 +3,7 @@ records say against it, and what was not judged."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,15 +11,16 @@ from dataclasses import replace
 from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.decision import IN_A_SET, MINOR, NAMED, Trace, at_most
+from casid.diagnosis.given.account import account_of, account_sentence, failure_sentence
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, impossible
+from casid.diagnosis.given.factors import Factor, borne_out
 from casid.diagnosis.given.not_judged import NotJudged, out_of_sight
 from casid.diagnosis.given.reach import Reach
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
 from casid.model.plausible import Doubt
-
-_NOTHING_MORE = "in these records."  # ends what an adequate model is told by, by rules and by score
+from casid.model.vocabulary import effect_title
 
 
 def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: Sequence[Doubt]) -> Diagnosis:
@@ -29,7 +31,10 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
     data at fault > unexplained > partly explained > explained > values wrong > adequate
     """
     criteria, most = reach.flight.criteria.given, reach.flight.criteria.verdict.stated
-    against = reach.contradicted(found.aircraft, found.flight)
+    against, factors = reach.contradicted(found.aircraft, found.flight), _factors(found, reach)
+    single = {name for one in factors for name in one.derivatives}
+    against = tuple(one for one in against if one.parameter not in single)
+    doubts = borne_out(doubts, found.aircraft, found.flight)
     open_ = (*reach.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable))
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
@@ -42,13 +47,18 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
         found, against = _in_doubt(found, "the aircraft file cannot be right"), (*cannot_be, *against)
         stated = [replace(one, sentence=f"Aircraft file: {one.sentence}") for one in cannot_be]
         verdict, headline = "values wrong", f"{_several(stated, most)} Until that is mended nothing else is certain."
-    elif verdict == "adequate" and against:
-        verdict, headline = "values wrong", f"{_values_wrong(against, most)}{headline.partition(_NOTHING_MORE)[2]}"
-    elif against:
-        headline = f"{headline} {_also_contradicted(against, most)}"
+    elif fails := failure_sentence(found.budget, criteria):
+        found = _in_doubt(found, "the extended model fails on held-out records")
+        verdict, headline = "unexplained", fails
+    elif verdict == "adequate" and (against or factors):
+        verdict, headline = "values wrong", _values_wrong(factors, against, most, found.remark)
+    elif against or factors:
+        headline = f"{headline} {_also_contradicted(factors, against, most)}"
     elif verdict == "adequate":
-        headline = f"{headline}{_refined(found.budget, criteria)}"
-    parts = [_several(mended, most), headline, _losses(found.budget, criteria), _left_open(open_, most)]
+        headline = f"{headline}{found.remark}{_would_have_shown(found)}{_refined(found.budget, criteria)}"
+    account = account_of(found.budget, _contributions(found, mended, factors))
+    opening = account_sentence(found.budget, account, most)
+    parts = [opening, _several(mended, most), headline, _losses(found.budget, criteria), _left_open(open_, most)]
     return replace(
         found,
         verdict=verdict,
@@ -57,7 +67,50 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
         not_judged=open_,
         data=tuple(data),
         contradicted=against,
+        factors=factors,
+        account=account,
     )
+
+
+def _factors(found: Diagnosis, reach: Reach) -> tuple[Factor, ...]:
+    """Common factors of groups of which flight contradicts a member."""
+    against = {one.parameter for one in reach.contradicted(found.aircraft, found.flight)}
+    return tuple(one for one in reach.factors(found.aircraft, found.flight) if against & set(one.derivatives))
+
+
+def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequence[Factor]) -> dict[str, list[str]]:
+    """Step of the account -> what contributes to it, the largest first."""
+    by, given = found.criteria.given, found.aircraft.derivatives
+    single = {name for one in factors for name in one.derivatives}
+    moved = {
+        name: (one.value, one.std)
+        for name, one in found.flight.items()
+        if one.determined and given.get(name) and name not in single and not name.endswith("_0")
+    }
+    sigmas = {name: abs(value - given[name]) / std for name, (value, std) in moved.items() if std > 0.0}
+    order = sorted((name for name, size in sigmas.items() if size > by.sigmas), key=lambda name: -sigmas[name])
+    return {
+        "data": [effect_title(one.kind, one.target, None) for one in mended],
+        "values": [
+            *(f"{one.row} times {one.factor:.2f}" for one in factors),
+            *(f"{name} {100.0 * (moved[name][0] / given[name] - 1.0):+.0f} %" for name in order),
+        ],
+        "structure": [effect_title(*one.key) for one in found.causes],
+        "unexplained": [one.place.words for one in found.unexplained],
+    }
+
+
+def _would_have_shown(found: Diagnosis) -> str:
+    """The smallest faults of instruments that would have shown: of each kind that of the channel that hides most."""
+    told = []
+    for kind, unit, name in (("delay", "s", "delay"), ("lag", "s", "lag"), ("scale", "1", "scale error")):
+        sizes = {channel: by[kind] for channel, by in found.detectable_by_channel.items() if kind in by}
+        seen = {channel: size for channel, size in sizes.items() if math.isfinite(size)}
+        if seen:
+            channel = max(seen, key=lambda one: seen[one])
+            size = f"{100.0 * seen[channel]:.2g} %" if unit == "1" else f"{seen[channel]:.2g} {unit}"
+            told.append(f"a {name} of {channel} under {size}")
+    return f" What would not show here: {', '.join(told)}." if told else ""
 
 
 @contextmanager
@@ -86,24 +139,27 @@ def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
     return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=(), trace=Trace(decisions=decisions))
 
 
-def _several(all_of_them: Sequence[Finding | Contradiction | Doubt], most: int) -> str:
+def _several(all_of_them: Sequence[Finding | Contradiction | Doubt | Factor], most: int) -> str:
     """The sentences of the first, `most` of them, and how many more there are."""
     stated = " ".join(one.sentence for one in all_of_them[:most])
     more = len(all_of_them) - most
     return f"{stated} And {more} more." if more > 0 else stated
 
 
-def _values_wrong(contradicted: Sequence[Contradiction], most: int) -> str:
-    return f"The structure is right, but {_against(contradicted)} {_several(contradicted, most)}"
+def _values_wrong(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int, remark: str) -> str:
+    return f"The structure is right, but {_against(factors, contradicted, most)}{remark}"
 
 
-def _also_contradicted(contradicted: Sequence[Contradiction], most: int) -> str:
-    return f"Besides, {_against(contradicted)} {_several(contradicted, most)}"
+def _also_contradicted(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
+    return f"Besides, {_against(factors, contradicted, most)}"
 
 
-def _against(contradicted: Sequence[Contradiction]) -> str:
-    few, stand = ("a number", "stands") if len(contradicted) == 1 else (f"{len(contradicted)} numbers", "stand")
-    return f"{few} of the file {stand} against flight."
+def _against(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
+    """Common factors, then the numbers that are inconsistent with flight one by one."""
+    counted = ((len(factors), "group{} of derivatives"), (len(contradicted), "number{}"))
+    said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
+    verb = "is" if len(factors) + len(contradicted) == 1 else "are"
+    return f"{said} of the file {verb} inconsistent with flight. {_several([*factors, *contradicted], most)}"
 
 
 def _refined(budget: Budget, criteria: GivenCriteria) -> str:

@@ -349,14 +349,14 @@ def still_missing(
 
 def verdict_of(
     causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, fit: FlightFit
-) -> tuple[str, str]:
-    """(verdict, the sentence that opens the report)."""
+) -> tuple[str, str, str]:
+    """(verdict, its sentence, a remark besides one that names nothing)."""
     if causes:
         stated = " ".join(c.statement for c in causes)
         if unexplained:
             where = _where(unexplained[0], fit.batch.names)
-            return "partly explained", f"{stated} Something more is missing: it enters at {where}."
-        return "explained", stated
+            return "partly explained", f"{stated} Something more is missing: it enters at {where}.", ""
+        return "explained", stated, ""
     if unexplained:
         air, share = unexplained[0].place.kind == "wind", missing_share(fit, unexplained[0])
         size = f", {unexplained[0].rms:.2g} m/s" if air else f", {100 * share:.0f} % of it"
@@ -364,10 +364,10 @@ def verdict_of(
         return (
             "unexplained",
             f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
+            "",
         )
     remark = " What is expected of such an aircraft, or too small to matter, is listed as minor." if minor else ""
-    adequate = f"{ADEQUATE}{remark}"
-    return "adequate", f"{adequate}{_hint(naming)}"
+    return "adequate", ADEQUATE, f"{remark}{_hint(naming)}"
 
 
 def _hint(naming: Naming) -> str:

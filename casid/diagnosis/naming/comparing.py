@@ -44,6 +44,14 @@ def small_first(trials: Sequence[Trial], fits: Collection[Trial], criteria: Crit
     return [small, *(t for t in trials if t is not small)]
 
 
+def simplest_first(trials: Sequence[Trial], equivalents: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
+    """`trials` in their order, but first an equivalent of the first that is a special case of it: a constant delay
+    comes before a clock that drifts."""
+    first = trials[0]
+    simpler = [t for t in equivalents if t in nameable and t.meaningful and t.effect.kind in first.effect.includes]
+    return [*simpler[:1], *(t for t in trials if t not in simpler[:1])]
+
+
 def in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
     """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
     kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
@@ -107,7 +115,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
             behind_exactly = best.gain.exact - trial.gain.exact
             ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
     if angle < by.alike:
-        spread = 2.0 * np.sqrt(best.gain.total * trial.inflation) * angle
+        spread = 2.0 * np.sqrt(max(best.gain.total, 0.0) * trial.inflation) * angle
         ways.append(behind / max(by.alike_sigmas * spread, 1e-300))
     return float(min(ways))
 

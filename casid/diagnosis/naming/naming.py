@@ -25,6 +25,7 @@ from casid.diagnosis.naming.comparing import (
     gains_enough,
     in_order,
     ranked_behind,
+    simplest_first,
     sine,
     small_first,
 )
@@ -144,6 +145,10 @@ def one_round(state: Naming, catalogue: Sequence[Effect], required: float) -> Na
     trials = small_first(in_order(trials, nameable), fits, criteria) if nameable else in_order(trials, ())
     best = trials[0] if nameable else None
     equivalents = equivalents_of(best, trials, criteria) if best is not None and best.meaningful else ()
+    trials = simplest_first(trials, equivalents, nameable) if equivalents else trials
+    if best is not None and trials[0] is not best:
+        best = trials[0]
+        equivalents = equivalents_of(best, trials, criteria)
     first = not state.rounds  # later ones have less to look for
     this = Round(
         candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),

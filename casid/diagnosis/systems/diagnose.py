@@ -7,12 +7,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from casid.arguments import an
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import IN_A_SET, MINOR, NAMED, REFUSED, Decision, Gate, Trace, at_least
+from casid.diagnosis.given.account import account_of, account_sentence, failure_sentence
 from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.criteria import SystemCriteria
@@ -92,31 +94,51 @@ def diagnose_system(
     given = fly(base, model.nominal, held, question)
     refitted = fly(base, first.found.values, held, question)
     naming, extended, gains, lost = _that_recurs(naming, question, held)
-    best = naming.best
     named, minor, gates = _named(naming, question, gains, ports)
-    unexplained = _unexplained(naming, ports, criteria.systems)
-    values = _values(model, naming, question)
-    verdict, sentence = _verdict(named, minor, unexplained, values)
+    told = _told(naming, _budget(given, refitted, extended), (named, minor), ports, question)
     return SystemDiagnosis(
-        verdict=verdict,
-        sentence=sentence,
+        **told,
         model=model,
-        extended=best.found.extended,
-        values=best.found.values,
-        causes=named,
-        minor=minor,
-        unexplained=unexplained,
+        extended=naming.best.found.extended,
+        values=naming.best.found.values,
         explanations=_explanations(naming),
-        parameters=values,
         as_given=given,
         refitted=refitted,
         extension=extended,
-        budget=_budget(given, refitted, extended),
         noise=question.noise,
         held_out=tuple(held),
         seconds=time.perf_counter() - begin,
-        trace=_trace(naming, gates, lost, {one.name: NAMED for one in named} | {one.name: MINOR for one in minor}),
+        trace=_trace(
+            naming, gates, lost, {c.name: NAMED for c in told["causes"]} | {c.name: MINOR for c in told["minor"]}
+        ),
     )
+
+
+def _told(
+    naming: SystemNaming,
+    budget: Budget,
+    judged: tuple[tuple[SystemCause, ...], tuple[SystemCause, ...]],
+    ports: Sequence[Port],
+    question: Question,
+) -> dict[str, Any]:
+    """Verdict, sentence and what they rest on, as fields of `SystemDiagnosis`."""
+    (named, minor), criteria = judged, question.criteria
+    unexplained = _unexplained(naming, ports, criteria.systems)
+    values = _values(naming.wholes[0].found.extended.base, naming, question)
+    verdict, sentence = _verdict(named, minor, unexplained, values)
+    if fails := failure_sentence(budget, criteria.given):
+        named, minor, verdict, sentence = (), (*named, *minor), "unexplained", fails
+    account = account_of(budget, _contributions(values, named, unexplained))
+    return {
+        "verdict": verdict,
+        "sentence": f"{account_sentence(budget, account, criteria.verdict.stated)} {sentence}",
+        "causes": named,
+        "minor": minor,
+        "unexplained": unexplained,
+        "parameters": values,
+        "budget": budget,
+        "account": account,
+    }
 
 
 def _question(model: Model, records: Sequence[Record], criteria: Criteria) -> tuple[Question, Extended]:
@@ -286,6 +308,19 @@ def _verdict(
         return "values wrong", f"The structure holds; the records contradict the value of {', '.join(wrong)}."
     small = " What is there besides is too small to matter." if minor else ""
     return "adequate", f"The model explains the records to within their noise.{small}"
+
+
+def _contributions(
+    values: Sequence[ParameterValue], named: Sequence[SystemCause], unexplained: Sequence[Unexplained]
+) -> dict[str, list[str]]:
+    """Step of the account -> what contributes to it, the largest first."""
+    moved = [one for one in values if one.contradicted and one.nominal]
+    moved.sort(key=lambda one: -abs(one.extended - one.nominal) / max(one.extended_std, sys.float_info.min))
+    return {
+        "values": [f"{one.name} {100.0 * (one.extended / one.nominal - 1.0):+.0f} %" for one in moved],
+        "structure": [f"{one.target}: {one.kind.replace('_', ' ')}" for one in named],
+        "unexplained": [one.port.words for one in unexplained],
+    }
 
 
 def _explanations(naming: SystemNaming) -> dict[frozenset[str], float]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from casid.diagnosis.decision import Trace
+from casid.diagnosis.given.account import AccountStep
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown
@@ -169,6 +170,8 @@ class SystemDiagnosis:
         The records of these simulations, which no fit has seen.
     seconds
         Wall time.
+    account
+        Shares of the error on the held-out records that values and structure take away, the largest first.
     trace
         The decisions on every cause that was fitted, see `why` and `why_not`.
     """
@@ -191,6 +194,7 @@ class SystemDiagnosis:
     held_out: tuple[Record, ...]
     seconds: float
     trace: Trace = Trace()
+    account: tuple[AccountStep, ...] = ()
 
     def why(self, cause: str) -> Trace:
         """The decisions on a cause that was fitted, as of `Diagnosis.why`."""
@@ -229,6 +233,7 @@ class SystemDiagnosis:
             "sentence": self.sentence,
             "not_judged": [],
             "data": [],
+            "account": [one.to_dict() for one in self.account],
             "contradicted": [one.contradiction() for one in self.contradicted],
             "causes": [one.to_dict() for one in self.causes],
             "minor": [one.to_dict() for one in self.minor],

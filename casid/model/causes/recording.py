@@ -141,6 +141,7 @@ def clock_drift(target: str) -> Effect:
     of_inputs = target == "surfaces"
     return Effect(
         kind="clock_drift",
+        includes=("sensor_delay", "sensor_lag", "input_delay", "actuator_lag"),
         target=target,
         reads=() if of_inputs else group_channels(target),
         kinematic=not of_inputs,

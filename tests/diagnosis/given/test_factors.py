@@ -1,0 +1,80 @@
+"""Factors common to many derivatives. Truth: the numbers of the file that were made wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from casid.diagnosis.given.factors import borne_out, common_factors
+from casid.diagnosis.given.flight_values import FlightValue
+from casid.model.plausible import Doubt
+from problems.do328 import do328
+
+FILE = do328()
+
+
+def flown(scale: dict[str, float], std: float = 0.01) -> dict[str, FlightValue]:
+    """What flight says of every derivative: the file's value times a factor, 1 % known."""
+    return {
+        name: FlightValue(value=value * scale.get(name, 1.0), std=std * abs(value), determined=True)
+        for name, value in FILE.derivatives.items()
+        if value
+    }
+
+
+def of(*coefficients: str) -> dict[str, float]:
+    return {n: 2.07 for n in FILE.derivatives if n.split("_")[0] in coefficients and not n.endswith("_0")}
+
+
+def test_a_wrong_inertia_is_one_factor_on_its_row() -> None:
+    """Iyy 2.07 times the true one: every pitching derivative is estimated 2.07 times too large."""
+    (found,) = common_factors(FILE, flown(of("Cm")))
+    assert found.row == "Cm" and found.means[0] == "Iyy"
+    assert found.factor == pytest.approx(2.07, abs=3.0 * found.std)
+    assert set(found.derivatives) == set(of("Cm"))
+
+
+def test_a_wrong_mass_is_one_factor_on_the_forces() -> None:
+    (found,) = common_factors(FILE, flown(of("CL", "CD", "CY")))
+    assert found.row == "all forces" and found.means[0] == "the mass"
+
+
+def test_a_wrong_gearing_is_one_factor_on_a_surface() -> None:
+    scale = {name: 0.7 for name in FILE.derivatives if name.endswith("_delta_a")}
+    (found,) = common_factors(FILE, flown(scale))
+    assert "delta_a" in found.row and found.factor == pytest.approx(0.7, abs=3.0 * found.std)
+
+
+def test_a_file_that_is_right_has_no_factor() -> None:
+    assert common_factors(FILE, flown({})) == ()
+
+
+def test_one_wrong_derivative_is_no_factor() -> None:
+    assert common_factors(FILE, flown({"Cm_alpha": 2.0})) == ()
+
+
+def test_derivatives_that_disagree_have_no_factor() -> None:
+    names = [name for name in of("Cm")]
+    scale = {name: 1.5 + 0.8 * k for k, name in enumerate(names)}
+    assert all(one.row != "Cm" for one in common_factors(FILE, flown(scale)))
+
+
+def test_what_flight_does_not_determine_says_nothing() -> None:
+    loose = {name: replace(one, determined=False) for name, one in flown(of("Cm")).items()}
+    assert common_factors(FILE, loose) == ()
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.3048, True), (0.82, False), (1.0, False)])
+def test_a_unit_is_said_only_when_all_that_it_touches_comes_near(factor: float, said: bool) -> None:
+    """A business jet with derivatives at 0.8 of the file was told that its lengths in pitch were in ft."""
+    doubt = Doubt(parameter="lengths in pitch", given=2.0, unit="m", sentence="in ft")
+    names = [name for name in FILE.derivatives if name.startswith("Cm_") and not name.endswith("_0")]
+    rates = {name: factor if name.endswith("_q") else 1.0 for name in FILE.derivatives}
+    scale = {name: rates.get(name, 1.0) * (factor if name in names else 1.0) for name in FILE.derivatives}
+    assert borne_out((doubt,), FILE, flown(scale)) == ((doubt,) if said else ())
+
+
+def test_a_doubt_that_is_no_unit_stays() -> None:
+    doubt = Doubt(parameter="trim rho", given=12.0, unit="kg/m3", sentence="no air is that dense")
+    assert borne_out((doubt,), FILE, flown({})) == (doubt,)
