@@ -116,7 +116,6 @@ class StructureCriteria:
     ridge: float = number(1e-3, "ridge on the prior of terms that are nearly the sum of others")
     demanded: float = number(50.0, "gain of an expected term or small offset that is put in beforehand", unit=_GAIN)
     oswald: float = number(0.5, "Oswald's factor of a wing at least", "chosen: below the usual 0.7 to 0.85")
-    sure: float = number(3.0, "spreads by which a value must differ from zero", "derived: 3 sigmas")
     confidence: float = number(1.96, "1-sigmas of an interval that holds the value", "derived: 95 %, Gaussian")
     certain: float = number(
         2.58, "1-sigmas from zero of a value that may be named", "derived: one wrong name in a hundred, Gaussian"
@@ -166,8 +165,6 @@ class EventCriteria:
         "part of a jump's gain that a slow change must not reach",
         "derived: a cubic of time reaches 0.86 of a step",
     )
-    sudden_gain: float = number(100.0, "gain of a jump beyond a slow change that makes it sudden", unit=_GAIN)
-    sudden_left: float = number(0.1, "part of that gain that may be missing beside the jump")
     always: float = number(0.5, "part of the square that must be its mean, for what jumps to act at any time")
     member: float = number(0.05, "significance of a coefficient that switches with others, of the largest")
     member_sigmas: float = number(4.0, "1-sigmas of a coefficient that switches with others")
@@ -185,7 +182,6 @@ class SizeCriteria:
     late: float = number(
         0.5, "lateness of a surface that matters, in sampling intervals", "derived: inputs between samples are unknown"
     )
-    largest_share: float = number(3.0, "variations of its coefficient above which a term is an artefact")
     mass: float = number(
         0.5,
         "part of a mass or an inertia by which it can be wrong at all",
@@ -233,9 +229,6 @@ class NamingCriteria:
     left_by_a_cause: float = number(0.002, "part of a cause's gain that its rough model leaves to unknown inputs")
     left_by_an_event: float = number(0.02, "the same of an event, also to another event")
     left_to_others: float = number(0.001, "part of a cause's gain that it leaves to other causes")
-    left_by_an_event_to_others: float = number(0.005, "the same of an event")
-    before_event: float = number(1.0, "time before an event in which its rough shape shows", unit="s")
-    after_event: float = number(5.0, "time after it", unit="s")
     left_behind: float = number(0.2, "part of the named gain for which the best other trial is tried once more")
     rival: float = number(0.7, "part of a cause's gain from which another one is a rival")
     rival_angle: float = number(0.8, "sine of the angle between fingerprints below which it is a rival")
@@ -256,15 +249,12 @@ class DoubtCriteria:
     )
     noticeable: float = number(150.0, "gain of an unknown input that is little anyway", unit=_GAIN)
     left_by_terms: float = number(0.1, "part that may stay of a term or a switch, which imitate anything")
-    left_by_a_bias: float = number(0.1, "part that may stay at a biased reading, where a drift imitates a bias")
-    left_by_a_fault: float = number(0.5, "part that may stay at a reading with another fault")
     left_exactly: float = number(
         0.01, "part that may stay, structure taken as exact", "measured: causes leave 0.0025 at most, imitations 0.15"
     )
     helped: float = number(0.35, "part of a cause's gain that an input must lose for its station to be judged")
     worse: float = number(1.3, "times what was missing at a station, above which a cause makes more missing")
     worse_part: float = number(0.02, "part of the cause's gain that may be missing besides")
-    negligible: float = number(0.02, "gain, of what is still missing, below which a cause is next to nothing")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from casid.arguments import an
+from casid.diagnosis.given.account import account_sentence
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.records.readers import write_record
@@ -112,6 +113,7 @@ def _context(
     return {
         "aircraft": diagnosis.aircraft.name,
         "colour": COLOURS[diagnosis.verdict],
+        "account": account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.verdict.stated),
         "headline": _headline(diagnosis),
         "shares": shares(diagnosis),
         "claims": claimed,

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from small_flight import HIDDEN, NAMES
 
+from casid.diagnosis.given.account import account_sentence
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
@@ -149,9 +150,11 @@ def test_every_figure_has_words_and_a_file_of_its_own(folder: Path, shown: dict[
         assert ElementTree.fromstring(svg).tag.endswith("svg")
 
 
-def test_page_opens_with_the_verdict_and_the_shape_of_what_is_missing(folder: Path, diagnosis: Diagnosis) -> None:
+def test_page_opens_with_account_verdict_and_channels_in_engineering_units(folder: Path, diagnosis: Diagnosis) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.index(pretty(diagnosis.headline)) < page.index('id="figure-shape"') < page.index("What it gains</h2>")
+    opening = account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.verdict.stated)
+    at = [pretty(opening), pretty(diagnosis.headline), "<nav", 'id="figure-tracks_', "What it gains</h2>"]
+    assert sorted(page.index(one) for one in at) == [page.index(one) for one in at]
 
 
 def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judged(
@@ -160,7 +163,7 @@ def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judg
     page = (folder / "report.html").read_text(encoding="utf-8")
     heads = [f"<dt>{head}</dt>" for head in ("Data", "Values", "Structure", "Unseen data", "Not judged")]
     at = [page.index(head) for head in heads]
-    first = page.index('id="figure-shape"')
+    first = page.index('id="figure-tracks_')
     assert at == sorted(at) and at[-1] < first
     assert "no channel psi" in page[at[-1] : first]
     assert "Cm: alpha²" in page[at[2] : at[3]]

@@ -152,11 +152,13 @@ def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) ->
     return EvidenceSums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
 
 
-def deviation(evidence: Evidence, name: str) -> float:
-    """Honest 1-sigma of a fitted slot: its `spread`, where small terms of the structure would move the value to, what
-    records leave open that are sampled and noisy, and a part of it. For no value is known better."""
+def deviation(evidence: Evidence, name: str, records: Sequence[int] = ()) -> float:
+    """Honest 1-sigma of a fitted slot: its `spread`, or what leaving out whole `records` does, if that is more; where
+    small terms of the structure would move the value to, what records leave open that are sampled and noisy, and a part
+    of it, because no value is known better."""
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    parts = spread(evidence, name), evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
+    apart = max(spread(evidence, name), jackknife(evidence, name, records))
+    parts = apart, evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
     return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
 
 
@@ -206,20 +208,12 @@ def is_sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> bool:
 
 
 def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Gate, ...]:
-    """What a value must pass to differ from zero.
-
-    No stretch of record, and none of whole `records`, contradicts it, and its 99 % interval, in which small terms of
-    the structure may replace it, leaves zero out. A value that is not fitted itself has nothing to pass.
-    """
+    """What a value must pass to differ from zero: its 99 % interval by the honest deviation leaves zero out. A value
+    that is not fitted itself has nothing to pass."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return ()
-    by, size = evidence.criteria.structure, abs(evidence.fit[name])
-    apart = max(spread(evidence, name), jackknife(evidence, name, records), 1e-300)
-    honest = max(deviation(evidence, name), 1e-300)
-    return (
-        at_least("size, in 1-sigmas of its scatter between records", size / apart, by.sure, "structure.sure"),
-        at_least("size, in honest 1-sigmas", size / honest, by.certain, "structure.certain"),
-    )
+    honest = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
+    return (at_least("size, in honest 1-sigmas", honest, evidence.criteria.structure.certain, "structure.certain"),)
 
 
 def spread(evidence: Evidence, name: str) -> float:

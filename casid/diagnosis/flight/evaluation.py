@@ -149,11 +149,6 @@ class FlightFit:
         return self.flight.criteria
 
     @property
-    def deviance_by_sample(self) -> np.ndarray:
-        """(N, R) what each sample contributes to `data_deviance`."""
-        return np.sum(self.white**2, axis=2) + self.filter.log_determinant
-
-    @property
     def moving(self) -> np.ndarray:
         """(N, R, nw) all disturbances of the linearisation."""
         W = _scattered(self.model, self.acting.coloured, self.motion.coloured)

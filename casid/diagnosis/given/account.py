@@ -12,7 +12,7 @@ from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.given.budget import Budget
 
 _WORDS = MappingProxyType(
-    {"data": "mending of data", "values": "re-estimation of values", "structure": "added structure"}
+    {"data": "correction of data", "values": "re-estimation of values", "structure": "added structure"}
 )
 
 

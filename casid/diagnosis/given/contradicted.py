@@ -114,7 +114,8 @@ def _derivatives(
         if name not in flight or not flight[name].determined:
             continue
         whole = value + slopes.get(name, 0.0)
-        stated = replace(flight[name], value=flight[name].value + slopes.get(name, 0.0))
+        one = flight[name].nearest(value)
+        stated = replace(one, value=one.value + slopes.get(name, 0.0))
         margin = (aircraft.relative_uncertainty or criteria.given.unstated) * abs(whole)
         margin = max(margin, smallest_stated_std(coefficient, criteria.prior))
         yield _against(name, term.unit, whole, stated, margin), margin

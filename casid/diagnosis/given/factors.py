@@ -162,8 +162,9 @@ def _ratios(
         given = value + beside
         if term.degree != 1 or not given or name not in flight or not flight[name].determined:
             continue
-        ratio = (flight[name].value + beside) / given
-        std = math.hypot(flight[name].std / given, criteria.size.share * ratio)
+        one = flight[name].nearest(value)
+        ratio = (one.value + beside) / given
+        std = math.hypot(one.std / given, criteria.size.share * ratio)
         found.append(_Ratio(name=name, coefficient=coefficient, variable=term.factors[0][0], ratio=ratio, std=std))
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,18 +25,30 @@ from casid.model.terms import VARIABLES, derivative_term, parse_term
 @dataclass(frozen=True, kw_only=True)
 class FlightValue:
     """What the records say of one number: its value and honest 1-sigma, the file's own statement of it taken out; and
-    whether they say more than the file does. Where they do not, it is not fitted."""
+    whether they say more than the file does. Where they do not, it is not fitted.
+
+    A term that was added to the model changes the slope of a derivative along the flight. `at_middle` is the slope, with
+    its 1-sigma, at the middle of the flight; `value` is the slope where the term vanishes. A file does not say which of
+    them it means.
+    """
 
     value: float
     std: float
     determined: bool
+    at_middle: tuple[float, float] | None = None
+
+    def nearest(self, given: float) -> FlightValue:
+        """By the slope that is nearer to what the file states, in its own deviations."""
+        if self.at_middle is None:
+            return self
+        other = FlightValue(value=self.at_middle[0], std=self.at_middle[1], determined=self.determined)
+        return min((self, other), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
 
 
 def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     """Name -> what flight says of every fitted number of a model.
 
-    A derivative is the slope at the middle of the flight, with the terms that were added to the model: the file states
-    the slope of a model without them. The 1-sigma allows for small terms of the structure, for stretches of record that
+    The 1-sigma allows for small terms of the structure, for stretches of record that
     disagree, and for coloured residuals, whichever is largest.
     """
     fit, found = evidence.fit, {}
@@ -51,15 +63,22 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
         determined = from_records > fit.flight.criteria.given.from_records
-        if bend := bends.get(slot.name):
-            along = np.zeros(len(evidence.covariance))
-            along[i] = 1.0
-            for j, part in bend.items():
-                along[j] = part
-                own += part * float(fit.values[j])
-            honest *= math.sqrt(max(float(along @ evidence.covariance @ along), 0.0) / variance)
-        found[slot.name] = FlightValue(value=own, std=honest / from_records, determined=determined)
+        one = FlightValue(value=own, std=honest / from_records, determined=determined)
+        found[slot.name] = replace(one, at_middle=_at_middle(evidence, i, one, bends.get(slot.name, {})))
     return found
+
+
+def _at_middle(evidence: Evidence, index: int, one: FlightValue, bend: dict[int, float]) -> tuple[float, float] | None:
+    """Slope and its 1-sigma at the middle of the flight, with the added terms; None where these add nothing."""
+    if not bend:
+        return None
+    along = np.zeros(len(evidence.covariance))
+    along[index] = 1.0
+    for j, part in bend.items():
+        along[j] = part
+    added = sum(part * float(evidence.fit.values[j]) for j, part in bend.items())
+    variance = max(float(along @ evidence.covariance @ along), 0.0)
+    return one.value + added, one.std * math.sqrt(variance / float(evidence.covariance[index, index]))
 
 
 def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:

@@ -90,7 +90,7 @@ def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequenc
     sigmas = {name: abs(value - given[name]) / std for name, (value, std) in moved.items() if std > 0.0}
     order = sorted((name for name, size in sigmas.items() if size > by.sigmas), key=lambda name: -sigmas[name])
     return {
-        "data": [effect_title(one.kind, one.target, None) for one in mended],
+        "data": [f"{one.target}: {one.kind.removeprefix('data_')}" for one in mended],
         "values": [
             *(f"{one.row} times {one.factor:.2f}" for one in factors),
             *(f"{name} {100.0 * (moved[name][0] / given[name] - 1.0):+.0f} %" for name in order),

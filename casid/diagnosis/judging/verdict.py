@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
-from casid.diagnosis.evidence.evidence import Evidence, deviation, jackknife, sure
+from casid.diagnosis.evidence.evidence import Evidence, deviation, sure
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -150,7 +150,7 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
     candidate = replace(trial.candidate, attached=one)
     share = meaningful_share(evidence.fit, one)
-    std = max(deviation(evidence, one.name), jackknife(evidence, one.name, _concerned(evidence, one.name)))
+    std = deviation(evidence, one.name, _concerned(evidence, one.name))
     return replace(trial, candidate=candidate, std=std, share=share)
 
 

@@ -9,11 +9,10 @@ from functools import partial, reduce
 import numpy as np
 
 from casid.diagnosis.criteria import EventCriteria
-from casid.diagnosis.decision import Gate, at_least, at_most
+from casid.diagnosis.decision import Gate, at_least
 from casid.diagnosis.evidence.entrances import Entrances
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, onset_grid, prints_of
-from casid.diagnosis.evidence.missing_input import missing_at
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
 from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
@@ -174,11 +173,10 @@ def _members(strength: np.ndarray, criteria: EventCriteria) -> list[int]:
     return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
-def sudden(evidence: Evidence, one: Attached, beside: Evidence) -> Gate:
+def sudden(evidence: Evidence, one: Attached) -> Gate:
     """What a jump must pass: it gains clearly more on a fit than a slow change of the same would, a cubic of time in
-    each of its records. Or it gains more, and nothing to speak of is missing `beside` it, in the fit that has it. What
-    depends on speed in a long record, or on anything that drifts, resembles a jump somewhere. What acts only now and
-    then fits both, and counts as sudden."""
+    each of its records. What depends on speed in a long record, or on anything that drifts, resembles a jump somewhere.
+    What acts only now and then fits both, and counts as sudden."""
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
@@ -195,15 +193,8 @@ def sudden(evidence: Evidence, one: Attached, beside: Evidence) -> Gate:
         slow[own, r, i] = whole[own, r][:, acting, None] * shapes[:, None]
     stations = [station for _ in rows for station in acting for _ in range(powers)]
     slower = _gain_of(evidence, base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1)))
-    over = at_least(
-        "gain of the jump over a slow change", jump / max(slower, 1e-300), 1.0 / criteria.sudden, "events.sudden"
-    )
-    more = at_least("gain of the jump beyond a slow change", jump - slower, criteria.sudden_gain, "events.sudden_gain")
-    if over.passed or not more.passed:
-        return over
-    left = missing_at(beside, [base.model.disturbances[station] for station in acting])
-    part = left[0].gain / more.value
-    return replace(over, or_else=(at_most("part missing beside it", part, criteria.sudden_left, "events.sudden_left"),))
+    over = jump / max(slower, 1e-300)
+    return at_least("gain of the jump over a slow change", over, 1.0 / criteria.sudden, "events.sudden")
 
 
 def _mean_part(series: np.ndarray) -> float:

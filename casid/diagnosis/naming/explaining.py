@@ -131,12 +131,6 @@ def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     return [at_most(f"share newly missing at {most}", shares[most], seen.criteria.size.share, "doubt.worse")]
 
 
-def _is_not_negligible(seen: _Seen) -> list[Gate]:
-    """It gains something beside what is still missing."""
-    part = seen.last.gain.total / max(*seen.left.values(), 1e-300)
-    return [at_least("gain, of what is still missing", part, seen.by.negligible, "doubt.negligible")]
-
-
 def _is_sure(seen: _Seen) -> list[Gate]:
     return list(sure(seen.evidence, seen.last.candidate.name))
 
@@ -146,7 +140,7 @@ def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
     fit = seen.evidence.fit
     biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
     biased = [reading(a.effect.target) for a in biases]
-    return seen.gone([s for s in biased if s in seen.was], (seen.by.left_by_a_bias, "doubt.left_by_a_bias"))
+    return seen.gone([s for s in biased if s in seen.was], (seen.by.left_by_terms, "doubt.left_by_terms"))
 
 
 def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
@@ -182,8 +176,7 @@ def _explains_what_was_missing(seen: _Seen) -> Gate:
     alternatives = [at_least("gain, of what any input gains there", seen.last.gain.raw / max(most, 1e-300), 1.0)]
     own = reading(seen.effect.target)
     if seen.last.confirmed:
-        part = seen.by.left_by_a_fault, "doubt.left_by_a_fault"
-        drifts = seen.gone([own] if own in seen.was else [], part)
+        drifts = seen.gone([own] if own in seen.was else [])
         alternatives += drifts or [at_least("confirmed by kinematics", 1.0, 1.0)]
     judged = seen.judged
     (found,) = seen.gone(judged) or [
@@ -196,7 +189,6 @@ def _explains_what_was_missing(seen: _Seen) -> Gate:
 
 _OBJECTIONS: tuple[Callable[[_Seen], list[Gate]], ...] = (
     _makes_nothing_worse,
-    _is_not_negligible,
     _is_sure,
     _is_no_bias_that_drifts,
     _is_no_drift_of_one_reading,

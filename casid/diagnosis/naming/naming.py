@@ -17,7 +17,7 @@ from casid.diagnosis.evidence.screening import Candidate, Screen, equivalence, r
 from casid.diagnosis.flight.colour import in_colour
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed, without
-from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.naming.comparing import (
     can_be_named,
@@ -36,7 +36,6 @@ from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.naming.trials import is_same, required_gain, settled, try_cause, worth_trying
 from casid.model.effect import Effect, Values
 from casid.native.processors import side_by_side
-from casid.signals import SURFACES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -286,49 +285,17 @@ def prices(trial: Trial, state: Naming, required: float) -> dict[str, float]:
     """Name of criterion -> gain that a trial must reach by it.
 
     What the rough shape of an earlier cause, or of turbulence, leaves is no evidence for another cause. What kinematics
-    find is: they include turbulence and know no aerodynamics. The gain of a permanent cause at times at which an
-    earlier event does not act counts as it does beside any other cause.
+    find is: they include turbulence and know no aerodynamics.
     """
     effect, by = trial.effect, state.criteria.naming
     of_a_name = "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
-    found = {of_a_name: required_gain(effect, state.criteria), "turbulence.left": 0.0 if trial.confirmed else required}
-    for round_ in state.named:
-        earlier = round_.leader
-        one = earlier.candidate.attached
-        if trial.confirmed and not one.effect.kinematic:
-            continue
-        part, name = by.left_to_others, "naming.left_to_others"
-        if (one.effect.timed and effect.timed) or _of_one_shape(round_, effect):
-            part, name = by.left_by_an_event, "naming.left_by_an_event"
-        elif one.effect.timed:
-            elsewhere = float(trial.where[~_acts(one, state.evidence.fit)].sum()) if trial.where.size else 0.0
-            part = min(by.left_by_an_event_to_others, by.left_to_others / max(elsewhere, 1e-9))
-            name = "naming.left_by_an_event_to_others" if part == by.left_by_an_event_to_others else name
-        found[name] = max(found.get(name, 0.0), part * earlier.gain.raw)
-    return found
-
-
-def _of_one_shape(round_: Round, other: Effect) -> bool:
-    """Whether both act on the same surface: where one has its rough shape, in a play the place at which the surface
-    first rests, an event looks like the other. Or another coefficient has the same term, or one that was tried in its
-    place: a hundredth of a lift is drag where the angle of attack is half a degree off."""
-    one = round_.leader.effect
-    terms = {trial.effect.regressor for trial in round_.trials if trial.effect.target == one.target}
-    if one.regressor and other.regressor:
-        return other.regressor in terms
-    return one.target == other.target and one.target in SURFACES
-
-
-def _acts(event: Attached, fit: FlightFit) -> np.ndarray:
-    """(N, R) whether an event acts, or has just done so."""
-    t, names, stations, by = fit.batch.t, fit.batch.names, fit.model.disturbances, fit.criteria.naming
-    acting = disturbance_series([event], names, t, fit.known, stations)
-    series = np.any(acting != 0.0, axis=2)
-    acts = np.zeros(t.shape, dtype=bool)
-    for r in np.flatnonzero(series.any(axis=0)):
-        first, last = t[series[:, r], r][[0, -1]]
-        acts[:, r] = (t[:, r] > first - by.before_event) & (t[:, r] < last + by.after_event)
-    return acts
+    earlier = [round_.leader for round_ in state.named]
+    leave = [one.gain.raw for one in earlier if one.effect.kinematic or not trial.confirmed]
+    return {
+        of_a_name: required_gain(effect, state.criteria),
+        "turbulence.left": 0.0 if trial.confirmed else required,
+        "naming.left_to_others": by.left_to_others * max(leave, default=0.0),
+    }
 
 
 def _look_alike(one: Effect, other: Effect) -> bool:

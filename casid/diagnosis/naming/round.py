@@ -64,8 +64,6 @@ class Trial:
         Its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once.
     gain
         What it gains, see `Gain`.
-    where
-        (N, R) part of the gain that is made at each sample; empty when refuted at once.
     share
         Its size in units of the smallest that matters.
     size
@@ -86,7 +84,6 @@ class Trial:
     fit: FlightFit | None
     fingerprint: np.ndarray
     gain: Gain
-    where: np.ndarray
     share: float
     size: tuple[Gate, ...] = ()
     enough: Gate | None = None

@@ -32,16 +32,6 @@ def plausible(one: Attached) -> bool:
     return all_passed(plausible_size(one))
 
 
-def possible_size(fitted: FlightFit, one: Attached, share: float) -> tuple[Gate, ...]:
-    """`plausible_size`, and that a term does not exceed by far what its coefficient varies by, which flaps and gear
-    may; `share` as of `meaningful_share`."""
-    by = fitted.criteria.size
-    if one.effect.regressor is None:
-        return plausible_size(one)
-    too_large = at_most("part of the coefficient", share * by.share, by.largest_share, "size.largest_share")
-    return (*plausible_size(one), too_large)
-
-
 def meaningful_share(fitted: FlightFit, one: Attached) -> float:
     """Size of an effect in units of the smallest that matters. That is of the effect's own `meaningful`, or for what
     adds to a coefficient a share of that coefficient's variation, as far as derivatives cannot imitate it. A larger one

@@ -18,7 +18,7 @@ from casid.diagnosis.flight.late import as_read, lateness
 from casid.diagnosis.kinematics.check import kinematic_check, worth_fitting
 from casid.diagnosis.naming.events import Intervals, at_peak, further_records, sudden, weak_members
 from casid.diagnosis.naming.round import Gain, Trial
-from casid.diagnosis.naming.size import meaningful_share, possible_size
+from casid.diagnosis.naming.size import meaningful_share, plausible_size
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect
@@ -174,13 +174,12 @@ def try_cause(
             spared=spared,
             exact=base.deviance - fitted.deviance,
         ),
-        where=_where(base, fitted),
         size=_size(fitted, one, share, clear, clear_gain(base), check.confirmed),
         share=share,
         check=check,
     )
     if trial.meaningful and one.effect.recurring:
-        trial = replace(trial, size=(*trial.size, sudden(evidence, one, joint)))
+        trial = replace(trial, size=(*trial.size, sudden(evidence, one)))
     return trial, joint, interval
 
 
@@ -189,19 +188,13 @@ def _size(
 ) -> tuple[Gate, ...]:
     """What the fitted size of a cause must pass: it matters, is clear, is possible, and an event begins in a record."""
     alone = confirmed or one.effect.of_an_instrument
-    gates = (*matters(share, gain, clear, fitted.criteria, alone), *possible_size(fitted, one, share))
+    gates = (*matters(share, gain, clear, fitted.criteria, alone), *plausible_size(one))
     if not one.onsets:
         return gates
     edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
     first = {record.name: record.t[0] + edge for record in fitted.flight.records}
     latest = max(onset - first[record] for record, onset in one.onsets.items())
     return (*gates, at_least("onset after the beginning of a record", latest, within, "events.at_start"))
-
-
-def _where(base: FlightFit, fitted: FlightFit) -> np.ndarray:
-    """(N, R) part of the likelihood gained at each sample."""
-    gained = base.deviance_by_sample - fitted.deviance_by_sample
-    return gained / gained.sum() if gained.sum() > 0.0 else np.zeros((0, 0))
 
 
 def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
@@ -216,7 +209,6 @@ def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
             spared=0.0,
             exact=candidate.statistic,
         ),
-        where=np.zeros((0, 0)),
         share=meaningful_share(base, candidate.attached),
         size=(),
         given_up=because,

@@ -67,7 +67,8 @@ def test_a_rival_at_the_distance_of_equivalents_has_one_in_twenty(gain: float) -
         [cause_of(LAG, alike=(DELAY,))], [], naming_of(round_of(trial_of(LAG, gain, fingerprint=ALONG), rival)), []
     )
     (lag,) = found.causes
-    assert lag.probability == pytest.approx(0.95 * (1.0 - DOUBT))
+    assert lag.probability == pytest.approx(1.0 - DOUBT)
+    assert lag.alone == pytest.approx(0.95 * (1.0 - DOUBT))
     assert lag.indistinguishable_from[0]["probability"] == pytest.approx(0.05 * (1.0 - DOUBT))
     assert lag.log_odds == pytest.approx(np.log(19.0))
     assert [names for names, _ in found.explanations] == [(LAG.name,), (DELAY.name,)]

@@ -29,7 +29,6 @@ from casid.model.causes import (
     actuator_lag,
     aero_term,
     clock_drift,
-    dead_zone,
     gust,
     input_delay,
     sensor_bias,
@@ -86,23 +85,6 @@ def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> 
     assert [round_.leader.effect.key for round_ in after.rounds] == [LATE.effect.key, BIAS.effect.key]
     assert {trial.effect.key for trial in after.rounds[0].trials} == {LATE.effect.key, LAGGED.effect.key}
     assert all(before is now for before, now in zip(state.rounds[1:], after.rounds[1:], strict=True)) == (named is LATE)
-
-
-def test_the_same_term_of_another_coefficient_must_gain_more_than_axes_leave() -> None:
-    """A term of the lift that gained 70000 leaves 2 %, 1400, to its twin in the drag, and to the twin of what was tried
-    in its place; a thousandth to other terms, and to dead zones."""
-
-    def term(target: str, of: str, gain: float):
-        return trial_of(Attached(effect=aero_term(target, of), values={"value": 1.0}), gain)
-
-    tried = (term("CL", "beta^2*q", 70000.0), term("CL", "beta*p*q", 60000.0), term("Cm", "p^2", 100.0))
-    round_ = Round(candidates=(), trials=tried, equivalents=(), named=True)
-    play = trial_of(Attached(effect=dead_zone("delta_e"), values={"value": 0.01}), 240.0)
-    asked = [
-        max(naming.prices(trial, SimpleNamespace(named=[round_], criteria=Criteria()), 40.0).values())  # pyright: ignore
-        for trial in (term("CD", "beta^2*q", 240.0), term("CD", "beta*p*q", 230.0), term("CD", "p^2", 240.0), play)
-    ]
-    assert asked == pytest.approx([1400.0, 1400.0, 70.0, 70.0])
 
 
 @pytest.mark.parametrize(

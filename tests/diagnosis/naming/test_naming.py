@@ -21,13 +21,10 @@ from casid.errors import InputError
 from casid.model.causes import (
     actuator_lag,
     aero_term,
-    backlash,
     dead_zone,
     effectiveness_change,
-    gust,
     input_delay,
     mass,
-    thrust_line,
 )
 from problems.do328 import do328
 
@@ -44,23 +41,6 @@ def test_causes_compare_in_the_structure_that_they_leave() -> None:
     trials = (lag, shape, delay, term)
     ordered = in_order(trials, [one for one in trials if gains_enough(one, {"naming.gain": 40.0}).passed])
     assert ordered == [term, delay, lag, shape]
-
-
-def test_a_second_cause_on_a_surface_must_gain_more_than_the_shape_of_the_first_leaves() -> None:
-    """A play that gained 48000 leaves 2 %, 960, to what acts on the same surface, and a thousandth to any other."""
-
-    def trial(effect, gain: float) -> Trial:
-        return trial_of(Attached(effect=effect, values={"value": 0.01}), gain)
-
-    state = SimpleNamespace(
-        named=[Round(candidates=(), trials=(trial(backlash("delta_e"), 48000.0),), equivalents=(), named=True)],
-        criteria=Criteria(),
-    )
-    prices = [
-        max(naming.prices(trial(effectiveness_change(surface), 750.0), state, 40.0).values())  # pyright: ignore
-        for surface in ("delta_e", "delta_a")
-    ]
-    assert prices == pytest.approx([960.0, 48.0])
 
 
 def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
@@ -100,30 +80,6 @@ def test_a_cause_goes_when_its_rival_explains_all_and_stays_when_both_are_there(
     evidence = weigh(fit(flight, guessed, flight.noise(), iterations=20))
     kept = without_superseded(rounds, trials[1], evidence).fit.attached
     assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
-
-
-@pytest.mark.parametrize(
-    ("gains", "price"),
-    [([(5.0, "m1")], 500.0), ([(5.0, "m1"), (5.0, "m2")], 200.0), ([(15.0, "m1")], 100.0), ([], 500.0)],
-)
-def test_what_is_gained_while_an_event_does_not_act_owes_it_no_more_than_any_other_cause(gains, price) -> None:
-    """A gust of 2 s, at 4 s in m1, gained 1e5: to a cause that is no event it leaves up to 500 there and just behind,
-    and up to 100 in m2 and later."""
-    flight = prepare(do328(), flights(seed=3, count=2))
-    fitted = fit(flight, [], flight.noise(), iterations=1)
-    where = np.zeros(fitted.batch.t.shape if gains else (0, 0))
-    for at, record in gains:
-        where[np.searchsorted(fitted.batch.t[:, 0], at), fitted.batch.names.index(record)] = 1.0 / len(gains)
-
-    def trial(effect, onsets, **made) -> Trial:
-        return trial_of(Attached(effect=effect, values={"value": 1.0, "length": 2.0}, onsets=onsets), **made)
-
-    event = trial(gust("z"), {"m1": 4.0}, gain=1e5)
-    earlier = Round(candidates=(), trials=(event,), equivalents=(), named=True)
-    state = SimpleNamespace(named=[earlier], evidence=SimpleNamespace(fit=fitted), criteria=fitted.criteria)
-    tried = trial(thrust_line(), {}, where=where), trial(gust("y"), {"m2": 3.0}, where=where)
-    highest = [max(naming.prices(one, state, 40.0).values()) for one in tried]  # pyright: ignore
-    assert highest == pytest.approx([price, 2000.0])
 
 
 def test_what_shows_as_a_difference_between_records_is_tried_in_the_others_too() -> None:

@@ -53,7 +53,6 @@ def trial(kind: str, gain: float, fingerprint: np.ndarray) -> Trial:
         fit=None,
         fingerprint=fingerprint,
         gain=Gain(raw=gain, price=0.0, spared=0.0, exact=gain),
-        where=np.zeros((0, 0)),
         share=2.0,
     )
 

@@ -1,0 +1,35 @@
+"""What flight says of a derivative beside an added term. Truth: the derivative of the polynomial that was flown."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_flights import flights
+
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.given.flight_values import FlightValue, flight_values
+from casid.model.causes import aero_term
+from problems.do328 import do328
+
+
+def test_the_slope_at_the_middle_of_the_flight_has_the_added_term() -> None:
+    """Cm = Cm_alpha alpha + b alpha^2: the slope is Cm_alpha + 2 b alpha at the median angle of attack."""
+    bent = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": -4.0})
+    flight = prepare(do328(), flights([bent], seed=3, count=2))
+    fitted = fit(flight, [bent], flight.noise())
+    found = flight_values(weigh(fitted))["Cm_alpha"]
+    assert found.at_middle is not None
+    alpha = float(np.median(fitted.regressors["alpha"][fitted.batch.live]))
+    slope, std = found.at_middle
+    assert slope == pytest.approx(found.value + 2.0 * fitted[bent.name] * alpha)
+    assert abs(slope - (do328().derivatives["Cm_alpha"] - 8.0 * alpha)) < 4.0 * std
+    assert flight_values(weigh(fitted))["Cl_p"].at_middle is None
+
+
+def test_the_nearer_of_both_slopes_counts() -> None:
+    """A table whose slope at trim is the file's looked contradicted, 0.06 for 0.375, beside an added alpha^2."""
+    one = FlightValue(value=0.06, std=0.02, determined=True, at_middle=(0.37, 0.02))
+    assert one.nearest(0.375).value == 0.37 and one.nearest(0.05).value == 0.06
