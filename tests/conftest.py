@@ -81,8 +81,8 @@ def petab_data() -> Path:
         if (folder := data_folder("petab", f"{name}/{name}.yaml")) is not None:
             return folder
     pytest.skip(
-        "no PEtab problems: clone Benchmarking-Initiative/Benchmark-Models-PEtab, and set CASID_DATA to the folder that "
-        "holds its problems as 'petab'"
+        "no PEtab problems: clone Benchmarking-Initiative/Benchmark-Models-PEtab, and set CASID_DATA to the folder "
+        "that holds its problems as 'petab'"
     )
 
 

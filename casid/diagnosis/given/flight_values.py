@@ -27,9 +27,9 @@ class FlightValue:
     """What the records say of one number: its value and honest 1-sigma, the file's own statement of it taken out; and
     whether they say more than the file does. Where they do not, it is not fitted.
 
-    A term that was added to the model changes the slope of a derivative along the flight. `at_middle` is the slope, with
-    its 1-sigma, at the middle of the flight; `value` is the slope where the term vanishes. A file does not say which of
-    them it means.
+    A term that was added to the model changes the slope of a derivative along the flight. `at_middle` is the slope,
+    with its 1-sigma, at the middle of the flight; `value` is the slope where the term vanishes. A file does not say
+    which of them it means.
     """
 
     value: float
