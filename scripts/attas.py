@@ -112,7 +112,7 @@ def told(diagnosis: Diagnosis, by_kinematics: Mapping[str, Mapping[str, Any]]) -
 def repeatability(first: Fit, repeat: Fit, names: Iterable[str]) -> dict[str, float]:
     """r.m.s. of the difference of two independent estimates over its standard deviation, white and corrected."""
     pairs = [(first[name], repeat[name]) for name in names]
-    white = [(a.value - b.value) / np.hypot(a.std, b.std) for a, b in pairs]
+    white = [(a.value - b.value) / np.hypot(a.std_cramer_rao, b.std_cramer_rao) for a, b in pairs]
     corrected = [(a.value - b.value) / np.hypot(a.std_corrected, b.std_corrected) for a, b in pairs]
     return {
         "std": float(np.sqrt(np.mean(np.square(white)))),
@@ -125,9 +125,10 @@ def table(title: str, fit: Fit, independent: Mapping[str, float]) -> str:
     lines.append(f"{'':6} {'independent':>12} {'estimate':>10} {'std':>8} {'corrected':>9} {'off':>6} {'(white)':>8}")
     for name, value in independent.items():
         e = fit[name]
-        off, white = (e.value - value) / e.std_corrected, f"({(e.value - value) / e.std:.2f})"
+        off, white = (e.value - value) / e.std_corrected, f"({(e.value - value) / e.std_cramer_rao:.2f})"
         lines.append(
-            f"{name:6} {value:12.5f} {e.value:10.5f} {e.std:8.2g} {e.std_corrected:9.2g} {off:6.2f} {white:>8}"
+            f"{name:6} {value:12.5f} {e.value:10.5f} {e.std_cramer_rao:8.2g} {e.std_corrected:9.2g} {off:6.2f} "
+            f"{white:>8}"
         )
     return "\n".join(lines)
 

@@ -108,7 +108,7 @@ def pictures(record: Record, fit: Fit, turbulent: FilterFit) -> list[Picture]:
     measured = record.matrix(channels)
     pairs = {
         "published": [(value, 0.0) for value in hfb320.PUBLISHED.values()],
-        OUTPUT_ERROR: [(fit[n].value, fit[n].std) for n in DERIVATIVES],
+        OUTPUT_ERROR: [(fit[n].value, fit[n].std_cramer_rao) for n in DERIVATIVES],
         FILTER_ERROR: [(turbulent.values[n], turbulent.std[n]) for n in DERIVATIVES],
     }
     simulated = {OUTPUT_ERROR: fit.predictions[record.name]}
@@ -124,7 +124,7 @@ def table(fit: Fit, turbulent: FilterFit, results: dict[str, Any]) -> str:
     for name in DERIVATIVES:
         e, published = fit[name], hfb320.PUBLISHED[name]
         lines.append(
-            f"{name:12} {published:10.5f} {e.value:12.5f} {e.std:8.2g} {e.std_corrected:9.2g} "
+            f"{name:12} {published:10.5f} {e.value:12.5f} {e.std_cramer_rao:8.2g} {e.std_corrected:9.2g} "
             f"{turbulent.values[name]:18.5f} {turbulent.std[name]:8.2g}"
         )
     air = results["air"]

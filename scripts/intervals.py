@@ -126,7 +126,7 @@ def main() -> None:
 def analytic(fit: Fit, input_noise: Mapping[str, float]) -> dict[str, dict[str, tuple[float, float]]]:
     """kind -> parameter -> ends, of the kinds that need no further estimation."""
     std = {
-        "Cramer-Rao": {n: e.std for n, e in fit.parameters.items()},
+        "Cramer-Rao": {n: e.std_cramer_rao for n, e in fit.parameters.items()},
         "corrected": {n: e.std_corrected for n, e in fit.parameters.items()},
     }
     if input_noise:

@@ -207,7 +207,7 @@ def pictures(applied: Applied, fit: Fit) -> list[Picture]:
     drawn = [correlations(list(fit.parameters), fit.correlations)]
     drawn.append(autocorrelations(names, {"residual": fit.residuals[first]}))
     pairs = {"a priori": [(e.prior, 0.0) for e in fit.parameters.values()]}
-    pairs |= {"estimated": [(e.value, e.std_corrected) for e in fit.parameters.values()]}
+    pairs |= {"estimated": [(e.value, e.std) for e in fit.parameters.values()]}
     drawn.append(estimates(list(fit.parameters), pairs, "a priori"))
     for record in applied.records:
         predicted = fit.predictions[record.name]
@@ -219,6 +219,6 @@ def pictures(applied: Applied, fit: Fit) -> list[Picture]:
 def _write_model(aircraft: Aircraft, fit: Fit, path: Path, original: Path) -> None:
     """The aircraft file with the estimates and the user's comments; not written when an estimate is not a number."""
     if all(map(math.isfinite, fit.values.values())):
-        std = {name: e.std_corrected for name, e in fit.parameters.items()}
+        std = {name: e.std for name, e in fit.parameters.items()}
         like = original if original.suffix.lower() == ".toml" else None
         with_estimates(aircraft, fit.values, std).write(path, like=like)

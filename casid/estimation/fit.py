@@ -130,15 +130,18 @@ class Fit:
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
         """name -> Estimate."""
-        both = (self.covariance, self.covariance_corrected)
-        std, corrected = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in both)
+        every = (self.uncertainty.honest, self.covariance, self.covariance_corrected)
+        std, cramer_rao, corrected = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in every)
+        below, above = self.uncertainty.sides
         prior, prior_std = self.problem.nominal, self.problem.prior_std
         return {
             name: Estimate(
                 name=name,
                 value=value,
                 std=float(std[i]),
+                std_cramer_rao=float(cramer_rao[i]),
                 std_corrected=float(corrected[i]),
+                interval=(value - float(below[i]), value + float(above[i])),
                 prior=float(prior[i]),
                 prior_std=float(prior_std[i]),
             )
@@ -175,7 +178,7 @@ class Fit:
         parameters = {
             name: {
                 "value": number(e.value),
-                "std": number(e.std),
+                "std": number(e.std_cramer_rao),
                 "std_corrected": number(e.std_corrected),
                 "prior": number(e.prior),
                 "prior_std": number(e.prior_std),
@@ -216,14 +219,7 @@ class Fit:
         """What a person should know besides the status, a sentence each: a channel whose mean explains it better, a
         parameter three a-priori deviations from the file or of the opposite sign, an input that jumps between samples
         and would explain the data better held."""
-        found = remarks(
-            self.problem,
-            self.channels,
-            self.parameters,
-            converged=self.converged,
-            misfit=self.cost - self.prior_cost,
-            many_starts=self.starts is not None,
-        )
+        found = remarks(self)
         found = (self.way, *found) if self.way else found
         linear = self.uncertainty.linear
         if not self.converged or linear is None:
@@ -288,9 +284,9 @@ class Fit:
         head += f"\n{self.starts!r}" if self.starts is not None else ""
         width = max(len(name) for name in self.values)
         lines = [head, *(f"! {remark}" for remark in self.remarks), ""]
-        lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'corrected':>10} {'a priori':>12}"]
+        lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'Cramer-Rao':>10} {'a priori':>12}"]
         for name, e in self.parameters.items():
-            lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_corrected:10.3g} {e.prior:12.6g}")
+            lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_cramer_rao:10.3g} {e.prior:12.6g}")
         lines += ["", f"{'channel':{width}}  {'rms':>12} {'R2':>10} {'Theil':>10} {'samples':>12}"]
         for name, c in self.channels.items():
             lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")

@@ -10,13 +10,31 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """A parameter: std by Cramer-Rao, std_corrected for coloured residuals, prior value and prior_std (inf: none).
-    A parameter on an active limit has std 0 when nothing else moves it."""
+    """A parameter.
+
+    Attributes
+    ----------
+    name, value
+        Its estimate.
+    std
+        1-sigma: `std_corrected` where residuals are coloured, else `std_cramer_rao`.
+    std_cramer_rao
+        By Cramer and Rao's bound, as if the residuals were white.
+    std_corrected
+        With the autocorrelation of the residuals.
+    interval
+        Of 95 %; one-sided where a limit holds the parameter. Of a parameter that is estimated by its logarithm it is
+        that of the logarithm.
+    prior, prior_std
+        A-priori value and its 1-sigma, infinite where there is none.
+    """
 
     name: str
     value: float
     std: float
+    std_cramer_rao: float
     std_corrected: float
+    interval: tuple[float, float]
     prior: float
     prior_std: float
 

@@ -3,46 +3,114 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import norm
 
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.fitted import ChannelFit, Estimate
 from casid.estimation.problem import Problem
 from casid.model.numbers import with_deviation
 
+if TYPE_CHECKING:
+    from casid.estimation.fit import Fit
+
 _FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
 _SURE = 2.0  # standard errors: the sign is known
 _UNEXPLAINED = 2.0  # times the given noise: chosen; by chance a hundred samples are not beyond 1.3
+_ROUNDED = 1e-9  # of a value that is at its limit
+_NORMAL = 1.4826  # standard deviations in a median of magnitudes
+_CHANCE = 1e-3  # that one of all readings is so far by chance
+_FEW = 20  # readings, of which no one is far
+_DOMINATE = 0.2  # of the squared residuals: the standard errors are a tenth too large
+_NOTICED = 1.2  # times the standard error
+_ONE_SIDED = 1e-3  # of the other side
 
 
-def remarks(
-    problem: Problem,
-    channels: Mapping[str, ChannelFit],
-    parameters: Mapping[str, Estimate],
-    *,
-    converged: bool,
-    misfit: float,
-    many_starts: bool,
-) -> tuple[str, ...]:
-    """One sentence each, none when all is well: channels that their own mean explains better, parameters three a-priori
-    deviations from the file or of the opposite sign, standard errors that no sample is left for.
-
-    `misfit` is half the sum of squares of weighted residuals; `many_starts`: whether other minima were looked for.
-    """
-    found = [*_channels(channels), *_parameters(problem, parameters)]
-    if not converged:
+def remarks(fit: Fit) -> tuple[str, ...]:
+    """One sentence each, none when all is well: starts beyond a limit, channels that their own mean explains better,
+    readings that dominate, residuals with colour, parameters that a limit holds, that are three a-priori deviations
+    from the file or of the opposite sign, standard errors that no sample is left for."""
+    found = [*_start(fit.problem), *_channels(fit.channels), *_readings(fit), *_parameters(fit.problem, fit.parameters)]
+    if not fit.converged:
         return tuple(found)
-    samples = sum(channel.samples for channel in channels.values())
-    return (*_noise(problem, misfit, samples, many_starts), *found, *_errors(parameters))
+    errors = [*_colour(fit.uncertainty.coloured, fit.parameters), *_held(fit), *_errors(fit.parameters)]
+    return (*_noise(fit), *found, *errors)
 
 
-def _noise(problem: Problem, misfit: float, samples: int, many_starts: bool) -> Iterator[str]:
+def _start(problem: Problem) -> Iterator[str]:
+    """Start values beyond a limit, from which the iteration goes back to it."""
+    for row, lower, upper in zip(*problem.linear_rows, strict=True):
+        value = float(row @ problem.start_vector)
+        beyond = max(lower - value, value - upper)
+        if beyond > _ROUNDED * max(abs(value), abs(beyond)):
+            names = [n for n, c in zip(problem.parameters, row, strict=True) if c != 0.0]
+            limit = lower if value < lower else upper
+            what = names[0] if len(names) == 1 and row.max() == 1.0 else f"the combination of {', '.join(names)}"
+            yield f"start: {what} is {value:.6g}, beyond its limit {limit:.6g}; the search began there and moved inside"
+
+
+def _readings(fit: Fit) -> Iterator[str]:
+    """Single readings far from all others, and from their neighbours, that hold much of the squared residuals."""
+    records = {record.name: record for record in fit.problem.records}
+    names = fit.problem.model.outputs
+    simulated = {n: r for n, r in fit.residuals.items() if fit.problem.simulated and len(r) == len(records[n])}
+    for c, name in enumerate(names if simulated else ()):
+        found, squares, count = list[tuple[float, str, float]](), 0.0, 0
+        every = np.concatenate([r[:, c] for r in simulated.values()])
+        seen = every[np.isfinite(every)]
+        if len(seen) < _FEW:
+            continue
+        limit = _NORMAL * float(np.median(np.abs(seen))) * float(norm.isf(0.5 * _CHANCE / len(seen)))
+        squares, count = float(seen @ seen), len(seen)
+        for record, residuals in simulated.items():
+            own = residuals[:, c]
+            where = np.flatnonzero(np.isfinite(own))
+            values = own[where]
+            apart = np.abs(values - median_filter(values, 5, mode="nearest"))
+            for i in np.flatnonzero((np.abs(values) > limit) & (apart > limit)):
+                found.append((float(values[i] ** 2), record, float(records[record].t[where[i]])))
+        share = sum(square for square, _, _ in found) / squares if squares > 0.0 else 0.0
+        if share > _DOMINATE:
+            _, record, t = max(found)
+            many = f"{len(found)} readings" if len(found) > 1 else "one reading"
+            yield (
+                f"{name}: {many} of {count} hold{'s' * (len(found) == 1)} {100 * share:.0f} % of the squared residuals "
+                f"(the largest in record '{record}' at t = {t:.6g} s): set what is wrong to NaN, or give a robust "
+                "noise, noise=cs.StudentT()"
+            )
+
+
+def _colour(coloured: Sequence[str], parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """Residuals that are no white noise, where that changes the standard errors."""
+    ratios = [e.std / e.std_cramer_rao for e in parameters.values() if e.std_cramer_rao > 0.0]
+    if coloured and max(ratios, default=1.0) > _NOTICED:
+        yield (
+            f"the residuals of {', '.join(coloured)} are coloured: std allows for it and is up to {max(ratios):.2g} "
+            "times std_cramer_rao"
+        )
+
+
+def _held(fit: Fit) -> Iterator[str]:
+    """Parameters of which a limit leaves an interval to one side."""
+    for name, e in fit.parameters.items():
+        low, high = e.value - e.interval[0], e.interval[1] - e.value
+        if min(low, high) < _ONE_SIDED * max(low, high):
+            yield f"{name}: held by a limit; its 95 % interval is one-sided, {e.interval[0]:.4g} to {e.interval[1]:.4g}"
+
+
+def _noise(fit: Fit) -> Iterator[str]:
     """Residuals that a given noise does not explain: the model is wrong, or the minimum is not the lowest."""
+    problem, misfit = fit.problem, fit.cost - fit.prior_cost
+    samples = sum(channel.samples for channel in fit.channels.values())
     if problem.noise is None or isinstance(problem.noise, str | RangeWeights):
         return
     times = math.sqrt(max(2.0 * misfit, 0.0) / samples)
     if times > _UNEXPLAINED and isinstance(problem.cost, OutputError):
-        tried = "" if many_starts else ": solve(..., starts=20) tells"
+        tried = "" if fit.starts is not None else ": solve(..., starts=20) tells"
         yield (
             f"the residuals are {times:.2g} times the given noise: the model cannot follow these data, or another "
             f"minimum is lower{tried}"
@@ -62,7 +130,7 @@ def _parameters(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterato
     for name, e in parameters.items():
         std = known.get(name.split("[")[0], math.inf)
         far = abs(e.value - e.prior) / std if std > 0.0 else 0.0
-        error = e.std_corrected if math.isfinite(e.std_corrected) else 0.0
+        error = e.std if math.isfinite(e.std_corrected) else 0.0
         opposite = e.value * e.prior < 0.0 and abs(e.value) > _SURE * error
         stated = f" +- {std:.2g}" if math.isfinite(std) else ""
         numbers = f"{with_deviation(e.value, error)} against {e.prior:.4g}{stated}"

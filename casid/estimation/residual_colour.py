@@ -296,6 +296,12 @@ def autoregression(autocovariance: np.ndarray, count: int) -> Colour:
     return Colour(a=np.array(best[0]), variance=best[1])
 
 
+def gain(autocovariance: np.ndarray, count: int) -> float:
+    """Twice the gain in ln(likelihood) of `autoregression` over white noise."""
+    whole, left = max(float(autocovariance[0]), 0.0), autoregression(autocovariance, count).variance
+    return count * math.log(whole / left) if left > 0.0 else 0.0
+
+
 def estimated(autocovariance: np.ndarray, count: int) -> Colour:
     """`autoregression` of an autocovariance (lags,) that comes from `count` samples, less its bias to first order.
 

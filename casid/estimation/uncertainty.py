@@ -12,13 +12,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from casid.estimation.freedom import freedom
+from casid.estimation.one_sided import HeldDirections, held_directions
 from casid.estimation.residual_colour import (
+    ORDER,
     ChannelSums,
+    Colour,
     WhitePiece,
     coloured_score,
     estimated,
+    gain,
     gathered,
     noise_autocovariance,
     spread,
@@ -30,6 +35,9 @@ from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.kernel import whitened
 from casid.native.threads import single_threaded
 from casid.views import brief
+
+_CHANCE = 1e-3  # that white residuals are called coloured
+_Z95 = float(norm.ppf(0.975))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,8 +56,8 @@ class Uncertainty:
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
     does, bias above all, is in neither covariance.
-    Parameters held by an active limit have no variance along it. Both covariances are not a number where parameters
-    are confused and where nothing could be linearised (`linear` None).
+    A parameter that an active limit holds has an error to one side (see one_sided). Both covariances are not a number
+    where parameters are confused and where nothing could be linearised (`linear` None).
     """
 
     objective: Objective
@@ -61,29 +69,80 @@ class Uncertainty:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is kept of it are the numbers: how they came about is not pickled."""
-        known = {name: getattr(self, name) for name in ("covariance", "corrected", "confused")}
+        names = ("covariance", "corrected", "confused", "is_coloured", "coloured", "sides")
+        known = {name: getattr(self, name) for name in names}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
-        if self._inverse is None:
-            return self._unknown
-        levels, inverse = self.value.noise.levels, self._inverse
-        plain = not levels.proportional and (levels.share == 1.0).all()
-        score = self.linear.hessian if plain else self._scores[0]  # pyright: ignore[reportOptionalMemberAccess]
-        covariance = inverse if plain else inverse @ score @ inverse
-        if levels.fixed:
-            return covariance
-        data = score - np.diag(1.0 / self.objective.problem.prior_std**2)
-        told = float(np.trace(inverse @ data)) if plain else self._free.shape[1]
-        more = freedom(self.objective, levels, told) - 1.0
-        return covariance + more * inverse @ data @ inverse if np.isfinite(more) else self._unknown
+        return self._unknown if self._inverse is None else self._with_held(*self._cramer_rao)
 
     @cached_property
     def corrected(self) -> np.ndarray:
         """With the colour of the residuals."""
-        return self._unknown if self._inverse is None else self._inverse @ self._scores[1] @ self._inverse
+        return self._unknown if self._inverse is None else self._with_held(*self._coloured)
+
+    @property
+    def honest(self) -> np.ndarray:
+        """The corrected one where the residuals of any channel are coloured, else Cramer-Rao."""
+        return self.corrected if self.is_coloured else self.covariance
+
+    @cached_property
+    def is_coloured(self) -> bool:
+        """Whether an autoregression predicts the residuals of any channel better than white noise, by AIC."""
+        return self._inverse is not None and any(not c.white for c in self._scores.colours.values())
+
+    @cached_property
+    def coloured(self) -> tuple[str, ...]:
+        """Channels whose residuals are coloured beyond chance."""
+        if self._inverse is None:
+            return ()
+        names, chance = self.objective.channel_names, _CHANCE / max(len(self._scores.colours), 1)
+        return tuple(names[c] for c, gain in self._scores.gains.items() if gain > chi2.isf(chance, ORDER))
+
+    @cached_property
+    def sides(self) -> np.ndarray:
+        """(2, parameters) how far the 95 % interval reaches below and above the estimates."""
+        if self._inverse is None:
+            return np.full((2, len(self.objective.problem.parameters)), np.nan)
+        base, score = self._coloured if self.is_coloured else self._cramer_rao
+        squares = np.tile(_Z95**2 * np.maximum(np.diagonal(base), 0.0), (2, 1))
+        return np.sqrt(squares if self._held is None else squares + self._held.sides(score, _Z95))
+
+    @cached_property
+    def _cramer_rao(self) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance within the limits that hold, and the covariance of the gradient that it comes from."""
+        assert self.linear is not None and self._inverse is not None
+        levels, inverse = self.value.noise.levels, self._inverse
+        plain = not levels.proportional and (levels.share == 1.0).all()
+        score = self.linear.hessian if plain else self._scores.white
+        covariance = inverse if plain else inverse @ score @ inverse
+        if levels.fixed:
+            return covariance, score
+        data = score - np.diag(1.0 / self.objective.problem.prior_std**2)
+        told = float(np.trace(inverse @ data)) if plain else self._free.shape[1]
+        more = freedom(self.objective, levels, told) - 1.0
+        if not np.isfinite(more):
+            return self._unknown, score
+        return covariance + more * inverse @ data @ inverse, score + more * data
+
+    @cached_property
+    def _coloured(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `_cramer_rao`, with the colour of the residuals."""
+        score = self._scores.coloured
+        return self._inverse @ score @ self._inverse, score  # pyright: ignore[reportOptionalOperand]
+
+    def _with_held(self, covariance: np.ndarray, score: np.ndarray) -> np.ndarray:
+        return covariance if self._held is None else covariance + self._held.covariance(score)
+
+    @cached_property
+    def _held(self) -> HeldDirections | None:
+        assert self.linear is not None and self._inverse is not None
+        limits = self.objective.limits
+        rows = limits.at(self.linear.point.theta)[1]
+        equal = limits.lower == limits.upper
+        return held_directions(rows, self.limit_multipliers, equal, self.linear.hessian, self._inverse)
 
     @cached_property
     def confused(self) -> tuple[str, ...]:
@@ -117,7 +176,7 @@ class Uncertainty:
         return np.full((count, count), np.nan)
 
     @cached_property
-    def _scores(self) -> tuple[np.ndarray, np.ndarray]:
+    def _scores(self) -> _Scores:
         assert self.linear is not None
         return _score_covariances(self.objective, self.value, self.linear, self._free)
 
@@ -143,6 +202,30 @@ class Rescaled:
         """With the colour of the residuals."""
         found = self.of.corrected if self.coloured else self.of.covariance
         return found * np.outer(self.factor, self.factor)
+
+    @property
+    def honest(self) -> np.ndarray:
+        """The corrected one where the residuals of any channel are coloured, else Cramer-Rao."""
+        return self.of.honest * np.outer(self.factor, self.factor)
+
+    @property
+    def coloured(self) -> tuple[str, ...]:
+        """Channels whose residuals are coloured beyond chance."""
+        return self.of.coloured
+
+    @property
+    def sides(self) -> np.ndarray:
+        """(2, parameters) how far the 95 % interval reaches below and above the estimates; of a parameter that is
+        estimated by its logarithm the interval is that of the logarithm."""
+        below, above = self.of.sides
+        log = self.factor != 1.0
+        with np.errstate(over="ignore"):
+            return np.stack(
+                [
+                    np.where(log, -np.expm1(-below) * self.factor, below),
+                    np.where(log, np.expm1(above) * self.factor, above),
+                ]
+            )
 
     @property
     def confused(self) -> tuple[str, ...]:
@@ -172,11 +255,19 @@ def uncertainty(
     return Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=limit_multipliers)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Scores:
+    """Covariance (parameters, parameters) of the gradient for white and for coloured residuals; channel -> colour, and
+    twice the gain in ln(likelihood) that it is over white noise."""
+
+    white: np.ndarray
+    coloured: np.ndarray
+    colours: Mapping[int, Colour]
+    gains: Mapping[int, float]
+
+
 @single_threaded()
-def _score_covariances(
-    objective: Objective, value: ObjectiveValue, linear: Linearised, free: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance of the gradient for white and for coloured residuals, (parameters, parameters) each."""
+def _score_covariances(objective: Objective, value: ObjectiveValue, linear: Linearised, free: np.ndarray) -> _Scores:
     levels = value.noise.levels
     expected = levels.share * (levels.rms(value.squares) / levels.sigma) ** 2 if levels.proportional else levels.share
 
@@ -186,7 +277,9 @@ def _score_covariances(
         spread(white, own.gram(expected[channel] - 1.0))
     noise = noise_autocovariance(sums, prior, free)
     colours = {channel: estimated(noise[channel], own.count) for channel, own in sums.items()}
-    return white, prior + coloured_score(colours, sums, score_pieces(objective, value, linear), len(prior))
+    coloured = prior + coloured_score(colours, sums, score_pieces(objective, value, linear), len(prior))
+    gains = {channel: gain(noise[channel], own.count) for channel, own in sums.items()}
+    return _Scores(white=white, coloured=coloured, colours=colours, gains=gains)
 
 
 def prior_information(linear: Linearised, sums: Mapping[int, ChannelSums]) -> np.ndarray:

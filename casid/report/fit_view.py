@@ -19,8 +19,8 @@ from casid.report.style import window
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_COLUMNS = ("value", "std", "std_corrected", "prior", "prior_std")
-_HEADS = ("value", "std", "std corrected", "a priori", "a-priori std")
+_COLUMNS = ("value", "std", "std_cramer_rao", "prior", "prior_std")
+_HEADS = ("value", "std", "Cramer-Rao", "a priori", "a-priori std")
 _LATEX = str.maketrans({c: "\\" + c for c in "_%#&$"} | {"^": r"\textasciicircum{}", "~": r"\textasciitilde{}"})
 
 
@@ -76,7 +76,7 @@ def html(fit: Fit) -> str:
         [name, f"{c.rms:.4g}", f"{c.R2:.4f}", f"{c.theil:.3f}", str(c.samples)] for name, c in fit.channels.items()
     ]
     return (
-        html_paragraph(head, f"{fit.status}; {fit.iterations} iterations, cost {fit.cost:.6g}")
+        html_paragraph(head, f"{fit.status}; {fit.iterations} iterations, ln(likelihood) {fit.log_likelihood:.8g}")
         + html_list(fit.remarks)
         + html_table(("parameter", *_HEADS), parameters)
         + html_table(("channel", "rms", "R2", "Theil", "samples"), channels)

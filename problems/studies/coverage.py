@@ -250,7 +250,7 @@ def run(task: Mapping[str, Any]) -> dict[str, Any]:
 def _ends(kind: str, fit: Fit, flown: Flown, task: Mapping[str, Any]) -> dict[str, list[float]] | None:
     """parameter -> [estimate, lower, upper] of one kind; None when it failed."""
     if kind == "cramer_rao":
-        return _normal(fit.values, {n: e.std for n, e in fit.parameters.items()})
+        return _normal(fit.values, {n: e.std_cramer_rao for n, e in fit.parameters.items()})
     if kind == "corrected":
         return _normal(fit.values, {n: e.std_corrected for n, e in fit.parameters.items()})
     if kind == "input_noise":

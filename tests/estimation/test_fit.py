@@ -12,7 +12,7 @@ from matplotlib import pyplot
 
 import casid as cs
 
-COLUMNS = ["value", "std", "std_corrected", "prior", "prior_std"]
+COLUMNS = ["value", "std", "std_cramer_rao", "prior", "prior_std"]
 
 
 @pytest.fixture(scope="module")
