@@ -22,6 +22,7 @@ from casid.estimation.constraints import parameter as limits_of
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Solver
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
@@ -106,7 +107,7 @@ def negative_log_posterior(fit: Fit) -> float:
 def _check(fit: Fit, level: float, method: Transcription) -> None:
     if not 0.0 < number(level, "profile: level") < 1.0:
         raise InputError(f"profile: level is {level}; expected a probability inside (0, 1), like 0.95")
-    if not isinstance(fit.problem.cost, OutputError) or isinstance(fit.problem.noise, RangeWeights):
+    if not isinstance(fit.problem.cost, OutputError) or isinstance(fit.problem.noise, RangeWeights | StudentT | Huber):
         raise EstimationError("profile: the cost is no likelihood; use OutputError with noise given or estimated")
     if isinstance(method, MultipleShooting) and method.process_noise:
         raise EstimationError("profile: with soft defects the cost is no likelihood; use hard ones")

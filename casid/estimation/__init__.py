@@ -8,6 +8,8 @@ from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
 from casid.estimation.initial_state import InitialState
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
+from casid.estimation.results import Results
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.newton import Automatic
@@ -23,6 +25,7 @@ __all__ = [
     "Estimate",
     "Fit",
     "GaussNewton",
+    "Huber",
     "InitialState",
     "Ipopt",
     "Minimum",
@@ -31,9 +34,11 @@ __all__ = [
     "OutputError",
     "Problem",
     "RangeWeights",
+    "Results",
     "SingleShooting",
     "Starts",
     "StateHistory",
+    "StudentT",
     "linear",
     "nonlinear",
     "parameter",

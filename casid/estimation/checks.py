@@ -14,6 +14,7 @@ from casid.estimation.constraints import Constraint, LinearConstraint, Nonlinear
 from casid.estimation.cost import RangeWeights
 from casid.estimation.initial_state import InitialState
 from casid.estimation.noise import Noise
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.model.aircraft import Aircraft
 from casid.model.expressions import Symbols, expressions
 from casid.model.feedback import SampledFeedback
@@ -146,7 +147,7 @@ def check_initial_state(model: Model, initial: InitialState, records: Sequence[s
 
 def check_noise(noise: Any, model: Model) -> None:
     """Raise InputError for what is no noise."""
-    if noise is None or isinstance(noise, RangeWeights):
+    if noise is None or isinstance(noise, RangeWeights | StudentT | Huber):
         return
     if isinstance(noise, str):
         if noise != "full":
@@ -164,7 +165,8 @@ def check_noise(noise: Any, model: Model) -> None:
     else:
         like = ", ".join(f"'{name}': 0.01" for name in model.outputs[:2])
         raise InputError(
-            f"Problem: noise is {given(noise)}; expected None, a table {{{like}}}, 'full' or RangeWeights()"
+            f"Problem: noise is {given(noise)}; expected None, a table {{{like}}}, 'full', RangeWeights(), StudentT() "
+            "or Huber()"
         )
 
 

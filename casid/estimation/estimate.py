@@ -15,6 +15,8 @@ from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.many_starts import best_of
 from casid.estimation.noise_formula import solved_with_formulas
 from casid.estimation.problem import Problem
+from casid.estimation.robust import solved_robustly
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
@@ -85,6 +87,13 @@ def solve(
     if problem.noise_formulas:
         return solved_with_formulas(
             problem,
+            lambda one: solve(one, method, solver, starts=starts, seed=seed),
+            lambda one: solve(one, method, solver),
+        )
+    if isinstance(problem.noise, StudentT | Huber):
+        return solved_robustly(
+            problem,
+            problem.noise,
             lambda one: solve(one, method, solver, starts=starts, seed=seed),
             lambda one: solve(one, method, solver),
         )

@@ -9,11 +9,13 @@ import numpy as np
 
 from casid.estimation.problem import Problem
 from casid.estimation.results import ANOTHER_MINIMUM
+from casid.estimation.solvers.full_noise import FullNoise
 from casid.estimation.solvers.point import Point
 from casid.estimation.uncertainty import Uncertainty
 from casid.model.expressions import origin
 from casid.model.system import unguessed_states
 
+_BEYOND = 1e3  # times the root mean square of what was measured: no simulation that follows it is so far away
 _RAN_OFF = 1e6  # times the larger of start and a-priori value: no data move a parameter there that they see
 
 
@@ -32,6 +34,12 @@ def status_in_words(problem: Problem, status: str, point: Point, errors: Uncerta
         status = status.partition("; try")[0]
         advice.append(
             "try MultipleShooting()" if single else "check start values, units and time, or try Collocation()"
+        )
+    elif _ran_away(problem, errors):
+        status = "departed: the simulation runs away from the measured motion"
+        single = type(method).__name__ == "SingleShooting"
+        advice.append(
+            "use MultipleShooting()" if single else "check start values, units and time, or try Collocation()"
         )
     elif "ingular" in status or "told apart" in status or "no motion" in status or "no descent" in status:
         status = _plain(problem, status, errors)
@@ -72,6 +80,17 @@ def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> st
     if len(confused) == 1:
         return f"not identifiable: nothing in these data depends on {confused[0]}; fix it or give a prior"
     return f"not identifiable: the data cannot tell {', '.join(confused)} apart; fix one or give a prior"
+
+
+def _ran_away(problem: Problem, errors: Uncertainty) -> bool:
+    """Whether the simulated outputs are beyond anything that was measured."""
+    if not problem.simulated:
+        return False
+    levels, squares = errors.value.noise.levels, errors.value.squares
+    if isinstance(levels, FullNoise):
+        return not np.isfinite(squares).all()
+    measured = np.sqrt(levels.magnitude / np.maximum(levels.present, 1))
+    return bool((~(levels.rms(squares) <= _BEYOND * measured) & (levels.present > 0)).any())
 
 
 def _it(names: list[str]) -> str:

@@ -107,13 +107,14 @@ class _Squares:
         totals: tuple[float, float],
     ) -> Fit:
         posed = self.posed
-        y, r = (np.concatenate(list(table.values())) for table in (predictions, residuals))
-        present = np.isfinite(r)
+        y = np.concatenate(list(predictions.values()))
+        z = np.concatenate([posed.outputs_of(record) for record in posed.records])
+        present = np.isfinite(z)
         noise, channels = {}, {}
         for i, name in enumerate(posed.model.outputs):
             if not present[:, i].any():
                 continue
-            channels[name] = channel_fit(y[:, i] + r[:, i], y[:, i])
+            channels[name] = channel_fit(z[:, i], y[:, i])
             if name in posed.noise_formulas:
                 sigma = np.concatenate([sizes[record.name][name] for record in posed.records])[present[:, i]]
                 noise[name] = float(np.sqrt(np.mean(sigma**2)))

@@ -28,6 +28,7 @@ from casid.estimation.constraints import Constraint, LinearConstraint, Nonlinear
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
 from casid.estimation.initial_state import InitialState
 from casid.estimation.noise import Noise
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.model.feedback import SampledFeedback
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
@@ -95,7 +96,7 @@ class Problem:
     log: Sequence[str] = ()
     start: Mapping[str, float] = field(default_factory=dict)
     cost: Cost = field(default_factory=OutputError)
-    noise: Mapping[str, float | str | Noise] | RangeWeights | np.ndarray | str | None = None
+    noise: Mapping[str, float | str | Noise] | RangeWeights | StudentT | Huber | np.ndarray | str | None = None
     prior: bool = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
@@ -127,6 +128,8 @@ class Problem:
             raise EstimationError(
                 "Problem: correlated noise is that of simulated outputs alone; equations take noise per channel"
             )
+        if isinstance(self.noise, StudentT | Huber) and self.model.states and self.weights[1] > 0.0:
+            raise EstimationError("Problem: robust noise is that of simulated outputs; use OutputError()")
         for constraint in self.constraints:
             self._check_constraint(constraint)
         _check_logarithmic(self)

@@ -13,6 +13,7 @@ from scipy.stats import norm
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.fitted import ChannelFit, Estimate
 from casid.estimation.problem import Problem
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.model.numbers import with_deviation
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def remarks(fit: Fit) -> tuple[str, ...]:
     found = [*_start(fit.problem), *_channels(fit.channels), *_readings(fit), *_parameters(fit.problem, fit.parameters)]
     if not fit.converged:
         return tuple(found)
-    errors = [*_colour(fit.uncertainty.coloured, fit.parameters), *_held(fit), *_errors(fit.parameters)]
+    errors = [*_colour(fit.uncertainty.coloured_channels, fit.parameters), *_held(fit), *_errors(fit.parameters)]
     return (*_noise(fit), *found, *errors)
 
 
@@ -57,7 +58,8 @@ def _readings(fit: Fit) -> Iterator[str]:
     """Single readings far from all others, and from their neighbours, that hold much of the squared residuals."""
     records = {record.name: record for record in fit.problem.records}
     names = fit.problem.model.outputs
-    simulated = {n: r for n, r in fit.residuals.items() if fit.problem.simulated and len(r) == len(records[n])}
+    robust = isinstance(fit.problem.noise, StudentT | Huber)
+    simulated = {n: r for n, r in fit.residuals.items() if fit.problem.simulated and not robust}
     for c, name in enumerate(names if simulated else ()):
         found, squares, count = list[tuple[float, str, float]](), 0.0, 0
         every = np.concatenate([r[:, c] for r in simulated.values()])
@@ -106,7 +108,7 @@ def _noise(fit: Fit) -> Iterator[str]:
     """Residuals that a given noise does not explain: the model is wrong, or the minimum is not the lowest."""
     problem, misfit = fit.problem, fit.cost - fit.prior_cost
     samples = sum(channel.samples for channel in fit.channels.values())
-    if problem.noise is None or isinstance(problem.noise, str | RangeWeights):
+    if problem.noise is None or isinstance(problem.noise, str | RangeWeights | StudentT | Huber):
         return
     times = math.sqrt(max(2.0 * misfit, 0.0) / samples)
     if times > _UNEXPLAINED and isinstance(problem.cost, OutputError):

@@ -3,41 +3,46 @@
 A local minimum of a simulation over a long time is often not the lowest: the simulated motion is out of step with the
 measured one, and a small change of the parameters does not bring it back. Its residuals are then slow, and the same
 model explains short stretches of the record far better when each has an initial state of its own. A model that is
-wrong shows the same, to a lesser degree. Multiple shooting with a state at every sample decides between the two: it
-starts from the measured states, so that it cannot lose step, and either returns to the solution or finds a better one.
+wrong shows the same, to a lesser degree. Multiple shooting with a state at every sample decides between the two: from
+the measured states and the parameters that suit the stretches it either returns to the solution or finds a better one.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from casid.estimation.attempt import Attempt
 from casid.estimation.integration import EXACT
+from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import ObjectiveValue
 from casid.estimation.solvers.quadratic import jacobi_scale
+from casid.estimation.transcriptions.dynamics import Blocks
 from casid.estimation.transcriptions.kernel import whitened
-from casid.estimation.transcriptions.shooting import Shooting
+from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.transcription import MultipleShooting
 
 _LAGS = 12  # samples
 _SLOW = 0.5  # autocorrelation of residuals of which half is no noise
 _LEFT = 0.5  # of the sum of squares: what short stretches leave of it where they contradict the whole
 _STRETCH = 10  # samples
+_STEPS, _SETTLED = 15, 1e-3  # of Gauss and Newton, and relative change of the sum of squares that ends them
+_RANK = 1e-8  # of the scaled information: less moves no parameter
 _PER_STATE = 5  # readings of a stretch per state, so that its initial state takes a fifth of them at most
 
 
 def doubtful(attempt: Attempt) -> bool:
-    """Whether short stretches of the records contradict a solution that was simulated over longer ones."""
+    """Whether short stretches of the records contradict a simulated solution."""
     objective, value = attempt.objective, attempt.outcome.value
     dynamics = objective.dynamics
-    if not isinstance(dynamics, Shooting) or dynamics.soft or dynamics.layout.length <= dynamics.layout.substeps:
-        return False  # nothing is simulated, or there is a state at every sample already
+    if dynamics is None or dynamics.soft or value.trajectory is None:
+        return False
     if _exact(objective, value) or largest_autocorrelation(objective, value) < _SLOW:
         return False
-    return left_by_stretches(objective, value) < _LEFT
+    return by_stretches(objective, value).left < _LEFT
 
 
 def _exact(objective: Objective, value: ObjectiveValue) -> bool:
@@ -65,10 +70,18 @@ def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> floa
         return float(np.nan_to_num(np.abs(sums[1:] / sums[0])).max(initial=0.0))
 
 
-def left_by_stretches(objective: Objective, value: ObjectiveValue) -> float:
-    """What short stretches, each with its own initial state, leave of the sum of squared residuals of the whole, once
-    the parameters have moved by one Gauss-Newton step; 1 is expected of a solution with white noise. Zero where the
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stretches:
+    """What short stretches, each with its own initial state, leave of the sum of squared residuals of the whole, and the
+    parameters (parameters,) with which they do; 1 is expected of a solution with white noise. Zero and None where the
     records are too short to tell, or the model does not move from the measured states."""
+
+    left: float
+    theta: np.ndarray | None
+
+
+def by_stretches(objective: Objective, value: ObjectiveValue) -> Stretches:
+    """Parameters and initial states of all stretches by some steps of Gauss and Newton from those of a value."""
     problem, whole, n = objective.problem, objective.layout, len(objective.scale)
     weights, trajectory = objective.whitening(value.noise.levels), value.trajectory
     assert trajectory is not None
@@ -76,32 +89,55 @@ def left_by_stretches(objective: Objective, value: ObjectiveValue) -> float:
     channels = max(int((whole.present.sum(axis=(0, 1)) > 0).sum()), 1)
     length = max(_STRETCH, math.ceil(_PER_STATE * n / channels))
     if max(len(record) for record in problem.records) < 2 * length:
-        return 0.0
+        return Stretches(left=0.0, theta=None)
     dynamics = MultipleShooting(interval=length, substeps=whole.substeps).dynamics(problem)
-    layout, nodes = dynamics.layout, dynamics.layout.start.copy()
-    parameters = value.parameters[layout.record]
-    weak = np.diag(1.0 / objective.scale**2)
-    for settled in (False, True):
-        motion = dynamics.trajectory(nodes, parameters)
-        if not np.isfinite(motion.y).all():
-            return 0.0
-        blocks = dynamics.blocks(motion, parameters, weights)
-        by_state, gradient = blocks.hessian[:, :n, n:], blocks.gradient[:, :n, None]
-        solved = np.linalg.solve(blocks.hessian[:, :n, :n] + weak, np.concatenate([by_state, gradient], axis=2))
-        if not settled:
-            nodes = nodes - solved[..., -1]
-    left = _squares(motion.y, layout.z, weights, layout.pattern) - float((gradient * solved[..., -1:]).sum())
-    information, slope = np.zeros((len(problem.parameters),) * 2), np.zeros(len(problem.parameters))
+    layout, weak = dynamics.layout, np.diag(1.0 / objective.scale**2)
+    nodes, parameters = layout.start.copy(), value.parameters
+    theta = np.zeros(len(problem.parameters))
     for r in range(len(problem.records)):
-        own, columns = layout.segments_of(r), problem.columns(r)
-        direct = blocks.hessian[own, n:, n:] - by_state[own].transpose(0, 2, 1) @ solved[own, :, :-1]
-        information[np.ix_(columns, columns)] += direct.sum(axis=0)
-        through = (by_state[own].transpose(0, 2, 1) @ solved[own, :, -1:])[..., 0]
-        slope[columns] += (blocks.gradient[own, n:] - through).sum(axis=0)
-    scale = jacobi_scale(information)
-    step = scale * np.linalg.lstsq(information * np.outer(scale, scale), scale * slope, rcond=1e-12)[0]
+        theta[problem.columns(r)] = parameters[r, problem.free_index]
+    best, found, step = math.inf, (nodes, theta), (np.zeros_like(nodes), np.zeros_like(theta))
+    for iteration in range(_STEPS):
+        motion = dynamics.trajectory(nodes, problem.model_parameters(theta)[layout.record])
+        squares = _squares(motion.y, layout.z, weights, layout.pattern)
+        if not squares < best:
+            if best == math.inf:
+                return Stretches(left=0.0, theta=None)
+            step = 0.5 * step[0], 0.5 * step[1]
+        else:
+            settled = squares > (1.0 - _SETTLED) * best
+            best, found = squares, (nodes, theta)
+            if settled:
+                break
+            blocks = dynamics.blocks(motion, problem.model_parameters(theta)[layout.record], weights)
+            step = _stretched_step(problem, layout, blocks, weak, moving=iteration > 0)
+        nodes, theta = found[0] + step[0], found[1] + step[1]
     states = layout.segments * n / max(float(layout.present.sum()), 1.0)
-    return float((left - slope @ step) / (before * max(1.0 - states, 0.5)))
+    return Stretches(left=float(best / (before * max(1.0 - states, 0.5))), theta=found[1])
+
+
+def _stretched_step(
+    problem: Problem, layout: Layout, blocks: Blocks, weak: np.ndarray, moving: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of the states (K, n) and, where they are `moving`, of the parameters (parameters,)."""
+    n = len(weak)
+    by_state, gradient = blocks.hessian[:, :n, n:], blocks.gradient[:, :n, None]
+    solved = np.linalg.solve(blocks.hessian[:, :n, :n] + weak, np.concatenate([by_state, gradient], axis=2))
+    theta = np.zeros(len(problem.parameters))
+    if moving:
+        information, slope = np.zeros((len(theta),) * 2), np.zeros(len(theta))
+        for r in range(len(problem.records)):
+            own, columns = layout.segments_of(r), problem.columns(r)
+            turned = by_state[own].transpose(0, 2, 1)
+            direct = blocks.hessian[own, n:, n:] - turned @ solved[own, :, :-1]
+            information[np.ix_(columns, columns)] += direct.sum(axis=0)
+            slope[columns] += (blocks.gradient[own, n:] - (turned @ solved[own, :, -1:])[..., 0]).sum(axis=0)
+        scale = jacobi_scale(information)
+        scaled = information * np.outer(scale, scale)
+        theta = -scale * np.linalg.lstsq(scaled, scale * slope, rcond=_RANK)[0]
+    own = np.array([problem.columns(r) for r in range(len(problem.records))])[layout.record]
+    follow = (solved[..., :-1] @ theta[own][..., None])[..., 0]
+    return -solved[..., -1] - follow, theta
 
 
 def _squares(y: np.ndarray, z: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> float:

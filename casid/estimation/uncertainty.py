@@ -6,6 +6,7 @@ the parameters with the states re-estimated (u_i below), obtained from the same 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,7 +70,7 @@ class Uncertainty:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is kept of it are the numbers: how they came about is not pickled."""
-        names = ("covariance", "corrected", "confused", "is_coloured", "coloured", "sides")
+        names = ("covariance", "corrected", "confused", "is_coloured", "coloured_channels", "sides")
         known = {name: getattr(self, name) for name in names}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
@@ -94,7 +95,7 @@ class Uncertainty:
         return self._inverse is not None and any(not c.white for c in self._scores.colours.values())
 
     @cached_property
-    def coloured(self) -> tuple[str, ...]:
+    def coloured_channels(self) -> tuple[str, ...]:
         """Channels whose residuals are coloured beyond chance."""
         if self._inverse is None:
             return ()
@@ -184,48 +185,50 @@ class Uncertainty:
 @dataclass(frozen=True, eq=False)
 class Rescaled:
     """The standard errors of another scale of the parameters: `factor` (parameters,) is the change of each per change
-    of what was estimated. Not `coloured`: residuals that say nothing of a colour, as of noise by formula."""
+    of what was estimated, and `inflation` multiplies all variances. Not `coloured`: residuals that say nothing of a
+    colour, as of noise by formula."""
 
     of: Uncertainty | Rescaled
     factor: np.ndarray
     coloured: bool = True
+    inflation: float = 1.0
 
     __repr__ = brief
 
     @property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
-        return self.of.covariance * np.outer(self.factor, self.factor)
+        return self._scaled(self.of.covariance)
 
     @property
     def corrected(self) -> np.ndarray:
         """With the colour of the residuals."""
-        found = self.of.corrected if self.coloured else self.of.covariance
-        return found * np.outer(self.factor, self.factor)
+        return self._scaled(self.of.corrected if self.coloured else self.of.covariance)
 
     @property
     def honest(self) -> np.ndarray:
         """The corrected one where the residuals of any channel are coloured, else Cramer-Rao."""
-        return self.of.honest * np.outer(self.factor, self.factor)
+        return self._scaled(self.of.honest if self.coloured else self.of.covariance)
 
     @property
-    def coloured(self) -> tuple[str, ...]:
+    def coloured_channels(self) -> tuple[str, ...]:
         """Channels whose residuals are coloured beyond chance."""
-        return self.of.coloured
+        return self.of.coloured_channels if self.coloured else ()
 
     @property
     def sides(self) -> np.ndarray:
         """(2, parameters) how far the 95 % interval reaches below and above the estimates; of a parameter that is
         estimated by its logarithm the interval is that of the logarithm."""
-        below, above = self.of.sides
-        log = self.factor != 1.0
+        plain = _Z95 * np.sqrt(np.maximum(np.diagonal(self.of.covariance), 0.0))
+        sides = self.of.sides if self.coloured else np.stack([plain, plain])
+        below, above = math.sqrt(self.inflation) * sides
+        log, factor = self.factor != 1.0, self.factor
         with np.errstate(over="ignore"):
-            return np.stack(
-                [
-                    np.where(log, -np.expm1(-below) * self.factor, below),
-                    np.where(log, np.expm1(above) * self.factor, above),
-                ]
-            )
+            low = np.where(log, -np.expm1(-below) * factor, below)
+            return np.stack([low, np.where(log, np.expm1(above) * factor, above)])
+
+    def _scaled(self, covariance: np.ndarray) -> np.ndarray:
+        return self.inflation * covariance * np.outer(self.factor, self.factor)
 
     @property
     def confused(self) -> tuple[str, ...]:

@@ -2,8 +2,8 @@
 
 1. The usual solver in the transcription that was asked for: Gauss-Newton for Automatic().
 2. Where it found nothing, or short stretches of the records contradict what it found: multiple shooting with a state at
-   every sample, from the parameters where it ended and from the start. Under constraints that bind also from the
-   solution without them. The most likely solution is taken.
+   every sample, from the parameters that suit the stretches, from those where it ended and from the start; collocation
+   after that. Under constraints that bind also from the solution without them. The most likely solution is taken.
 3. Where none was found, Automatic() goes on in the transcription that was asked for, with all its methods.
 
 With any other solver than Automatic() the second step only judges: a better solution is said in the status.
@@ -20,7 +20,7 @@ from casid.estimation.attempt import Attempt, Timed, as_motion, attempted, build
 from casid.estimation.integration import Stepping, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.results import ANOTHER_MINIMUM
-from casid.estimation.second_opinion import doubtful
+from casid.estimation.second_opinion import by_stretches, doubtful
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Outcome, Solver
@@ -81,9 +81,9 @@ def _held(attempt: Attempt) -> bool:
 def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> tuple[Attempt, bool]:
     """The most likely of a first end and those from other starts, and whether another start came to the same."""
     best, agreed = first, False
-    for other in _others(problem, method, first, quick):
+    for other, apart in _others(problem, method, first, quick):
         if first.found and _same(first, other):
-            agreed = True
+            agreed |= apart
         elif other.found and (not best.found or other.misfit < best.misfit - _EQUAL):
             best, agreed = other, False
         if best.found and (agreed or not doubtful(best)) and not (_held(best) and best is first):
@@ -91,10 +91,10 @@ def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Ti
     return best, agreed
 
 
-def _others(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> Iterator[Attempt]:
-    """Attempts from other starts, each made when it is asked for, as long as there is time."""
+def _others(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> Iterator[tuple[Attempt, bool]]:
+    """Attempts from other starts, each made when it is asked for, as long as there is time, and whether their start
+    does not depend on where the first ended."""
     fine = _fine(problem, method)
-    starts = dict(zip(problem.parameters, problem.start_vector.tolist(), strict=True))
     if problem.constraints and quick.left > 0.0:
         free = replace(problem, constraints=())
         unbound = replace(quick, solver=GaussNewton(patient=False))
@@ -102,16 +102,28 @@ def _others(problem: Problem, method: Transcription, first: Attempt, quick: Time
         if not found.found and quick.left > 0.0:
             found = attempted(free, fine, unbound)
         if found.found and quick.left > 0.0:
-            yield attempted(replace(problem, start=found.values), method, quick)
+            yield attempted(replace(problem, start=found.values), method, quick), False
     if first.found and not doubtful(first):
         return
-    ended = first.values
-    if np.isfinite(list(ended.values())).all() and ended != starts and quick.left > 0.0:
-        yield attempted(replace(problem, start=ended), fine, quick)
-    if quick.left > 0.0:
-        yield attempted(problem, fine, quick)
+    ended = first.outcome.point.theta
+    stretched = _suiting_stretches(first)
+    for theta in (stretched, ended, problem.start_vector):
+        if theta is not None and np.isfinite(theta).all() and quick.left > 0.0:
+            start = dict(zip(problem.parameters, theta.tolist(), strict=True))
+            yield attempted(replace(problem, start=start), fine, quick), theta is stretched or stretched is None
     if not isinstance(method, Collocation) and problem.feedback is None and quick.left > 0.0:
-        yield attempted(problem, Collocation(), quick)
+        yield attempted(problem, Collocation(), quick), True
+
+
+def _suiting_stretches(first: Attempt) -> np.ndarray | None:
+    """Parameters (parameters,) that suit short stretches, from where an attempt ended."""
+    value = first.outcome.value
+    if value.trajectory is None or not np.isfinite(value.parameters).all():
+        return None
+    try:
+        return by_stretches(first.objective, value).theta
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _fine(problem: Problem, method: Transcription) -> Transcription:

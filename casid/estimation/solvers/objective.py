@@ -16,6 +16,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels
@@ -82,6 +83,8 @@ class Objective:
         share = np.full(measured.shape[1], self.equation_share)
         share[: self._outputs] = self.part
         noise, names = self.problem.noise, self.channel_names
+        if isinstance(noise, StudentT | Huber):  # solved by weights; elsewhere its scale is what noise there is
+            noise = noise.sigma
         if not isinstance(noise, str | np.ndarray):
             known = (
                 {n: float(s) for n, s in noise.items() if not isinstance(s, Noise)}

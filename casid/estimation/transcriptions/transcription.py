@@ -10,6 +10,7 @@ from casid.arguments import an, number, numbers_by_name, whole
 from casid.errors import EstimationError, InputError
 from casid.estimation.cost import RangeWeights
 from casid.estimation.problem import Problem
+from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import Layout, build_layout
@@ -112,7 +113,7 @@ class MultipleShooting:
             Where it drives what the model does not have.
         """
         noise = dict(self.process_noise or {})
-        if noise and (problem.noise is None or isinstance(problem.noise, RangeWeights | str)):
+        if noise and (problem.noise is None or isinstance(problem.noise, RangeWeights | StudentT | Huber | str)):
             raise EstimationError(
                 "solve: with process noise the measurement noise cannot be read off the residuals; "
                 "give Problem(noise={channel: 1-sigma, ...}) or its covariance"

@@ -1,0 +1,232 @@
+"""Truth: the parameters that the data were made with by LSODA or matrix exponentials; the likelihood of LSODA."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from estimation_cases import NOISE, flight, short_period
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import casid as cs
+from casid.estimation.results import result_of
+
+Motion = Callable[[float, np.ndarray], list[float]]
+
+
+def recorded(motion: Motion, names: tuple[str, ...], x0: list[float], t: np.ndarray, sigma: float) -> cs.Record:
+    """States by LSODA, with white noise."""
+    found = solve_ivp(motion, (t[0], t[-1]), x0, "LSODA", t, rtol=1e-10, atol=1e-12)
+    noise = sigma * np.random.default_rng(1).standard_normal(found.y.shape)
+    return cs.Record(name="m1", t=t, channels=dict(zip(names, found.y + noise, strict=True)))
+
+
+def system(name: str, states: tuple[str, ...], start: dict[str, float], slopes: Callable[[Any], dict]) -> cs.Model:
+    return cs.define_model(
+        name,
+        states=states,
+        inputs=(),
+        parameters=start,
+        outputs=states,
+        dynamics=slopes,
+        output=lambda s: {x: getattr(s, x) for x in states},
+    )
+
+
+def pendulum(start: float, sigma: float = 0.05, length: float = 10.0, angle: float = 0.5) -> cs.Problem:
+    model = system("pendulum", ("a", "w"), {"p": start}, lambda s: {"a": s.w, "w": -s.p * ca.sin(s.a)})
+    t = np.linspace(0.0, 50.0, 1000)
+    record = recorded(lambda _, x: [x[1], -length * np.sin(x[0])], ("a", "w"), [angle, 0.0], t, sigma)
+    return cs.Problem(model, [record], free=["p"])
+
+
+def van_der_pol(start: float, mu: float) -> cs.Problem:
+    model = system("vdp", ("x", "y"), {"mu": start}, lambda s: {"x": s.y, "y": s.mu * (1 - s.x**2) * s.y - s.x})
+    t = np.linspace(0.0, 20.0, 401)
+    record = recorded(lambda _, x: [x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]], ("x", "y"), [2.0, 0.0], t, 0.05)
+    return cs.Problem(model, [record], free=["mu"])
+
+
+LORENZ = {"s": 10.0, "r": 28.0, "b": 8.0 / 3.0}
+
+
+def lorenz(factor: float) -> cs.Problem:
+    model = system(
+        "lorenz",
+        ("x", "y", "z"),
+        {name: factor * value for name, value in LORENZ.items()},
+        lambda s: {"x": s.s * (s.y - s.x), "y": s.x * (s.r - s.z) - s.y, "z": s.x * s.y - s.b * s.z},
+    )
+    s, r, b = LORENZ.values()
+    t = np.linspace(0.0, 10.0, 501)
+    motion: Motion = lambda _, x: [s * (x[1] - x[0]), x[0] * (r - x[2]) - x[1], x[0] * x[1] - b * x[2]]  # noqa: E731
+    return cs.Problem(model, [recorded(motion, ("x", "y", "z"), [-8.0, 7.0, 27.0], t, 0.5)], free=["*"])
+
+
+def unstable(growth: float, decay: float, dt: float = 0.06, seconds: float = 60.0) -> tuple[cs.Problem, dict]:
+    """A short period with the poles `growth` and -`decay`, flown by a pilot that a control law helps; from the truth.
+    Exact for an elevator that runs linearly between the samples, as it is recorded."""
+    trace, product = growth - decay, -growth * decay
+    truth = {"Za": -1.0, "Zde": -0.15, "Ma": -1.0 * (trace + 1.0) - product, "Mq": trace + 1.0, "Mde": -6.0}
+    a = np.array([[truth["Za"], 1.0], [truth["Ma"], truth["Mq"]]])
+    big = np.zeros((4, 4))
+    big[:2, :2], big[:2, 2], big[2, 3] = a, [truth["Zde"], truth["Mde"]], 1.0
+    over, gain = expm(big * dt), np.array([2.5, 1.2])
+    rng, count = np.random.default_rng(3), int(seconds / dt)
+    pilot = 0.03 * np.repeat(rng.standard_normal(count // 50 + 1), 50)[:count]
+    x, u = np.zeros((count, 2)), np.zeros(count)
+    x[0] = 0.01, -0.02
+    u[0] = gain @ x[0] + pilot[0]
+    for k in range(count - 1):
+        known = over[:2, :2] @ x[k] + over[:2, 2] * u[k] + over[:2, 3] * (pilot[k + 1] - u[k]) / dt
+        x[k + 1] = np.linalg.solve(np.eye(2) - np.outer(over[:2, 3], gain) / dt, known)
+        u[k + 1] = gain @ x[k + 1] + pilot[k + 1]
+    channels = {"delta_e": u} | {
+        n: x[:, i] + NOISE[n] * rng.standard_normal(count) for i, n in enumerate(("alpha", "q"))
+    }
+    record = cs.Record(name="m1", t=dt * np.arange(count), channels=channels)
+    return cs.Problem(short_period(truth), [record], free=["*"]), truth
+
+
+def right(fit: cs.Fit, truth: dict[str, float]) -> bool:
+    return all(abs(fit[name].value - value) < 4.0 * fit[name].std for name, value in truth.items())
+
+
+@pytest.mark.parametrize("method", [cs.SingleShooting(), cs.MultipleShooting(interval=100), cs.MultipleShooting()])
+@pytest.mark.parametrize("poles", [(1.6, 3.3), (0.5, 2.0), (3.0, 4.0)])
+def test_an_unstable_aircraft_from_the_truth(poles, method):
+    """Single shooting over 60 s multiplies an error by exp(60 x pole)."""
+    problem, truth = unstable(*poles)
+    fit = cs.solve(problem, method)
+    assert fit.converged and right(fit, truth)
+
+
+@pytest.mark.parametrize("method", [cs.SingleShooting(), cs.MultipleShooting()])
+@pytest.mark.parametrize("start", [1.0, 5.0, 9.0, 20.0, 40.0])
+def test_a_pendulum_from_afar(start, method):
+    fit = cs.solve(pendulum(start), method)
+    assert fit.converged and fit["p"].value == pytest.approx(10.0, abs=4.0 * fit["p"].std)
+
+
+@pytest.mark.parametrize("start", [0.5, 12.0, 60.0])
+def test_a_pendulum_that_swings_widely(start):
+    fit = cs.solve(pendulum(start, length=4.0, angle=2.8), cs.SingleShooting())
+    assert not fit.converged or right(fit, {"p": 4.0})
+
+
+@pytest.mark.parametrize("start", [1.0, 30.0, 40.0])
+def test_what_is_not_found_is_not_claimed(start):
+    """Noise as large as the motion, and a start far away."""
+    fit = cs.solve(pendulum(start, sigma=0.3))
+    assert right(fit, {"p": 10.0}) if fit.converged else fit.result is not cs.Results.CONVERGED
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.7, 1.4, 2.0])
+def test_chaos(factor):
+    fit = cs.solve(lorenz(factor), cs.SingleShooting())
+    assert fit.converged and right(fit, LORENZ)
+
+
+@pytest.mark.parametrize(("start", "mu"), [(3.0, 1.0), (2.0, 5.0), (6.0, 2.0), (0.1, 1.0)])
+def test_van_der_pol_by_single_shooting(start, mu):
+    fit = cs.solve(van_der_pol(start, mu), cs.SingleShooting())
+    assert fit.converged and right(fit, {"mu": mu})
+
+
+def test_another_way_is_said_and_a_named_solver_only_judged():
+    found = cs.solve(van_der_pol(2.0, 5.0), cs.SingleShooting())
+    assert found.remarks and found.remarks[0] == found.way and found.method == "MultipleShooting"
+    alone = cs.solve(van_der_pol(2.0, 5.0), cs.SingleShooting(), cs.GaussNewton(iterations=300))
+    assert alone.method == "SingleShooting" and not alone.converged
+    assert alone.result is cs.Results.ANOTHER_MINIMUM and "MultipleShooting" in alone.status
+    assert alone.log_likelihood < found.log_likelihood
+
+
+def test_a_good_fit_has_no_second_way():
+    fit = cs.solve(pendulum(9.0, sigma=0.05))
+    assert fit.way == "" and fit.remarks == () and fit.result is cs.Results.CONVERGED
+
+
+def test_a_model_that_cannot_follow_its_data_may_converge():
+    """Slow residuals that no parameter takes away: the second opinion agrees, and the estimate is that of SciPy's."""
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.0, 20.0, 401)
+    y = np.exp(-0.3 * t) + 0.05 * np.sin(1.3 * t) + 0.002 * rng.standard_normal(len(t))
+    model = system("decay", ("x",), {"a": 0.2}, lambda s: {"x": -s.a * s.x})
+    record = cs.Record(name="m1", t=t, channels={"x": y})
+    known = cs.InitialState(value={"x": 1.0}, std={"x": 0.0})
+    fit = cs.solve(cs.Problem(model, [record], free=["a"], initial_state=known), cs.SingleShooting())
+    rates = np.linspace(0.2, 0.4, 200_001)
+    sums = np.array([np.square(y - np.exp(-a * t)).sum() for a in rates[::100]])
+    assert fit.converged and fit["a"].value == pytest.approx(rates[::100][sums.argmin()], abs=2e-4)
+
+
+def lsoda_misfit(problem: cs.Problem, p: float) -> float:
+    """-ln(likelihood) of the pendulum with estimated noise, its initial state at the reading, by LSODA."""
+    record = problem.records[0]
+    motion = solve_ivp(
+        lambda _, x: [x[1], -p * np.sin(x[0])], (0.0, record.t[-1]), [record["a"][0], record["w"][0]], "LSODA", record.t
+    )
+    off = motion.y - np.stack([record["a"], record["w"]])
+    return float(len(record) * np.log(np.sqrt((off**2).mean(axis=1))).sum())
+
+
+@pytest.mark.parametrize("start", [1.0, 9.7, 10.3, 35.0])
+@pytest.mark.parametrize("solver", [cs.Automatic(iterations=3), cs.Automatic()])
+def test_never_less_likely_than_the_start(start, solver):
+    problem = pendulum(start, sigma=0.3)
+    fit = cs.solve(problem, cs.SingleShooting(), solver)
+    residuals = fit.residuals["m1"]
+    ended = len(residuals) * np.log(np.sqrt((residuals**2).mean(axis=0))).sum()
+    assert ended <= lsoda_misfit(problem, start) + 0.1
+
+
+def test_a_constrained_fit_is_as_good_as_the_free_one_allows():
+    """From zero, with a bound that binds and with an equality that the free solution nearly satisfies."""
+    problem, truth = unstable(1.6, 3.3)
+    free = cs.solve(problem)
+    zero = dict.fromkeys(truth, 0.0)
+    for limits in (
+        [cs.parameter("Mde", lower=truth["Mde"], upper=truth["Mde"])],
+        [cs.parameter("Mq", upper=free["Mq"].value - 0.5 * free["Mq"].std)],
+        [cs.parameter("Za", upper=0.0), cs.parameter("Zde", upper=0.0)],
+    ):
+        fit = cs.solve(
+            cs.Problem(problem.model, problem.records, free=["*"], start=zero, constraints=limits),
+            cs.MultipleShooting(interval=100),
+        )
+        assert fit.converged and fit.log_likelihood > free.log_likelihood - 10.0
+
+
+def test_seconds_bound_everything():
+    """Collocation from where single shooting is lost, IPOPT and all: the budget is that of the whole."""
+    problem = lorenz(3.0)
+    cs.solve(problem, cs.SingleShooting())  # compiled
+    begin = time.perf_counter()
+    fit = cs.solve(problem, cs.SingleShooting(), cs.Automatic(seconds=0.05))
+    assert time.perf_counter() - begin < 1.0
+    assert fit.converged or fit.result in cs.Results
+
+
+def test_a_simulation_that_diverges_is_said_so():
+    problem, _ = unstable(1.6, 3.3)
+    fit = cs.solve(problem, cs.SingleShooting(), cs.GaussNewton())
+    assert fit.result is cs.Results.DEPARTED and "MultipleShooting" in fit.status
+
+
+def test_every_result_says_what_to_do():
+    assert all(one.value.endswith(".") and len(one.value) > 30 for one in cs.Results)
+    assert result_of("failed: the constraints cannot be satisfied together") is cs.Results.INFEASIBLE
+    assert result_of("stopped after 3 iterations, not converged") is cs.Results.STOPPED
+
+
+def test_an_infinite_reading_is_refused():
+    record = flight(noise=NOISE, rng=np.random.default_rng(0))
+    bad = record.with_channels(q=np.where(np.arange(len(record)) == 7, np.inf, record["q"]))
+    with pytest.raises(cs.InputError, match="'q' is inf at t = 0.28 s"):
+        cs.Problem(short_period(), [bad], free=["*"])
