@@ -27,6 +27,7 @@ _NORMAL = 1.4826  # standard deviations in a median of magnitudes
 _CHANCE = 1e-3  # that one of all readings is so far by chance
 _FEW = 20  # readings, of which no one is far
 _DOMINATE = 0.2  # of the squared residuals: the standard errors are a tenth too large
+_RARE = 0.01  # of the readings: more of them are a misfit of the model
 _NOTICED = 1.2  # times the standard error
 _ONE_SIDED = 1e-3  # of the other side
 
@@ -76,7 +77,7 @@ def _readings(fit: Fit) -> Iterator[str]:
             for i in np.flatnonzero((np.abs(values) > limit) & (apart > limit)):
                 found.append((float(values[i] ** 2), record, float(records[record].t[where[i]])))
         share = sum(square for square, _, _ in found) / squares if squares > 0.0 else 0.0
-        if share > _DOMINATE:
+        if share > _DOMINATE and len(found) < _RARE * count:
             _, record, t = max(found)
             many = f"{len(found)} readings" if len(found) > 1 else "one reading"
             yield (

@@ -72,9 +72,9 @@ def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> floa
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stretches:
-    """What short stretches, each with its own initial state, leave of the sum of squared residuals of the whole, and the
-    parameters (parameters,) with which they do; 1 is expected of a solution with white noise. Zero and None where the
-    records are too short to tell, or the model does not move from the measured states."""
+    """What short stretches, each with its own initial state, leave of the sum of squared residuals of the whole, and
+    the parameters (parameters,) with which they do; 1 is expected of a solution with white noise. Zero and None where
+    the records are too short to tell, or the model does not move from the measured states."""
 
     left: float
     theta: np.ndarray | None
