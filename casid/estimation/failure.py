@@ -90,7 +90,7 @@ def _ran_away(problem: Problem, errors: Uncertainty) -> bool:
     if isinstance(levels, FullNoise):
         return not np.isfinite(squares).all()
     measured = np.sqrt(levels.magnitude / np.maximum(levels.present, 1))
-    return bool((~(levels.rms(squares) <= _BEYOND * measured) & (levels.present > 0)).any())
+    return bool((~(levels.rms(squares) <= _BEYOND * measured) & (measured > 0.0)).any())
 
 
 def _it(names: list[str]) -> str:

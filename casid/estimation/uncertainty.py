@@ -33,6 +33,7 @@ from casid.estimation.solvers.identified import lost, weakest
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue
 from casid.estimation.solvers.quadratic import inverse_along
+from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.kernel import whitened
 from casid.native.threads import single_threaded
 from casid.views import brief
@@ -92,15 +93,22 @@ class Uncertainty:
     @cached_property
     def is_coloured(self) -> bool:
         """Whether an autoregression predicts the residuals of any channel better than white noise, by AIC."""
-        return self._inverse is not None and any(not c.white for c in self._scores.colours.values())
+        return self._in_time and any(not c.white for c in self._scores.colours.values())
 
     @cached_property
     def coloured_channels(self) -> tuple[str, ...]:
         """Channels whose residuals are coloured beyond chance."""
-        if self._inverse is None:
+        if not self._in_time:
             return ()
         names, chance = self.objective.channel_names, _CHANCE / max(len(self._scores.colours), 1)
         return tuple(names[c] for c, gain in self._scores.gains.items() if gain > chi2.isf(chance, ORDER))
+
+    @property
+    def _in_time(self) -> bool:
+        """Whether there are residuals that follow each other in time: those of a regression have no order."""
+        objective = self.objective
+        equations = isinstance(objective.equations, EquationPart) and bool(objective.problem.model.states)
+        return self._inverse is not None and (objective.dynamics is not None or equations)
 
     @cached_property
     def sides(self) -> np.ndarray:

@@ -53,7 +53,8 @@ def ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
         return Ending(attempt=first)
     best, agreed = _searched(problem, method, first, quick) if first.found or automatic else (first, False)
     if automatic and not best.found and clock.left > 0.0:
-        last = attempted(problem, method, clock)
+        # where the motion of the start has no end, it is collocation that goes on
+        last = attempted(problem, method if np.isfinite(first.outcome.value.cost) else Collocation(), clock)
         best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
     if not automatic and best is not first:
         return Ending(attempt=_with_status(first, f"{ANOTHER_MINIMUM}: {_found_elsewhere(best, first)}; {_REMEDY}"))
@@ -86,6 +87,8 @@ def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Ti
             agreed |= apart
         elif other.found and (not best.found or other.misfit < best.misfit - _EQUAL):
             best, agreed = other, False
+        elif not best.found and other.misfit < best.misfit:
+            best = other
         if best.found and (agreed or not doubtful(best)) and not (_held(best) and best is first):
             break
     return best, agreed

@@ -102,7 +102,7 @@ def test_points_of_the_profile_are_refits_with_the_parameter_fixed(noise):
         deviance = 2.0 * gain
         assert deviance == pytest.approx(chi2.ppf(0.95, 1), rel=0.01)
     # the model is nearly linear over one standard error: near the normal interval, and not the same on both sides
-    assert found.upper - found.lower == pytest.approx(2 * 1.96 * fit["Mq"].std, rel=0.03)
+    assert found.upper - found.lower == pytest.approx(2 * 1.96 * fit["Mq"].std_cramer_rao, rel=0.03)
 
 
 def test_a_parameter_that_enters_as_its_exponential_has_the_exponential_of_the_interval():

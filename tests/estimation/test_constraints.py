@@ -70,7 +70,7 @@ def test_an_equality_is_the_same_as_fixing_the_parameter(method, solver):
     assert tied.converged
     for name in ("Za", "Zde", "Ma", "Mde"):
         assert tied[name].value == pytest.approx(fixed[name].value, rel=1e-6)
-        assert tied[name].std == pytest.approx(fixed[name].std, rel=1e-5)
+        assert tied[name].std_cramer_rao == pytest.approx(fixed[name].std_cramer_rao, rel=1e-5)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

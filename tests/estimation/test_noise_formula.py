@@ -77,9 +77,9 @@ def test_a_noise_that_is_a_parameter_is_the_noise_that_is_estimated():
     assert by_formula.log_likelihood == pytest.approx(plain.log_likelihood, abs=1e-5)
     assert by_formula["s_a"].value == pytest.approx(plain.noise["y"], rel=1e-6)
     assert by_formula["k"].value == pytest.approx(plain["k"].value, rel=1e-6)
-    assert by_formula["s_a"].std == pytest.approx(plain.noise["y"] / np.sqrt(2 * len(T)), rel=1e-3)
+    assert by_formula["s_a"].std_cramer_rao == pytest.approx(plain.noise["y"] / np.sqrt(2 * len(T)), rel=1e-3)
     known = cs.solve(cs.Problem(decay(), record, free=["k", "c0"], noise={"y": plain.noise["y"]}))
-    assert by_formula["k"].std == pytest.approx(known["k"].std, rel=1e-3)
+    assert by_formula["k"].std_cramer_rao == pytest.approx(known["k"].std_cramer_rao, rel=1e-3)
 
 
 @pytest.mark.parametrize("start", [{}, {"s_a": 5.0, "k": 1.5}, {"s_a": 0.001}])

@@ -81,7 +81,7 @@ def test_a_solver_of_ones_own_finds_the_same_minimum():
     assert theirs.converged and theirs.solver == "Damped"
     for name in ours.values:
         assert theirs[name].value == pytest.approx(ours[name].value, abs=1e-4 * ours[name].std)
-        assert theirs[name].std == pytest.approx(ours[name].std, rel=1e-4)
+        assert theirs[name].std_cramer_rao == pytest.approx(ours[name].std_cramer_rao, rel=1e-4)
 
 
 def test_a_cost_of_ones_own_is_what_casid_says_of_the_same_weights():

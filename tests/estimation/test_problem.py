@@ -86,7 +86,8 @@ def test_a_fit_is_addressed_by_name():
     assert fit.converged and fit["Mq"].std > 0
     assert fit.correlation("Ma", "Ma") == pytest.approx(1.0)
     i, j = list(fit.values).index("Ma"), list(fit.values).index("Mq")
-    assert fit.correlation("Ma", "Mq") == pytest.approx(fit.covariance[i, j] / (fit["Ma"].std * fit["Mq"].std))
+    both = fit["Ma"].std_cramer_rao * fit["Mq"].std_cramer_rao
+    assert fit.correlation("Ma", "Mq") == pytest.approx(fit.covariance[i, j] / both)
     with pytest.raises(InputError, match="did you mean 'Mq'"):
         fit["mq"]
     z, y = record["q"], fit.predictions["m1"][:, 1]

@@ -58,7 +58,7 @@ def test_soft_defects_are_generalised_least_squares(driver, solver):
     fit = solve(given, MultipleShooting(interval=1, process_noise={driver: 0.3}), solver)
     assert fit.converged, fit.status
     assert fit["bias"].value == pytest.approx(expected[-1], rel=1e-7)
-    assert fit["bias"].std == pytest.approx(np.sqrt(covariance[-1, -1]), rel=1e-9)
+    assert fit["bias"].std_cramer_rao == pytest.approx(np.sqrt(covariance[-1, -1]), rel=1e-9)
     np.testing.assert_allclose(fit.states["m1"].trajectory[:, 0], expected[:-1], atol=1e-8)
 
 

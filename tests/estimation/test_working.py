@@ -63,7 +63,7 @@ def test_formula_of_the_start_logarithm_and_noise_per_sample(method, solver, rec
     assert fit.converged, fit.status
     values, std, likelihood = reference
     np.testing.assert_allclose(list(fit.values.values()), values, rtol=1e-6)
-    np.testing.assert_allclose([fit[n].std for n in fit.values], std, rtol=1e-4)
+    np.testing.assert_allclose([fit[n].std_cramer_rao for n in fit.values], std, rtol=1e-4)
     assert fit.log_likelihood == pytest.approx(likelihood, abs=1e-5)
     for r, c0 in zip(records, values[1:], strict=True):
         np.testing.assert_allclose(fit.states[r.name].trajectory[:, 0], c0 * np.exp(-values[0] * T), rtol=1e-5)

@@ -114,8 +114,8 @@ def test_without_process_noise_it_is_output_error():
     assert ours.converged
     for name in TRUTH:
         # the priors of the initial state differ: five scales here, one there
-        assert abs(ours.values[name] - theirs[name].value) < 0.02 * theirs[name].std
-        assert ours.std[name] == pytest.approx(theirs[name].std, rel=0.01)
+        assert abs(ours.values[name] - theirs[name].value) < 0.02 * theirs[name].std_cramer_rao
+        assert ours.std[name] == pytest.approx(theirs[name].std_cramer_rao, rel=0.01)
     for name in NOISE:
         assert ours.noise.measurement[name] == pytest.approx(theirs.noise[name], rel=5e-3)
 

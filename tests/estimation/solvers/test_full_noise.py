@@ -186,7 +186,7 @@ def test_estimates_are_more_precise_than_with_independent_weights():
 def test_a_profile_and_a_bootstrap_know_the_correlation():
     fit = solve(Problem(short_period(), [measured(6)], free=["*"], noise=COVARIANCE), solver=PRECISE)
     interval = profile(fit, ["Mq"])["Mq"]
-    assert interval.upper - interval.lower == pytest.approx(2.0 * 1.959964 * fit["Mq"].std, rel=0.03)
+    assert interval.upper - interval.lower == pytest.approx(2.0 * 1.959964 * fit["Mq"].std_cramer_rao, rel=0.03)
     drawn = drawn_problem(fit, np.random.default_rng(1), {})
     (record,) = drawn.records
     noise = record.matrix(["alpha", "q"]) - fit.predictions["m1"]

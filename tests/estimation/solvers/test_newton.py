@@ -50,7 +50,7 @@ def test_what_gauss_newton_creeps_towards_is_reached(limited):
     if limited:
         assert fit.multipliers == pytest.approx([0.5 * U @ U])
     # as of any fit: the information of Gauss-Newton
-    assert fit["a"].std == pytest.approx(1.0 / np.sqrt(2.0 * U @ U))
+    assert fit["a"].std_cramer_rao == pytest.approx(1.0 / np.sqrt(2.0 * U @ U))
 
 
 def test_a_maximum_is_no_solution():

@@ -1,0 +1,75 @@
+"""Truth: the free estimate as a limit ceases to hold; a line whose profile of the likelihood is a parabola."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation_cases import NOISE, START, TRUTH, flight, short_period
+from scipy.optimize import brentq
+from scipy.signal import lfilter
+
+import casid as cs
+
+RECORD = flight(noise=NOISE, rng=np.random.default_rng(9))
+
+
+def fitted(*limits) -> cs.Fit:
+    return cs.solve(cs.Problem(short_period(), [RECORD], free=["*"], start=START, noise=NOISE, constraints=limits))
+
+
+def test_a_limit_that_only_just_holds_leaves_the_free_errors():
+    free = fitted()
+    held = fitted(cs.parameter("Mq", upper=free["Mq"].value - 1e-7))
+    for name in TRUTH:
+        assert held[name].std == pytest.approx(free[name].std, rel=0.02)
+    np.testing.assert_allclose(held.covariance, free.covariance, rtol=1e-3, atol=1e-9)
+    assert held["Mq"].interval[1] == held["Mq"].value
+    assert held["Mq"].interval[0] == pytest.approx(free["Mq"].interval[0], abs=0.05 * free["Mq"].std)
+
+
+@pytest.mark.parametrize("beyond", [0.5, 2.0])
+def test_the_interval_ends_where_the_likelihood_has_fallen(beyond):
+    """Where the profile, all other parameters estimated anew, has risen by 1.96^2/2."""
+    free = fitted()
+    limit = free["Mq"].value - beyond * free["Mq"].std_cramer_rao
+    held = fitted(cs.parameter("Mq", upper=limit))
+
+    def risen(value: float) -> float:
+        return fitted(cs.parameter("Mq", lower=value, upper=value)).cost - held.cost - 0.5 * 1.959964**2
+
+    end = brentq(risen, limit - 4.0 * free["Mq"].std_cramer_rao, limit - 1e-6, xtol=1e-6)
+    if held.uncertainty.is_coloured:
+        below = held["Mq"].std_corrected / held["Mq"].std_cramer_rao
+        assert held["Mq"].interval[0] == pytest.approx(limit + (end - limit) * below, rel=0.05)
+    else:
+        assert held["Mq"].interval[0] == pytest.approx(end, rel=1e-3)
+    one = held["Mq"].std_cramer_rao
+    assert 0.0 < one < free["Mq"].std_cramer_rao
+
+
+def test_a_start_beyond_a_limit_is_said():
+    fit = fitted(cs.parameter("Mq", upper=-1.5))
+    assert any(remark.startswith("start: Mq is -1.26, beyond its limit -1.5") for remark in fit.remarks)
+
+
+@pytest.mark.parametrize("runs", [60, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.95])
+def test_intervals_hold_the_truth(correlation, runs):
+    """White and first-order noise: the binomial bounds of 95 % in five correlated parameters of `runs` records."""
+    t = np.arange(0.0, 12.0, 0.04)
+    clean, inside, plain = flight(t=t), [], []
+    for run in range(runs):
+        rng = np.random.default_rng([11, run])
+        noisy = {}
+        for name, sigma in NOISE.items():
+            white = rng.standard_normal(len(t) + 400)
+            noise = lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], white)
+            noisy[name] = clean[name] + sigma * np.asarray(noise)[400:]
+        fit = cs.solve(cs.Problem(short_period(), [clean.with_channels(**noisy)], free=["*"]))
+        inside.append([fit[n].interval[0] <= v <= fit[n].interval[1] for n, v in TRUTH.items()])
+        plain.append([abs(fit[n].value - v) < 1.96 * fit[n].std_cramer_rao for n, v in TRUTH.items()])
+        if correlation == 0.95:
+            assert any("coloured" in remark for remark in fit.remarks)
+    assert abs(np.mean(inside) - 0.95) < (0.02 if runs == 300 else 0.05)
+    if correlation == 0.95:
+        assert np.mean(plain) < 0.6
