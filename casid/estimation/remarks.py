@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -15,9 +15,6 @@ from casid.estimation.fitted import ChannelFit, Estimate
 from casid.estimation.problem import Problem
 from casid.estimation.robust_noise import Huber, StudentT
 from casid.model.numbers import with_deviation
-
-if TYPE_CHECKING:
-    from casid.estimation.fit import Fit
 
 _FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
 _SURE = 2.0  # standard errors: the sign is known
@@ -32,8 +29,8 @@ _NOTICED = 1.2  # times the standard error
 _ONE_SIDED = 1e-3  # of the other side
 
 
-def remarks(fit: Fit) -> tuple[str, ...]:
-    """One sentence each, none when all is well: starts beyond a limit, channels that their own mean explains better,
+def remarks(fit: Any) -> tuple[str, ...]:
+    """Of a Fit, a sentence each, none if all is well: starts beyond a limit, channels that their mean explains better,
     readings that dominate, residuals with colour, parameters that a limit holds, that are three a-priori deviations
     from the file or of the opposite sign, standard errors that no sample is left for."""
     found = [*_start(fit.problem), *_channels(fit.channels), *_readings(fit), *_parameters(fit.problem, fit.parameters)]
@@ -55,7 +52,7 @@ def _start(problem: Problem) -> Iterator[str]:
             yield f"start: {what} is {value:.6g}, beyond its limit {limit:.6g}; the search began there and moved inside"
 
 
-def _readings(fit: Fit) -> Iterator[str]:
+def _readings(fit: Any) -> Iterator[str]:
     """Single readings far from all others, and from their neighbours, that hold much of the squared residuals."""
     records = {record.name: record for record in fit.problem.records}
     names = fit.problem.model.outputs
@@ -97,7 +94,7 @@ def _colour(coloured: Sequence[str], parameters: Mapping[str, Estimate]) -> Iter
         )
 
 
-def _held(fit: Fit) -> Iterator[str]:
+def _held(fit: Any) -> Iterator[str]:
     """Parameters of which a limit leaves an interval to one side."""
     for name, e in fit.parameters.items():
         low, high = e.value - e.interval[0], e.interval[1] - e.value
@@ -105,7 +102,7 @@ def _held(fit: Fit) -> Iterator[str]:
             yield f"{name}: held by a limit; its 95 % interval is one-sided, {e.interval[0]:.4g} to {e.interval[1]:.4g}"
 
 
-def _noise(fit: Fit) -> Iterator[str]:
+def _noise(fit: Any) -> Iterator[str]:
     """Residuals that a given noise does not explain: the model is wrong, or the minimum is not the lowest."""
     problem, misfit = fit.problem, fit.cost - fit.prior_cost
     samples = sum(channel.samples for channel in fit.channels.values())
