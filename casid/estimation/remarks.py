@@ -33,7 +33,9 @@ def remarks(fit: Any) -> tuple[str, ...]:
     """Of a Fit, a sentence each, none if all is well: starts beyond a limit, channels that their mean explains better,
     readings that dominate, residuals with colour, parameters that a limit holds, that are three a-priori deviations
     from the file or of the opposite sign, standard errors that no sample is left for."""
-    found = [*_start(fit.problem), *_channels(fit.channels), *_readings(fit), *_parameters(fit.problem, fit.parameters)]
+    with np.errstate(over="ignore", invalid="ignore"):  # residuals of a simulation that diverged
+        readings = tuple(_readings(fit))
+    found = [*_start(fit.problem), *_channels(fit.channels), *readings, *_parameters(fit.problem, fit.parameters)]
     if not fit.converged:
         return tuple(found)
     errors = [*_colour(fit.uncertainty.coloured_channels, fit.parameters), *_held(fit), *_errors(fit.parameters)]
