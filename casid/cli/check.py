@@ -1,4 +1,4 @@
-"""`casid check`: what is wrong with the data, before anything is believed."""
+"""`casid check`: faults of the records, before anything is estimated from them."""
 
 from __future__ import annotations
 

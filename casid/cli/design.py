@@ -1,4 +1,4 @@
-"""`casid design`: the manoeuvre that tells most about the derivatives of an aircraft file, within stated limits."""
+"""`casid design`: the most informative manoeuvre for the derivatives of an aircraft file, within stated limits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def design(
     out: Folder = Path("out/design"),
     as_json: AsJson = False,
 ) -> None:
-    """Design the input that tells most about the derivatives, or the one that tells two causes apart.
+    """Design the most informative input for the derivatives, or the input that separates two causes.
 
     The aircraft flies level at the trim of its file. Writes the designed manoeuvre and the standard one as records,
     DIR/design.json with the Cramer-Rao bounds of both, and DIR/figures; with --separate DIR/next_flight.csv.
@@ -110,7 +110,7 @@ def design(
 def _telling(
     experiment: Experiment, how: tuple[str, str, int], folder: Path, stage: Callable[[str], None]
 ) -> tuple[str, str]:
-    """design.json and the table of the manoeuvre that tells most of derivatives; `how`: shape, criterion, seed."""
+    """design.json and the table of the most informative manoeuvre; `how`: shape, criterion, seed."""
     shape, criterion, seed = how
     stage("standard 3-2-1-1")
     designs = {"3-2-1-1": standard_3211(experiment, criterion=criterion)}

@@ -23,7 +23,7 @@ def export(
 ) -> None:
     """Write an aircraft file as a file of another simulator.
 
-    What the other simulator cannot hold stands in the file and is said; what it cannot hold at all is refused.
+    Parts that the other simulator cannot represent are written as comments and reported, or the export is refused.
 
     Parameters
     ----------

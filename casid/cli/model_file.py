@@ -21,7 +21,7 @@ from casid.report.progress import progress
 def model_of(where: str) -> Model:
     """The model that a Python file has under a name, or makes there without arguments: "tanks.py:model".
 
-    The file is run, as Python would. Raises InputError for what is no file, no name in it, and no model.
+    The file is executed. Raises InputError if the file, the name in it, or the model does not exist.
     """
     file, colon, name = where.rpartition(":")
     if not colon or not name.isidentifier():

@@ -110,7 +110,7 @@ def named_or_minor(diagnosis: Diagnosis) -> tuple[Cause, ...]:
 
 
 def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
-    """What an anonymous input at each of the most rewarding stations gains, before naming and after."""
+    """Likelihood-ratio statistics of latent inputs at the ports where they are largest, before naming and after."""
     before = {station: m.gain for station, m in seen.before.items()}
     after = {station: m.gain for station, m in seen.after.items()}
     fitted = diagnosis.extended.fit.batch.names
@@ -126,7 +126,7 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
         [max(before[s], 1.0) for s in order],
         height,
         color=BASELINE,
-        label="file refitted, without causes",
+        label="re-estimated model, without causes",
     )
     if extended:
         ax.barh(y + height / 2, [max(after[s], 1.0) for s in order], height, color=EXTENDED, label="extended model")

@@ -59,15 +59,15 @@ def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
     return Picture(
         name="budget",
         figure=figure,
-        title=f"From the simulation as it is given to the noise, on {names}, which no fit has seen",
+        title=f"From the simulation as given to the noise, on {names} (held out)",
         caption=(
-            "Each bar is what one step takes off the error of the open-loop simulation: mending the data, fitting the "
-            "values of the file, adding the causes that were found. Grey is what no step explains. The number is the "
+            "Each bar is the part of the open-loop simulation error that one step removes: correcting the data, "
+            "re-estimating the values of the file, adding the named causes. Grey is unexplained. The number is the "
             "error as given."
         ),
         alt=(
             f"Waterfall of the error per channel over the noise. All channels: {together.as_given:.3g} as given, "
-            f"{together.data_mended:.3g} with the data mended, {together.values:.3g} with values refitted, "
+            f"{together.data_mended:.3g} with the data corrected, {together.values:.3g} with values re-estimated, "
             f"{together.structure:.3g} with causes; worst as given: {order[0]}."
         ),
     )

@@ -115,7 +115,7 @@ def _drawn(diagnosis: Diagnosis, cause: Cause, flight: FrequencyResponse, models
 
 
 def _histories(top, bottom, diagnosis: Diagnosis, flight: FrequencyResponse) -> None:
-    """The reading above, the surface below, in the part of a record that tells most."""
+    """The reading above, the surface below, in the most informative part of a record."""
     before, after = diagnosis.as_given, diagnosis.extended
     r = worst_record(before, [flight.output])
     record = before.fit.flight.records[r]

@@ -45,7 +45,7 @@ def _in_words(one: Parameter, against: bool) -> Compared:
         return Compared(
             name=one.name,
             file=with_std(given, 0.0, unit),
-            flight="not told by these records",
+            flight="not identifiable from these records",
             deviation="",
             sigmas="",
             against=False,
@@ -107,8 +107,8 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
         figure=figure,
         title="The numbers of the file beside flight",
         caption=(
-            "Dots: what the records say by themselves, with ±1σ. Orange diamonds, names in bold: flight stands against "
-            f"the file. Grey: within {stated:.0f} %, the uncertainty "
+            "Dots: estimates from the records alone, with ±1σ. Orange diamonds, names in bold: flight is "
+            f"inconsistent with the file. Grey: within {stated:.0f} %, the uncertainty "
             + (
                 "that the file states."
                 if diagnosis.aircraft.relative_uncertainty
@@ -116,7 +116,7 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
             )
         ),
         alt=f"Deviation of {len(order)} numbers of the file from flight, in per cent; {len(against)} of the file's "
-        f"numbers stand against flight; first is {worst.name} with {_deviation(worst):+.0f} per cent.",
+        f"numbers are inconsistent with flight; first is {worst.name} with {_deviation(worst):+.0f} per cent.",
     )
 
 

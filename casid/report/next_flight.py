@@ -182,8 +182,8 @@ def _separating(number: int, said: str, of: tuple[Rivals, NextFlight], before: f
         tells=(
             f"It {odds_in_words(best.separation.log_odds)}: the log likelihood ratio to be expected is "
             f"{expectation_in_words(best.separation)} from flight to flight, and of all fitted records together, by "
-            f"the same measure, {digits(before, 2)}. That counts noise alone and takes nothing as known of the "
-            "derivatives; small further terms of the structure, for which a verdict allows, take their part of both."
+            f"the same measure, {digits(before, 2)}. This counts noise alone and assumes no prior knowledge of the "
+            "derivatives. The model discrepancy, for which a verdict allows, reduces both."
         ),
         command=f"casid design --aircraft extended.toml --separate {asked}",
         picture=separated(best, rivals, number),
@@ -247,8 +247,8 @@ def limited(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         head=("number", "aircraft file", "its stated 1σ", "1σ by noise alone", "honest 1σ"),
         rows=rows,
-        caption="Not told, though they were excited: small further terms of the structure, or stretches of record that "
-        "disagree, leave them open. More of the same motion would not help.",
+        caption="Excited, but not identifiable: the model discrepancy, or differences between stretches of record, "
+        "make them uncertain. More of the same motion would not help.",
         numeric=True,
     )
 

@@ -205,5 +205,5 @@ def _facts(diagnosis: Diagnosis) -> str:
     count = f"{view.samples:,}".replace(",", " ")
     return (
         f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings; "
-        f"{sum(diagnosis.flight[o].determined for o in view.fit.derivatives)} derivatives told by them."
+        f"{sum(diagnosis.flight[o].determined for o in view.fit.derivatives)} derivatives identifiable from them."
     )

@@ -1,4 +1,4 @@
-"""Anonymous inputs for the eye: what is missing at each place, with the structure of the model taken as exact."""
+"""Latent inputs for plots: what is missing at each place, with the structure of the model taken as exact."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from casid.diagnosis.result import Diagnosis
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reconstruction:
-    """Station -> what an unknown input there would be, by the file refitted and by the extended one."""
+    """Station -> latent input there, by the re-estimated and by the extended model."""
 
     before: dict[str, MissingInput]
     after: dict[str, MissingInput]
 
 
 def reconstruct(diagnosis: Diagnosis) -> Reconstruction:
-    """Both sets of anonymous inputs by station."""
+    """Both sets of latent inputs by station."""
     return Reconstruction(before=_by_station(diagnosis.missing_before), after=_by_station(diagnosis.missing_after))
 
 
 def derivatives_beside(fit: FlightFit, missing: MissingInput) -> dict[str, float]:
-    """Fitted derivatives as they are with the anonymous input in place: it frees them of what they had imitated.
+    """Fitted derivatives with the latent input in place, which they need not imitate any more.
 
     The mean of the joint posterior of derivatives and input, from the same linearisation as the input itself.
     """

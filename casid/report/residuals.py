@@ -111,10 +111,10 @@ def _within(values: np.ndarray) -> np.ndarray:
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
     """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left.
 
-    Before is the file refitted where causes were found: what new values explain is no sign of these.
+    Before is the re-estimated model where causes were found: what new values explain does not point to a cause.
     """
     before, after = diagnosis.refitted if diagnosis.causes else diagnosis.as_given, diagnosis.extended
-    wrong_by = "file refitted" if diagnosis.causes else AS_GIVEN
+    wrong_by = "re-estimated model" if diagnosis.causes else AS_GIVEN
     channels = channels or telling_channels(before, after, 3)
     r = worst_record(before, channels)
     record = before.fit.flight.records[r]

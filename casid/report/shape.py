@@ -35,7 +35,7 @@ _MAX_RECORDS = 3
 def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]) -> Picture | None:
     """The reconstructed missing coefficient against the regressor of the named term, with the named curve over it.
 
-    `before`: anonymous inputs by station, before naming. The changes of the other derivatives that came with
+    `before`: latent inputs by station, before naming. The changes of the other derivatives that came with
     the term are taken off it, so that the term alone is left. None for a cause that is no aerodynamic term.
     """
     effect = effect_of(cause)
@@ -160,7 +160,7 @@ def wind(diagnosis: Diagnosis) -> Picture:
 
 
 def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
-    """(N, R) what the extended model adds at a station to the bare one that the anonymous input was added to.
+    """(N, R) what the extended model adds at a station to the bare one that the latent input was added to.
 
     Effects that enter there, and what the derivatives and terms of the coefficient differ by: both models then give the
     coefficient the same value where the extension is right.
@@ -209,7 +209,7 @@ def _power(regressor: str, x: np.ndarray) -> np.ndarray:
 
 
 def _at(fit: FlightFit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
-    """A time history as the nodes of an anonymous input see it: averaged over the triangle about each node."""
+    """A time history at the nodes of a latent input: averaged over the triangle about each node."""
     record = fit.flight.records[r]
     weight = np.maximum(0.0, 1.0 - np.abs(record.t[:, None] - t) / (t[1] - t[0]))
     return weight.T @ series[: len(record), r] / weight.sum(axis=0)

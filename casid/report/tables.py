@@ -229,8 +229,8 @@ def derivatives(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         head=("parameter", "aircraft file", "flight ± 1σ", "deviation", "in σ", ""),
         rows=rows,
-        caption="Derivatives per rad. Flight: what the records say by themselves, beside the causes that were found. "
-        "1σ allows for coloured residuals, small terms of the structure and stretches of record that disagree. Against "
-        "flight: beyond the uncertainty that the file states, or a tenth where it states none, and beyond 3σ.",
+        caption="Derivatives per rad. Flight: estimates from the records alone, beside the named causes. "
+        "1σ allows for coloured residuals, model discrepancy and differences between stretches of record. Inconsistent "
+        "with flight: beyond the uncertainty that the file states, or a tenth where it states none, and beyond 3σ.",
         numeric=True,
     )

@@ -53,7 +53,7 @@ def pretty_term(term: str) -> str:
 
 
 def place(station: str) -> str:
-    """Where an anonymous input enters, in words: "pitching moment Cm", "reading of beta"."""
+    """Port of a latent input in words: "pitching moment Cm", "reading of beta"."""
     where = Station.at(station)
     if where.kind == "wind":
         return f"wind along {where.name}"

@@ -56,7 +56,7 @@ def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first
     assert sorted(row.cells[0] for row in rows) == sorted(one.name for one in diagnosis.parameters)
     assert rows[0].cells[0] == "Cl_p" and [row.marked for row in rows] == [True] + [False] * (len(rows) - 1)
     untold = sum(not one.flight.determined for one in diagnosis.parameters)
-    assert sum(row.cells[2] == "not told by these records" for row in rows) == untold
+    assert sum(row.cells[2] == "not identifiable from these records" for row in rows) == untold
 
 
 def test_a_size_beyond_anything_plausible_is_not_detectable(diagnosis: Diagnosis) -> None:

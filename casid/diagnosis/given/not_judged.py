@@ -57,22 +57,25 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
             yield NotJudged(what=f"derivatives by {surface}", because=f"{surface} stands still")
     undetermined = [name for name in flight.aircraft.derivatives if name in values and not values[name].determined]
     if undetermined:
-        yield NotJudged(what=", ".join(undetermined), because="the records say less of them than the file")
+        yield NotJudged(
+            what=", ".join(undetermined),
+            because="not identifiable: these records determine them less well than the file",
+        )
 
 
 def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
-    """What the fitted records of a flight do not show. That is faults of instruments and of the record of thrust which
-    are larger than anything plausible where they are `detectable`; and what hides in noise that was not read."""
+    """What the fitted records of a flight do not show: instrument and thrust faults whose smallest `detectable` size is
+    above the largest plausible one, and anything hidden in noise that could not be measured."""
     beyond = [
         effect_title(*effect.key)
         for effect in flight.effects
         if (effect.of_an_instrument or effect.station == "surface") and detectable.get(effect.name, 0.0) > effect.limit
     ]
     if beyond:
-        yield NotJudged(what=_all_of(beyond), because="of any size that is plausible, derivatives make up for it")
+        yield NotJudged(what=_all_of(beyond), because="not identifiable: the derivatives absorb any plausible size")
     if flight.noise_by_fit:
-        because = "these channels do not show their noise: what the model leaves of them is taken for it"
-        yield NotJudged(what=f"what is no more than the misfit of {_all_of(flight.doubted)}", because=because)
+        because = "their noise cannot be measured, so their residuals count as noise"
+        yield NotJudged(what=f"anything smaller than the residuals of {_all_of(flight.doubted)}", because=because)
 
 
 def of_other_records(aircraft: Aircraft, records: Sequence[str]) -> Iterator[NotJudged]:
@@ -81,7 +84,7 @@ def of_other_records(aircraft: Aircraft, records: Sequence[str]) -> Iterator[Not
         named = effect.records or tuple(effect.onset_s or ())
         if named and not set(named) & set(records):
             title = f"{effect.kind}({effect.target}) of the file" if effect.target else f"{effect.kind} of the file"
-            yield NotJudged(what=title, because=f"it is of {_all_of(named)}, and no record is named so")
+            yield NotJudged(what=title, because=f"it belongs to {_all_of(named)}, and no record has this name")
 
 
 def _all_of(names: Sequence[str]) -> str:
