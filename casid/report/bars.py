@@ -138,16 +138,16 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
     ax.set_yticks(y, [place(s) for s in order])
     ax.set_ylim(len(order) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("evidence of an unknown input there (log scale)")
+    ax.set_xlabel("statistic of a latent input there (log scale)")
     figure.legend(loc="outside upper center", ncols=2)
     return Picture(
         name="missing",
         figure=figure,
         title="Where something is missing",
         caption=(
-            "An unknown time history is allowed at one place of the signal path at a time. Large evidence says that "
-            "something enters there, whatever it is; neighbouring places share that of one cause. What is left "
-            "counts as unexplained only when it is large and small further terms cannot explain it either."
+            "A latent input, an unknown function of time, is added at one port of the signal path at a time. A large "
+            "statistic means that something enters there; neighbouring ports share that of one cause. The rest "
+            "counts as unexplained only if it is large and the model discrepancy cannot explain it either."
         ),
         alt=f"Bar chart of the evidence of an unknown input per place; largest before naming: {place(order[0])}, "
         f"{before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),

@@ -125,7 +125,7 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
         i, noise = before.fit.model.outputs.index(channel), before.channels[channel].noise
         wrong = smooth(before.simulated.residual[:n, r, i] / noise, record.dt)
         ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
-        ax.plot(record.t, wrong, color=BASELINE, label=f"what the {wrong_by} gets wrong")
+        ax.plot(record.t, wrong, color=BASELINE, label=f"error of the {wrong_by}")
         explained = smooth((after.simulated.output - before.simulated.output)[:n, r, i] / noise, record.dt)
         left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
         ax.plot(record.t, explained, "--", color=EXPLAINED, label=f"explained by the {diagnosis.best}")
