@@ -57,7 +57,29 @@ def save(result: Any, path: str | Path) -> None:
 def load(path: str | Path) -> Any:
     """The result that `save` wrote. Read only files that you trust: like every pickle they may run code.
 
-    Raises InputError for a file that is none, or of a casid whose results this one cannot read.
+    Parameters
+    ----------
+    path
+        The file that `fit.save`, `diagnosis.save` or another `save` wrote.
+
+    Returns
+    -------
+    object
+        The result, of the class that was saved: a `Fit`, a `Diagnosis`, ...
+
+    Raises
+    ------
+    InputError
+        For a file that is none, that is damaged, or that was written by a casid whose results this one cannot read.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> fit.save("short_period.fit")  # doctest: +SKIP
+    >>> again = cs.load("short_period.fit")  # doctest: +SKIP
+    >>> cs.load("pyproject.toml")
+    Traceback (most recent call last):
+    casid.errors.InputError: pyproject.toml: no result of casid; expected a file that fit.save or diagnosis.save wrote
     """
     try:
         head, _, body = Path(path).read_bytes().partition(b"\n")

@@ -60,7 +60,34 @@ def _name(value: Any, what: str, example: str) -> str:
 
 
 def parameter(name: str, *, lower: float | None = None, upper: float | None = None) -> LinearConstraint:
-    """Bounds on one parameter; lower == upper fixes it. A per-record parameter is bounded in every record."""
+    """Bounds on one parameter of a problem.
+
+    Parameters
+    ----------
+    name
+        Parameter of the model. One that is estimated per record is bounded in every record.
+    lower, upper
+        Bounds in the parameter's unit, one or both; both the same fixes it.
+
+    Returns
+    -------
+    LinearConstraint
+        For `Problem(constraints=[...])`.
+
+    Raises
+    ------
+    InputError
+        For a name that is no text or a bound that is no number.
+    EstimationError
+        Where neither bound is given, or they contradict each other.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> damping = cs.parameter("Cm_q", upper=0.0)
+    >>> damping.lower, damping.upper
+    (-inf, 0.0)
+    """
     low, high = _limits(f"'{_name(name, 'parameter', 'Cm_q')}'", lower, upper)
     return LinearConstraint(coefficients={name: 1.0}, lower=low, upper=high)
 
@@ -68,7 +95,36 @@ def parameter(name: str, *, lower: float | None = None, upper: float | None = No
 def linear(
     coefficients: Mapping[str, float], *, lower: float | None = None, upper: float | None = None
 ) -> LinearConstraint:
-    """Limits on a linear combination of parameters, for example a ratio or a sum known from a wind tunnel."""
+    """Limits on a linear combination of parameters, for example a ratio or a sum known from a wind tunnel.
+
+    Parameters
+    ----------
+    coefficients
+        Parameter -> its factor in the sum; at least one differs from zero.
+    lower, upper
+        Limits of the sum, one or both; both the same for an equality.
+
+    Returns
+    -------
+    LinearConstraint
+        For `Problem(constraints=[...])`.
+
+    Raises
+    ------
+    InputError
+        For what is no number by name, and when all factors are zero.
+    EstimationError
+        Where neither limit is given, or they contradict each other.
+
+    Examples
+    --------
+    A wind tunnel tells that Cm_q is at least twice as negative as Cm_alphadot:
+
+    >>> import casid as cs
+    >>> ratio = cs.linear({"Cm_q": 1.0, "Cm_alphadot": -2.0}, upper=0.0)
+    >>> ratio.coefficients
+    {'Cm_q': 1.0, 'Cm_alphadot': -2.0}
+    """
     table = numbers_by_name(coefficients, "linear: coefficients")
     if not any(table.values()):
         raise InputError("linear: no coefficient differs from zero; write like cs.linear({'Cm_q': 1.0}, upper=0.0)")
@@ -89,6 +145,11 @@ def nonlinear(
     lower, upper
         Limits of the expression; both the same for an equality.
 
+    Returns
+    -------
+    NonlinearConstraint
+        For `Problem(constraints=[...])`.
+
     Raises
     ------
     InputError
@@ -100,7 +161,10 @@ def nonlinear(
     --------
     The short period has a natural frequency of at most 3 rad/s:
 
-    >>> cs.nonlinear(lambda s: s.Za * s.Mq - s.Ma, upper=9.0)  # doctest: +SKIP
+    >>> import casid as cs
+    >>> short_period = cs.nonlinear(lambda s: s.Za * s.Mq - s.Ma, upper=9.0)
+    >>> short_period.lower, short_period.upper
+    (-inf, 9.0)
     """
     if not callable(function):
         raise InputError(f"nonlinear: the function is {given(function)}; write like cs.nonlinear(lambda s: s.a * s.b)")
@@ -124,12 +188,26 @@ def path(
         cost, which is half the sum of squared residuals in standard deviations. The limits still hold exactly where
         that costs less.
 
+    Returns
+    -------
+    PathConstraint
+        For `Problem(constraints=[...])`.
+
     Raises
     ------
     InputError
         For a name that is no text or a price that is not positive.
     EstimationError
         Where neither limit is given, or they contradict each other.
+
+    Examples
+    --------
+    The angle of attack stays below 12 deg, and the limit is soft:
+
+    >>> import math, casid as cs
+    >>> limit = cs.path("alpha", upper=math.radians(12.0), price=100.0)
+    >>> limit.name, limit.lower, limit.price
+    ('alpha', -inf, 100.0)
     """
     low, high = _limits(f"path '{_name(name, 'path', 'alpha')}'", lower, upper)
     if price is not None:

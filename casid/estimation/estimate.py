@@ -80,6 +80,21 @@ def solve(
         For what is no transcription or solver, and for a parameter without a range of starts.
     EstimationError
         For a combination that cannot work: process noise without a given measurement noise or with EquationError.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> fit = cs.solve(problem, cs.SingleShooting())
+    >>> fit.status, round(fit.values["T"], 3)
+    ('converged', 0.4)
     """
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")

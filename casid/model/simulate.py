@@ -87,11 +87,29 @@ def simulate(
     integrator
         "runge-kutta" or "cvodes".
 
+    Returns
+    -------
+    Simulation
+        States (N, states) and outputs (N, outputs) at the record's time stamps; `as_record()` makes a record of it.
+
     Raises
     ------
     InputError
         For an argument that does not fit, and when the motion leaves the range of numbers: it names the state, the time
         and the expression.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> simulation = cs.simulate(lag, step, [0.0], {"T": 0.25})
+    >>> simulation.outputs.shape, round(float(simulation.output("y")[-1]), 3)
+    ((200, 1), 1.0)
     """
     an(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
     record, start = given_record(record, "simulate"), _start(model, start)

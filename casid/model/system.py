@@ -250,14 +250,58 @@ def define_model(
 ) -> Model:
     """A Model from two functions that take a namespace of symbols and return expressions by name.
 
-    `dynamics(s)` returns {state: derivative}, `output(s)` {output: expression}; `s.q`, `s.Cm_alpha`, ... are the
-    symbols, and functions of numpy or casadi take them. An input named "t" is the record's time [s]. A disturbance
-    named like "w_q" is a symbol too, zero in the nominal model.
+    `s.q`, `s.Cm_alpha`, ... are the symbols of the namespace `s`, and functions of numpy or casadi take them. States,
+    inputs and outputs are in the units of the records; casid expects SI and radians.
 
-    `initial(s)` returns {state: its value at the first sample}, expressions of parameters, which the estimation then
-    holds exactly. Such a parameter may be free, known, or differ between records. Without an equation-error form,
-    `estimation` uses the state equations with measured states. Raises InputError for a name that does not exist or is
-    used twice, for a missing expression and for one that is none.
+    Parameters
+    ----------
+    name
+        For messages and tables.
+    states
+        Names of the states x; a state that the records measure has the name of its channel.
+    inputs
+        Channels of the records that drive the model; an input named "t" is the record's time [s].
+    parameters
+        Nominal value of every parameter.
+    outputs
+        Channels of the records that the model predicts.
+    dynamics
+        Takes the namespace and returns {state: its time derivative}, for every state.
+    output
+        Takes the namespace and returns {output: expression}, for every output.
+    disturbances
+        Names of unknown inputs, like "w_q". They are symbols too, and zero in the nominal model.
+    state_scale
+        State -> its typical size, for conditioning; default: by the state's name.
+    guess
+        Takes a record and returns (N, states), a first guess of the states; default: the channels of their names.
+    prior_std
+        A-priori 1-sigma of the parameters that have one.
+    equation
+        Takes the namespace and returns the equation-error form; default: the state equations with measured states.
+    initial
+        Takes the namespace of the parameters and returns {state: its value at the first sample}, which the estimation
+        holds exactly. Such a parameter may be free, known, or differ between records.
+
+    Returns
+    -------
+    Model
+        Of symbolic expressions, for `simulate`, `Problem`, `linear_model` and `diagnose`.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist or is used twice, and for an expression that is missing or is none.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> lag.states, lag.inputs, lag.parameters, lag.outputs
+    (('x',), ('u',), ('T',), ('y',))
     """
     where = f"model '{name}'"
     groups = {

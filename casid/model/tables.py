@@ -153,10 +153,22 @@ def table(
     free : bool
         Whether its values are parameters that can be estimated, under the names of `Table.knots`.
 
+    Returns
+    -------
+    Table
+        To be given to `Aircraft(tables=...)`.
+
     Raises
     ------
     InputError
         When names, sizes or numbers do not fit.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> pitch = cs.table("Cm", "alpha", [-0.1, 0.0, 0.1], [0.08, 0.0, -0.12])
+    >>> pitch.coefficient, pitch.axes
+    ('Cm', ('alpha',))
     """
     for what, value in (("coefficient", coefficient), ("name", name), ("times", times)):
         an(value, str, f"table: {what}", "a text, like 'Cm'")

@@ -66,13 +66,41 @@ def trim(
 ) -> Trim:
     """Solve udot = wdot = qdot = 0 for alpha, delta_e and one of thrust or density.
 
-    Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is. climb_angle [rad].
-    `values` overrides parameters of the aircraft file.
+    Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is.
+
+    Parameters
+    ----------
+    aircraft
+        The aircraft, or the name of its file; its effects are left out.
+    V
+        Airspeed [m/s].
+    altitude
+        Geometric altitude [m], -1000 to 20000; it gives the density of the standard atmosphere (ISO 2533).
+    rho
+        Density of the air [kg/m3]; it wins over `altitude`.
+    thrust
+        Of all engines [N].
+    climb_angle
+        Angle of the flight path [rad], positive in a climb.
+    values
+        Parameters by name, put over those of the aircraft file.
+
+    Returns
+    -------
+    Trim
+        Airspeed, angle of attack, pitch attitude, elevator, thrust and density; `state` and `inputs` feed `simulate`.
 
     Raises
     ------
     InputError
-        When there is no trim.
+        When density and thrust are both given or both missing, and when there is no trim.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> level = cs.trim("casid/cli/demo/aircraft.toml", V=95.0, rho=0.957)
+    >>> round(level.thrust, -2), round(level.alpha, 2)
+    (10400.0, -0.02)
     """
     aircraft = given_aircraft(aircraft, "trim")
     number(V, "trim: V", positive=True)

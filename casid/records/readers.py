@@ -64,12 +64,27 @@ def read_record(
 ) -> Record:
     """The flight record of one file, in SI units and radians; its name is the file's name without ending.
 
-    A header may carry a unit, `alpha [deg]`; without one it is SI. `column_map`, the TOML file of one, or a table like
-    `{"alpha": "ALCG:deg"}` says which column of a foreign file is which channel. `t` and at least one surface must be
-    there. An empty cell or nan in a measured output is a missing sample; columns that casid does not know are kept.
-    `between`, a pair of times [s], takes the part of a long file with begin <= t < end; only that is checked.
-    `record.notes` holds remarks. Of a system that is no aircraft, `own` names the channels: they are taken under these
-    names, whatever they would mean of an aircraft, and neither a surface nor a length is asked for.
+    A header may carry a unit, `alpha [deg]`; without one it is SI. `t` and at least one surface must be there. An empty
+    cell or nan in a measured output is a missing sample; columns that casid does not know are kept. `record.notes`
+    holds remarks.
+
+    Parameters
+    ----------
+    path
+        A file of text (CSV) or of a binary format, which its ending tells.
+    column_map
+        Which column of a foreign file is which channel: a `ColumnMap`, its TOML file, or a table like
+        `{"alpha": "ALCG:deg"}`.
+    own
+        Channels of a system that is no aircraft. They are taken under these names, whatever they would mean of an
+        aircraft, and neither a surface nor a length is asked for.
+    between
+        Begin and end [s] of the part of a long file that is taken, begin <= t < end; only that is checked.
+
+    Returns
+    -------
+    Record
+        Time `t` (N,) [s] and channels (N,).
 
     Raises
     ------
@@ -77,6 +92,13 @@ def read_record(
         In one line with file, row, column and value, for everything else: text in a number, a ragged row, time that
         runs back, gaps in an input. Also for degrees in a radian column, a name that is nearly that of a channel, and a
         record under 3 s or 50 samples.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> record = cs.read_record("casid/cli/demo/m1.csv", between=(0.0, 10.0))
+    >>> record.name, len(record), "alpha" in record
+    ('m1', 500, True)
     """
     if not is_path(path):
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
@@ -94,12 +116,30 @@ def read_records(
 ) -> list[Record]:
     """Records of files and of patterns like `flight/m*.csv`, each pattern in alphabetical order.
 
-    `own` and `between` as for `read_record`. Records of one name in different folders are called `folder/name`.
+    Records of one name in different folders are called `folder/name`.
+
+    Parameters
+    ----------
+    paths
+        A file or a pattern, or several.
+    column_map, own, between
+        As in `read_record`, for all files.
+
+    Returns
+    -------
+    list of Record
+        In SI units and radians, in the order of `paths`.
 
     Raises
     ------
     InputError
         When a pattern matches nothing or a file is given twice, and as `read_record`.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> [record.name for record in cs.read_records("casid/cli/demo/m[12].csv")]
+    ['m1', 'm2']
     """
     read, refused = read_each(paths, column_map, own=own, between=between)
     for error in refused.values():
@@ -146,10 +186,28 @@ def files_of(paths: str | Path | Iterable[str | Path]) -> list[Path]:
 def write_record(record: Record, path: str | Path) -> None:
     """Write a record as CSV that `read_record` reads back exactly: SI units, an empty cell for a missing sample.
 
+    Parameters
+    ----------
+    record
+        What is written: the time and every channel.
+    path
+        The file, which ends in .csv; one that exists is replaced.
+
     Raises
     ------
     InputError
         When `path` is not .csv or cannot be written, or a channel's name cannot stand in a header.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, casid as cs
+    >>> t = 0.02 * np.arange(200)
+    >>> record = cs.Record(name="m1", t=t, channels={"q": 0.01 * np.sin(t), "delta_e": 0.02 * np.cos(t)})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     cs.write_record(record, folder + "/m1.csv")
+    ...     again = cs.read_record(folder + "/m1.csv")
+    >>> bool(np.array_equal(again["q"], record["q"]))
+    True
     """
     an(record, Record, "write_record: record", "cs.write_record(record, 'm1.csv')")
     path = a_path(path, "write_record")

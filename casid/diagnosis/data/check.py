@@ -126,10 +126,22 @@ def check(
     criteria
         By which it decides; by default those of `DataCriteria()`.
 
+    Returns
+    -------
+    DataFindings
+        Print it for the findings and a table of the channels; `records` are the data as they should be.
+
     Raises
     ------
     InputError
         For what is no record or aircraft, and as `read_record` and `Aircraft.read`.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> record = cs.read_record("casid/cli/demo/m1.csv")
+    >>> cs.check(record.with_channels(q=-record["q"])).findings[0].target
+    'q'
     """
     given = given_records(records, "check")
     if not given:
