@@ -72,9 +72,15 @@ class InstrumentError:
     rivals: tuple[str, ...] = ()
 
     @property
+    def identifiable(self) -> bool:
+        """Whether the records tell it to what is allowed. Biases are always estimated, and trade off with each other
+        where the manoeuvres do not separate them; a further error is estimated only where the data ask for it."""
+        return self.kind != "sensor_bias" or self.std <= self.allowed
+
+    @property
     def passed(self) -> bool:
-        """Whether it is within what is allowed, or not clearly there."""
-        return abs(self.value) <= max(self.allowed, self.sigmas * self.std)
+        """Whether it is within what is allowed, not clearly there, or not identifiable."""
+        return not self.identifiable or abs(self.value) <= max(self.allowed, self.sigmas * self.std)
 
     @property
     def sentence(self) -> str:
@@ -86,10 +92,15 @@ class InstrumentError:
         title = effect_title(self.kind, self.target, None)
         return f"{title}{others}: {value:.3g} +- {std:.2g}{shown}; {allowed:.2g} is allowed."
 
+    @property
+    def note(self) -> str:
+        """What stands behind its row of the table."""
+        return "  not identifiable" if not self.identifiable else "" if self.passed else "  failed"
+
     def to_dict(self) -> dict[str, Any]:
         """One entry of `errors` in compatibility.json."""
-        kept = ("kind", "target", "value", "std", "unit", "allowed")
-        return {name: getattr(self, name) for name in kept} | {"passed": self.passed, "rivals": list(self.rivals)}
+        kept = ("kind", "target", "value", "std", "unit", "allowed", "identifiable", "passed")
+        return {name: getattr(self, name) for name in kept} | {"rivals": list(self.rivals)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -156,7 +167,7 @@ class Compatibility:
         for one in self.errors:
             factor, unit = for_a_person(one.unit)
             numbers = f"{factor * one.value:10.3g} {factor * one.std:9.2g} {factor * one.allowed:9.2g}"
-            lines.append(f"{f'{one.kind}({one.target})':34} {numbers}  {unit}{'' if one.passed else '  failed'}")
+            lines.append(f"{f'{one.kind}({one.target})':34} {numbers}  {unit}{one.note}")
         lines += ["", "left over noise: " + ", ".join(f"{name} {value:.2g}" for name, value in self.left.items())]
         if self.moving_air:
             lines.append(f"The air moves with {self.moving_air:.2g} m/s r.m.s.; errors are told beside that.")
@@ -229,7 +240,7 @@ def compatibility(
         wind=steady_wind(given, found.fit),
         measured=measured,
         reconstructed=reconstructed,
-        not_judged=_not_judged(given, flight),
+        not_judged=_not_judged(given, flight, errors),
     )
 
 
@@ -345,7 +356,8 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
     )
 
 
-def _not_judged(records: Sequence[Record], flight: Flight) -> tuple[str, ...]:
+def _not_judged(records: Sequence[Record], flight: Flight, errors: Sequence[InstrumentError]) -> tuple[str, ...]:
+    """What these records leave open."""
     wanted = {"alpha": "vane of incidence", "beta": "vane of sideslip", "phi": "bank angle", "theta": "pitch angle"}
     plane = {"longitudinal": ("beta", "phi"), "lateral": ("alpha", "theta")}.get(flight.axes, ())
     missing = [
@@ -355,4 +367,6 @@ def _not_judged(records: Sequence[Record], flight: Flight) -> tuple[str, ...]:
     ]
     over_ground = all("v_north" in record for record in records)
     always = ("constant errors of airspeed and heading, which do not show in kinematics",)
-    return (*missing, *always, *(() if over_ground else ("steady wind, without velocity over ground",)))
+    loose = [one.target for one in errors if not one.identifiable]
+    biases = [f"biases of {', '.join(loose)}, which these manoeuvres do not separate from others"] if loose else []
+    return (*missing, *biases, *always, *(() if over_ground else ("steady wind, without velocity over ground",)))

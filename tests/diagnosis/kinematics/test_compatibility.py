@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import casid as cs
+from casid.diagnosis.kinematics.compatibility import InstrumentError
 from casid.errors import InputError
 from casid.records.record import Record
 from problems.blind.sets import fly_set
@@ -107,3 +108,15 @@ def test_what_kinematics_need_is_said(flown: tuple[Record, ...]) -> None:
         cs.compatibility([flown[0].without("V")])
     with pytest.raises(InputError, match="no record was given"):
         cs.compatibility([])
+
+
+def test_a_bias_that_the_records_do_not_tell_does_not_fail() -> None:
+    """Of a real flight: a sideslip bias of 83 +- 6.5 deg, which a bias of the side force makes up for."""
+    loose = InstrumentError(
+        kind="sensor_bias", target="beta", value=1.45, std=0.113, unit="rad", allowed=0.0044, sigmas=3.5
+    )
+    told = InstrumentError(
+        kind="sensor_bias", target="beta", value=0.05, std=0.001, unit="rad", allowed=0.0044, sigmas=3.5
+    )
+    assert loose.passed and not loose.identifiable
+    assert told.identifiable and not told.passed
