@@ -167,10 +167,33 @@ def bootstrap(
     method, solver
         As in `solve`.
 
+    Returns
+    -------
+    Bootstrap
+        The estimates of the runs that converged, with their covariance, scatter, bias and intervals.
+
     Raises
     ------
     EstimationError
         For a fit that has not converged.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> rng = np.random.default_rng(1)
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * rng.standard_normal(len(t)))
+    >>> problem = cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01})
+    >>> fit = cs.solve(problem)
+    >>> drawn = cs.bootstrap(fit, 5, seed=1, method=cs.SingleShooting(), solver=cs.GaussNewton())
+    >>> drawn.estimates.shape, drawn.failed
+    ((5, 1), 0)
     """
     an(fit, Fit, "bootstrap: fit", "cs.solve(problem)")
     whole(runs, "bootstrap: runs", least=2)

@@ -189,10 +189,32 @@ def identifiability(
     method
         As in `relinearise`.
 
+    Returns
+    -------
+    Identifiability
+        Print it for singular values, the inflation of each standard error, weak directions and unseen parameters.
+
     Raises
     ------
     InputError
         For an unknown control.
+
+    Examples
+    --------
+    Only the product of two gains acts on the output:
+
+    >>> import numpy as np, casid as cs
+    >>> gains = cs.define_model(
+    ...     "gains", states=["x"], inputs=["u"], parameters={"k1": 2.0, "k2": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": s.u - s.x}, output=lambda s: {"y": s.k1 * s.k2 * s.x},
+    ... )
+    >>> t = 0.05 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.sin(t)})
+    >>> flown = cs.simulate(gains, step, [0.0]).as_record("flown")
+    >>> fit = cs.solve(cs.Problem(model=gains, records=[flown], free=["k1", "k2"], noise={"y": 0.01}))
+    >>> told = cs.identifiability(fit)
+    >>> told.names, len(told.weak)
+    (('k1', 'k2'), 1)
     """
     an(fit, Fit, "identifiability: fit", "cs.solve(problem)")
     problem = fit.problem

@@ -86,12 +86,35 @@ def profile(
     method, solver
         As in `solve`.
 
+    Returns
+    -------
+    dict of str to ProfileInterval
+        By name, in the order of `names`.
+
     Raises
     ------
     InputError
         For an unknown name or a level outside (0, 1).
     EstimationError
         For a fit whose cost is no likelihood or that has not converged.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> rng = np.random.default_rng(1)
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * rng.standard_normal(len(t)))
+    >>> problem = cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01})
+    >>> fit = cs.solve(problem)
+    >>> interval = cs.profile(fit, ["T"])["T"]
+    >>> interval.status, interval.lower < 0.4 < interval.upper
+    ('found', True)
     """
     an(fit, Fit, "profile: fit", "cs.solve(problem)")
     _check(fit, level, method)

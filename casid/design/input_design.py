@@ -69,12 +69,45 @@ def design_input(
 
     The optimum is local: the best of all starts is returned.
 
+    Parameters
+    ----------
+    experiment
+        The model, what may move how far, what is measured, and which parameters count.
+    shape
+        `Steps(...)` or `Multisine(...)`; default four pulses.
+    criterion
+        "D": mean log variance of the parameters over their sizes; "A": log of their mean variance.
+    starts
+        Number of random starts besides the standard input.
+    seed
+        Of the random starts.
+
+    Returns
+    -------
+    InputDesign
+        The record of the input with exact outputs, the Cramer-Rao bound of every parameter and the criterion.
+
     Raises
     ------
     InputError
         For a criterion other than "D" or "A" or a shape that does not fit.
     EstimationError
         When no start leads to an input within the limits.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> experiment = cs.Experiment(
+    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
+    ...     duration=6.0, dt=0.1, parameters=["T"],
+    ... )
+    >>> design = cs.design_input(experiment, cs.Steps(pulses=4), starts=0)
+    >>> design.cost <= cs.standard_3211(experiment).cost
+    True
     """
     _check(experiment, shape, criterion)
     whole(starts, "design_input: starts", least=0)
@@ -93,8 +126,44 @@ def design_input(
 
 
 def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float = _STEPS.rise_s) -> InputDesign:
-    """The best 3-2-1-1 with the same limits, for comparison: every surface one after another, its unit by search, its
-    size as large as the limits allow."""
+    """The best 3-2-1-1 with the same limits, for comparison.
+
+    Surfaces move one after another. The unit of each is found by search, and its size is as large as the limits allow.
+
+    Parameters
+    ----------
+    experiment
+        As in `design_input`.
+    criterion
+        "D" or "A", as in `design_input`; it decides between units.
+    rise_s
+        What an edge takes, about [s].
+
+    Returns
+    -------
+    InputDesign
+        Its `status` is "given".
+
+    Raises
+    ------
+    InputError
+        For a criterion other than "D" or "A", and when the input does not fit into the record.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> experiment = cs.Experiment(
+    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
+    ...     duration=6.0, dt=0.1, parameters=["T"],
+    ... )
+    >>> design = cs.standard_3211(experiment)
+    >>> design.status, round(float(abs(design.record["u"]).max()), 1)
+    ('given', 1.0)
+    """
     shape = Steps(rise_s=rise_s)
     _check(experiment, shape, criterion)
     search = _InputSearch(experiment, shape, criterion)

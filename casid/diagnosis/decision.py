@@ -173,6 +173,7 @@ class Trace:
 
     Examples
     --------
+    >>> from casid.diagnosis.decision import Decision, Trace, at_least
     >>> gate = at_least("gains enough", 12.0, 40.0, "naming.gain")
     >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
     >>> print(trace.of("mass"))

@@ -55,15 +55,44 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
     ----------
     simulation
         An `Aircraft` or the name of its file, or the `Model` of any dynamic system (`define_model`).
-    records, hold_out, report, criteria, as_recorded, axes
-        Of an aircraft: see `casid.diagnosis.diagnose.diagnose`.
-    records, hold_out, report, criteria, ports, exact, library
-        Of a model: see `casid.diagnosis.systems.diagnose.diagnose_system`.
+    records
+        Records to be fitted, in SI units and radians, or names of files.
+    hold_out
+        Records that are never fitted. When none is given, one record is held back, or the last third of a single one.
+    report
+        Is called with the name of every stage.
+    criteria
+        The numbers by which the diagnosis decides; by default those of `Criteria()`.
+    as_recorded
+        Of an aircraft: the data stay as they were recorded, and faults are only told.
+    axes
+        Of an aircraft: "longitudinal", "lateral" or "full"; by default what the records can tell of.
+    ports
+        Of a model: where reality may differ; by default every state derivative, input and output not in `exact`.
+    exact
+        Of a model: names of states whose equations are beyond doubt, and of such inputs and outputs.
+    library
+        Of a model: the causes that are considered; by default all that any system may have.
+
+    Returns
+    -------
+    Diagnosis or SystemDiagnosis
+        Of an aircraft or of a model: named causes with their sizes and what each is worth on records that were not
+        fitted. Print it for the account; `save` keeps it and `write_report` makes a page of it.
 
     Raises
     ------
     InputError
         For records that cannot feed the simulation, and for ports of an aircraft, which has its own.
+    EstimationError
+        When the model cannot be fitted at all.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> print(found)  # doctest: +SKIP
+    >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
     if isinstance(simulation, Model):
         if {"axes", "as_recorded"} & set(options):

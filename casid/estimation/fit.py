@@ -71,6 +71,21 @@ class Fit:
         How many of several starts ended where; None where there was one.
     way
         What else than the usual way led here, "" if nothing did; `remarks` begin with it.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+
+    >>> fit = cs.solve(cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01}))
+    >>> fit.converged, round(fit.values["T"], 3), fit.residuals["flown"].shape
+    (True, 0.4, (200, 1))
     """
 
     problem: Problem

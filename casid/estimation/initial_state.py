@@ -21,6 +21,15 @@ class InitialState:
         State -> centre of the prior; default: the first row of `model.guess(record)`.
     std
         State -> 1-sigma of the prior, 0: exactly the value; default: `model.state_scale`, which is weak.
+
+    Examples
+    --------
+    The state x begins at rest, exactly, and y within 0.1 of 2.0:
+
+    >>> import casid as cs
+    >>> known = cs.InitialState(value={"x": 0.0, "y": 2.0}, std={"x": 0.0, "y": 0.1})
+    >>> known.std["y"]
+    0.1
     """
 
     value: Mapping[str, float] = field(default_factory=dict)

@@ -85,6 +85,26 @@ class Problem:
         For a name that does not exist, a value of the wrong kind and gaps in an input.
     EstimationError
         For a problem that cannot be estimated as posed.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+
+    Estimate the time constant, positive, from a known state at rest:
+
+    >>> problem = cs.Problem(
+    ...     model=lag, records=[flown], free=["T"], noise={"y": 0.01}, constraints=[cs.parameter("T", lower=0.0)],
+    ...     initial_state=cs.InitialState(value={"x": 0.0}, std={"x": 0.0}),
+    ... )
+    >>> round(cs.solve(problem).values["T"], 3)
+    0.4
     """
 
     model: Model

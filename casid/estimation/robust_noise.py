@@ -26,6 +26,7 @@ class StudentT:
 
     Examples
     --------
+    >>> import casid as cs
     >>> cs.StudentT(degrees=4.0)
     StudentT(degrees=4.0, sigma=None)
     """
@@ -57,6 +58,7 @@ class Huber:
 
     Examples
     --------
+    >>> import casid as cs
     >>> cs.Huber()
     Huber(threshold=1.345, sigma=None)
     """

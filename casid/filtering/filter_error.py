@@ -124,6 +124,13 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     process_noise
         Disturbance of the model -> correlation time [s] of the Gauss-Markov process that drives it; 0: white from
         sample to sample. The standard deviations are estimated.
+    iterations
+        After how many rounds of parameters and noise to give up.
+
+    Returns
+    -------
+    FilterFit
+        Estimates with their Cramer-Rao bounds, the noise found and the innovations.
 
     Raises
     ------
@@ -132,6 +139,22 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     EstimationError
         For what this method does not do: costs other than OutputError, range weights, constraints, a prior of the
         initial state.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"], disturbances=["w_x"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T + s.w_x}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t, rng = 0.05 * np.arange(200), np.random.default_rng(1)
+    >>> square = cs.Record(name="square", t=t, channels={"u": np.sign(np.sin(t))})
+    >>> gust = {"w_x": 0.5 * rng.standard_normal(len(t))}
+    >>> flown = cs.simulate(lag, square, [0.0], {"T": 0.4}, gust).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.02 * rng.standard_normal(len(t)))
+    >>> fit = cs.filter_error(cs.Problem(model=lag, records=[noisy], free=["T"]), {"w_x": 0.0})
+    >>> fit.status, round(fit.values["T"], 1)
+    ('converged', 0.4)
     """
     an(problem, Problem, "filter_error: problem", "cs.Problem(model, records, free=[...])")
     begin = time.perf_counter()

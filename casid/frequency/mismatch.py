@@ -243,6 +243,22 @@ def compare_responses(
     -----
     The cost is J = 20/n sum over n = 20 frequencies, evenly by ratio, of W (dB**2 + 0.01745 deg**2), with the weight W
     = (1.58 (1 - exp(-coherence)))**2 (Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed.).
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(3000)
+    >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
+    >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
+    >>> flight = cs.frequency_response([flown], "u", "y")
+    >>> models = {"good": cs.linear_model(lag, {}), "slow": cs.linear_model(lag, {}, values={"T": 1.0})}
+    >>> compared = cs.compare_responses(flight, models, band=(1.0, 5.0))
+    >>> compared.mismatches["slow"].cost > 50.0 * compared.mismatches["good"].cost
+    True
     """
     if not isinstance(models, Mapping) or not models:
         raise InputError("compare_responses: models is no table of models; write {'as given': cs.linear_model(...)}")

@@ -120,6 +120,11 @@ def linear_model(
     values
         Parameters by name, put over the nominal ones.
 
+    Returns
+    -------
+    LinearModel
+        Its matrices A, B, C, D by the names of states, inputs and outputs; `response` gives the frequency response.
+
     Raises
     ------
     InputError

@@ -50,6 +50,7 @@ class TransferFunction:
 
     Examples
     --------
+    >>> import casid as cs
     >>> cs.TransferFunction(gain="K_q", zeros=["1/T_theta2"], pole_pairs=[("zeta_sp", "omega_sp")], delay="tau_q").names
     ('K_q', '1/T_theta2', 'zeta_sp', 'omega_sp', 'tau_q')
     """

@@ -79,6 +79,13 @@ class Aircraft:
     ------
     InputError
         For everything that cannot be.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> aircraft = cs.Aircraft.read("casid/cli/demo/aircraft.toml")
+    >>> aircraft.mass, aircraft.derivatives["Cm_alpha"]
+    (14469.6, -2.14)
     """
 
     name: str

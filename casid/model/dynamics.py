@@ -124,10 +124,23 @@ def aircraft_model(
         sense of the axes it is -1 and 1; some simulators have them otherwise. These are further states, behind all
         others.
 
+    Returns
+    -------
+    Model
+        Its states are among u v w [m/s], p q r [rad/s], phi theta [rad], its inputs the surfaces [rad], thrust [N] and
+        density rho [kg/m3], further ones by `axes` and `known`; `flight_inputs` makes records that have all of them.
+
     Raises
     ------
     InputError
         For unknown axes or outputs.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> model = cs.aircraft_model("casid/cli/demo/aircraft.toml", axes="longitudinal", outputs=["alpha", "q"])
+    >>> model.states, model.outputs
+    (('u', 'w', 'q', 'theta'), ('alpha', 'q'))
     """
     aircraft = given_aircraft(aircraft, "aircraft_model")
     if axes not in MOVING:
@@ -264,9 +277,35 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     """The record with every input channel that an aircraft model wants.
 
     Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
-    [trim], constant; the states that a reduction does not move from the measured channels. What can come from nowhere
-    is an InputError, not a guess. `record.notes` says what was filled in. Heading and bank go on where they pass 180 or
-    360 deg.
+    [trim], constant; the states that a reduction does not move from the measured channels. `record.notes` says what was
+    filled in. Heading and bank go on where they pass 180 or 360 deg.
+
+    Parameters
+    ----------
+    aircraft
+        The aircraft, or the name of its file.
+    record
+        The flight record, or the name of its file.
+    axes
+        As in `aircraft_model`.
+
+    Returns
+    -------
+    Record
+        A copy with the inputs of `aircraft_model(aircraft, axes=axes)` added; no measured channel of it is lost.
+
+    Raises
+    ------
+    InputError
+        For unknown axes, and for an input that neither the record nor [trim] gives.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> demo = "casid/cli/demo/"
+    >>> record = cs.flight_inputs(demo + "aircraft.toml", demo + "m1.csv", axes="longitudinal")
+    >>> all(name in record for name in ("delta_e", "thrust", "rho", "v", "p", "r", "phi"))
+    True
     """
     aircraft, record = given_aircraft(aircraft, "flight_inputs"), given_record(record, "flight_inputs")
     if axes not in MOVING:

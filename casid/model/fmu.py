@@ -75,6 +75,11 @@ def fmu_model(
     ------
     InputError
         Without the extra, for a file that cannot be run here, and for what is none of these.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> model = cs.fmu_model("motor.fmu", parameters=["R"])  # doctest: +SKIP
     """
     where = f"fmu_model: {a_path(path, 'fmu_model')}"
     description, unit = _opened(path, where)

@@ -44,16 +44,30 @@ def outside(
     function of the symbols
         For `define_model(dynamics=..., output=...)`.
 
+    Raises
+    ------
+    InputError
+        For names twice and sizes that are none; while it runs, for a result that is missing or of another length.
+
     Notes
     -----
     First derivatives are good to about 1e-10 of the function's variation over a size, second ones to 1e-8. A function
     that numpy writes in one expression needs none of this: called with the symbols it gives expressions, exact and
     compiled. A model with an outside function cannot be sent to other processes.
 
-    Raises
-    ------
-    InputError
-        For names twice and sizes that are none; while it runs, for a result that is missing or of another length.
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> def rates(point):
+    ...     return {"x": (point["u"] - np.tanh(point["x"])) / point["T"]}
+    >>> model = cs.define_model(
+    ...     "outside", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=cs.outside(rates, takes=["x", "u", "T"], gives=["x"]), output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.1 * np.arange(100)
+    >>> rest = cs.Record(name="rest", t=t, channels={"u": np.full(100, 0.5)})
+    >>> round(float(cs.simulate(model, rest, [0.0]).output("y")[-1]), 3)  # tends to artanh(0.5)
+    0.549
     """
     if not callable(function):
         raise InputError(f"outside: the function is {given(function)}; expected one of arrays by name")

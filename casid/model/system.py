@@ -56,6 +56,18 @@ class Model:
     initial
         State -> its value at a record's first sample, an expression of p; what is not here is free, or known to the
         problem.
+
+    Examples
+    --------
+    `define_model` makes one, and so does `aircraft_model`:
+
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> lag.f.shape, lag.nominal["T"]
+    ((1, 1), 0.5)
     """
 
     name: str
@@ -194,6 +206,19 @@ def define_regression(
     ------
     InputError
         For an output that is not declared or has no expression, or a name that is used twice.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> polar = cs.define_regression(
+    ...     "polar", inputs=["CL"], parameters={"CD_0": 0.02, "k": 0.05}, outputs=["CD"],
+    ...     output=lambda s: {"CD": s.CD_0 + s.k * s.CL**2},
+    ... )
+    >>> CL = np.linspace(0.2, 1.0, 60)
+    >>> record = cs.Record(name="polar", t=np.arange(60.0), channels={"CL": CL, "CD": 0.03 + 0.04 * CL**2})
+    >>> fit = cs.solve(cs.Problem(model=polar, records=[record], free=["CD_0", "k"], noise={"CD": 0.001}))
+    >>> round(fit.values["CD_0"], 4), round(fit.values["k"], 4)
+    (0.03, 0.04)
     """
     return define_model(
         name,

@@ -50,6 +50,14 @@ class Record:
     ------
     InputError
         For time that does not increase, channels of another length, what is no number, and degrees.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> t = 0.02 * np.arange(500)
+    >>> record = cs.Record(name="m1", t=t, channels={"delta_e": 0.02 * np.sin(t), "q": 0.01 * np.cos(t)})
+    >>> len(record), record["q"].shape, round(record.dt, 3)
+    (500, (500,), 0.02)
     """
 
     name: str

@@ -74,9 +74,29 @@ class Section:
 def write_report(
     diagnosis: Diagnosis | SystemDiagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None
 ) -> None:
-    """Write `report.html`, `report_figures/*.svg` and, of an aircraft, `next_flight*.csv` into `folder`, which is made.
+    """Write the page of a diagnosis into a folder.
 
-    `made_with` is what `run.json` has; default: this process and the versions it runs.
+    These are `report.html`, `report_figures/*.svg` and, of an aircraft, `next_flight*.csv`.
+
+    Parameters
+    ----------
+    diagnosis
+        Of `diagnose`.
+    folder
+        Where the files go; it is made when it does not exist.
+    made_with
+        What `run.json` has: command, seed, commit and versions. Default: those of this process.
+
+    Raises
+    ------
+    InputError
+        For what is no diagnosis.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
     if isinstance(diagnosis, SystemDiagnosis):
         write_system_report(diagnosis, folder, provenance(0) if made_with is None else made_with)
