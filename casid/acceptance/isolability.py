@@ -324,7 +324,7 @@ def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tupl
     """Effects to be judged, and names of those of the catalogue that size says nothing of."""
     every = flight.effects
     if causes is None:
-        chosen = [e for e in every if e.kind != "aero_term" or any(fnmatchcase(e.name, g) for g in _DEFAULT)]
+        chosen = [e for e in every if e.regressor is None or any(fnmatchcase(e.name, g) for g in _DEFAULT)]
     else:
         chosen: list[Effect] = []
         for one in [causes] if isinstance(causes, str) else causes:

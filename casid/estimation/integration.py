@@ -138,7 +138,9 @@ def _is_plain(objective: Objective, outcome: Outcome) -> bool:
     """
     layout, value = objective.layout, outcome.value
     assert value.trajectory is not None
-    worst = (_fastest(objective, value.trajectory.states, value.parameters) * float(layout.dt.max())) ** _ORDER / 120.0
+    rate = np.float64(_fastest(objective, value.trajectory.states, value.parameters))
+    with np.errstate(over="ignore"):  # a motion that departs may have any rate
+        worst = float((rate * layout.dt.max()) ** _ORDER / 120.0)
     mean = (layout.z * layout.present).sum(axis=(0, 1)) / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
     moves = (layout.z - mean) * layout.present / value.noise.levels.sigma[: len(mean)]
     off = worst * float(np.linalg.norm(moves))
