@@ -94,8 +94,8 @@ def test_no_kind_is_named_outside_its_definition():
     """What is to be known of a kind is asked of its definition.
 
     A library for any system has definitions of its own; what JSBSim or another simulator has for a kind is a
-    translation into its words. What an aircraft can have of it, by its mass and lengths, stands together in `bounds.py`,
-    and the instrument errors of a check of compatibility are a list of its own.
+    translation into its words. What an aircraft can have of it, by its mass and lengths, stands together in
+    `bounds.py`, and the instrument errors of a check of compatibility are a list of its own.
     """
     package = Path(__file__).resolve().parents[2] / "casid"
     paths = [
