@@ -20,7 +20,11 @@ def line(seed: int, count: int = 200) -> cs.Record:
 
 def model() -> cs.Model:
     return cs.define_regression(
-        "line", predictors=("u",), parameters={"a": 1.0, "b": 0.0}, response=lambda s: {"y": s.a * s.u + s.b}
+        "line",
+        inputs=("u",),
+        parameters={"a": 1.0, "b": 0.0},
+        outputs=("y",),
+        output=lambda s: {"y": s.a * s.u + s.b},
     )
 
 
