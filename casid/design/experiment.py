@@ -43,6 +43,20 @@ class Experiment:
     ------
     InputError
         For a name that does not exist, a limit or noise that is not positive.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> experiment = cs.Experiment(
+    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
+    ...     duration=6.0, dt=0.1, parameters=["T"],
+    ... )
+    >>> experiment.free, len(experiment.t)
+    (('T',), 61)
     """
 
     model: Model

@@ -66,7 +66,23 @@ class OutputError:
 
 @dataclass(frozen=True, kw_only=True)
 class EquationError:
-    """Measured minus modelled right-hand sides, evaluated on measured signals (paper eq. 6-9): no simulation."""
+    """Measured minus modelled right-hand sides, evaluated on measured signals (paper eq. 6-9): no simulation.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> sine = cs.Record(name="sine", t=t, channels={"u": np.sin(3.0 * t)})
+    >>> simulation = cs.simulate(lag, sine, [0.0], {"T": 0.4})
+    >>> flown = sine.with_channels(x=simulation.state("x"), y=simulation.output("y"))
+    >>> fit = cs.solve(cs.Problem(model=lag, records=[flown], free=["T"], cost=cs.EquationError()))
+    >>> abs(fit.values["T"] - 0.4) < 0.02
+    True
+    """
 
     @property
     def output_weight(self) -> float:

@@ -125,7 +125,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
         Disturbance of the model -> correlation time [s] of the Gauss-Markov process that drives it; 0: white from
         sample to sample. The standard deviations are estimated.
     iterations
-        After how many rounds of parameters and noise to give up.
+        After how many iterations to give up.
 
     Returns
     -------

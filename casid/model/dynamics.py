@@ -292,12 +292,12 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     Returns
     -------
     Record
-        A copy with the inputs of `aircraft_model(aircraft, axes=axes)` added; no measured channel of it is lost.
+        A copy with the inputs of `aircraft_model(aircraft, axes=axes)` added.
 
     Raises
     ------
     InputError
-        For unknown axes, and for an input that neither the record nor [trim] gives.
+        For unknown axes, degrees in a radian channel, and an input that neither the record nor [trim] gives.
 
     Examples
     --------

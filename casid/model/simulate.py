@@ -24,7 +24,21 @@ _MOST_STEPS = 100_000  # of CVODES between two samples
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Simulation:
-    """States (N, states) and outputs (N, outputs) at the time stamps t (N,) of the record that gave the inputs."""
+    """States (N, states) and outputs (N, outputs) at the time stamps t (N,) of the record that gave the inputs.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> simulation = cs.simulate(lag, step, [0.0])
+    >>> simulation.state("x").shape, simulation.as_record("flown").name
+    ((200,), 'flown')
+    """
 
     model: Model
     record: Record

@@ -71,7 +71,8 @@ def read_record(
     Parameters
     ----------
     path
-        A file of text (CSV) or of a binary format, which its ending tells.
+        A table as text (.csv, .tsv, .asc, .txt, .dat), or a file of another format that its ending tells: .mat, .npz,
+        .parquet, .h5, .hdf5, .xlsx, .mf4, .ulg, .bin.
     column_map
         Which column of a foreign file is which channel: a `ColumnMap`, its TOML file, or a table like
         `{"alpha": "ALCG:deg"}`.
@@ -89,8 +90,8 @@ def read_record(
     Raises
     ------
     InputError
-        In one line with file, row, column and value, for everything else: text in a number, a ragged row, time that
-        runs back, gaps in an input. Also for degrees in a radian column, a name that is nearly that of a channel, and a
+        In one line with file, row, column and value: for text in a number, a ragged row, time that runs back, and gaps
+        in an input. Also for degrees in a radian column, a name that is nearly that of a channel, and a
         record under 3 s or 50 samples.
 
     Examples
