@@ -318,7 +318,7 @@ def test_residuals_that_the_inputs_do_not_explain_stay_measurement_noise():
     fit = solve(Problem(short_period(), [record], free=["*"]))
     errors = input_noise_errors(fit, {"delta_e": 1e-7})
     np.testing.assert_allclose(errors.covariance, fit.covariance_corrected, rtol=1e-4)
-    assert all(errors.std[name] > 1.5 * fit[name].std for name in errors.std)
+    assert all(errors.std[name] > 1.5 * fit[name].std_cramer_rao for name in errors.std)
 
 
 def test_correlated_measurement_noise_is_whitened_for_noisy_inputs_too():

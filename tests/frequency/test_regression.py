@@ -150,7 +150,8 @@ def test_a_real_flight_agrees_with_equation_and_output_error_in_time(known_fault
         apart = abs(band[name].value - other.value) / np.hypot(band[name].std, other.std_corrected)
         assert apart < 3.0, name
     ratio = {
-        name: (band[name].std / equation[name].std_corrected, band[name].std / equation[name].std) for name in side
+        name: (band[name].std / equation[name].std_corrected, band[name].std / equation[name].std_cramer_rao)
+        for name in side
     }
     assert 0.5 < np.median([coloured for coloured, _ in ratio.values()]) < 1.5
     assert min(white for _, white in ratio.values()) > 2.0

@@ -214,7 +214,7 @@ def cut_short(rows: list[list[str]]) -> None:
         (misspell, ("alhpa", "alpha")),
         (gap_in_an_input, ("line 41", "delta_e", "missing")),
         (time_back, ("line 61", "time runs back")),
-        (cut_short, ("too short",)),
+        (cut_short, ("too few",)),
     ],
 )
 def test_bad_record(run: Callable, flight: Path, tmp_path: Path, change: Callable, words: tuple[str, ...]) -> None:
@@ -245,7 +245,7 @@ def test_unknown_aircraft_key(run: Callable, flight: Path, tmp_path: Path) -> No
         (("{flight}/first.csv", "--aircraft", "{flight}/aircraft.toml", "--map", "alpha"), "alpha"),
         (
             ("{flight}/first.csv", "--aircraft", "{flight}/aircraft.toml", "--hold-out", "{flight}/first.csv"),
-            "no record",
+            "every record is held out",
         ),
     ],
 )
