@@ -57,6 +57,6 @@ def test_it_takes_a_fit_in_time_and_its_table_has_every_parameter() -> None:
     fit = cs.solve(cs.Problem(short_period(START), [record], free=["*"]))
     found = cs.precision(fit)
     for name, one in found.parameters.items():
-        assert one.cramer_rao_percent == pytest.approx(100.0 * fit[name].std / abs(fit[name].value))
+        assert one.cramer_rao_percent == pytest.approx(100.0 * fit[name].std_cramer_rao / abs(fit[name].value))
         assert one.insensitivity_percent <= one.cramer_rao_percent * (1.0 + 1e-9)
         assert name in str(found)

@@ -125,7 +125,7 @@ FAULTS = [
     ("mass = 10500.0", "mass = 0", "'mass' is 0; expected a positive number"),
     ("mass = 10500.0", "mass = nan", "'mass' is nan; expected a positive number"),
     ("mass = 10500.0", "mass = true", "'mass' is True; expected a positive number"),
-    ("mass = 10500.0", 'mass = "10 parsec"', "'parsec'"),
+    ("mass = 10500.0", 'mass = "10 parsec"', "'10 parsec'; expected a number, or one with a unit"),
     ("mass = 10500.0", f"mass = 1{400 * '0'}", "'mass' is a number too large; expected a positive number"),
     ("mass = 10500.0", f"mass = 1{5000 * '0'}", "not valid TOML"),
     ("mass = 10500.0", "mass = ", "not valid TOML"),

@@ -218,12 +218,13 @@ class LiftedCollocation:
     def refined(self, coarse: LiftedCollocation, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(K, L d, n) interior states on the polynomials of a coarser one of the same segments and samples."""
         count, length, d, n = self.shape
-        times = length // coarse.layout.length
         states = coarse._states(nodes, points)
         inside = np.concatenate([states[:, :, None], points.reshape(*states.shape[:2], -1, n)], axis=2)
-        own = (np.arange(times)[:, None] + self.tau).ravel() / times
-        table = _lagrange(np.append(0.0, coarse.tau), own)
-        return np.einsum("rt,klrn->kltn", table, inside).reshape(count, length * d, n)
+        # a point at the end of a coarse step belongs to that step
+        at = ((np.arange(length)[:, None] + self.tau) * (coarse.layout.length / length)).ravel()
+        step = np.clip(np.ceil(at).astype(int) - 1, 0, coarse.layout.length - 1)
+        table = _lagrange(np.append(0.0, coarse.tau), at - step)
+        return np.einsum("rm,kmrn->kmn", table, inside[:, step]).reshape(count, length * d, n)
 
     def after_samples(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of all samples but the last of each record, (P, n) states a sample interval after the first guess of their
