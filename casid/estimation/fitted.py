@@ -17,7 +17,7 @@ class Estimate:
     name, value
         Its estimate.
     std
-        1-sigma: `std_corrected` where residuals are coloured, else `std_cramer_rao`.
+        1-sigma: the larger of `std_corrected` and `std_cramer_rao` where residuals are coloured, else `std_cramer_rao`.
     std_cramer_rao
         By Cramer and Rao's bound, as if the residuals were white.
     std_corrected

@@ -87,8 +87,14 @@ class Uncertainty:
 
     @property
     def honest(self) -> np.ndarray:
-        """The corrected one where the residuals of any channel are coloured, else Cramer-Rao."""
-        return self.corrected if self.is_coloured else self.covariance
+        """The corrected one where the residuals of any channel are coloured, else Cramer-Rao; never below that, because
+        noise that is given stands where the residuals are smaller."""
+        if not self.is_coloured:
+            return self.covariance
+        bound, found = np.diagonal(self.covariance), np.diagonal(self.corrected)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            grown = np.where((found > 0.0) & (found < bound), np.sqrt(bound / found), 1.0)
+        return self.corrected * grown[:, None] * grown
 
     @cached_property
     def is_coloured(self) -> bool:
@@ -116,7 +122,8 @@ class Uncertainty:
         if self._inverse is None:
             return np.full((2, len(self.objective.problem.parameters)), np.nan)
         base, score = self._coloured if self.is_coloured else self._cramer_rao
-        squares = np.tile(_Z95**2 * np.maximum(np.diagonal(base), 0.0), (2, 1))
+        widest = np.maximum(np.diagonal(base), np.diagonal(self._cramer_rao[0]))  # as of `honest`
+        squares = np.tile(_Z95**2 * np.maximum(widest, 0.0), (2, 1))
         return np.sqrt(squares if self._held is None else squares + self._held.sides(score, _Z95))
 
     @cached_property
