@@ -121,10 +121,14 @@ class Uncertainty:
         """(2, parameters) how far the 95 % interval reaches below and above the estimates."""
         if self._inverse is None:
             return np.full((2, len(self.objective.problem.parameters)), np.nan)
-        base, score = self._coloured if self.is_coloured else self._cramer_rao
-        widest = np.maximum(np.diagonal(base), np.diagonal(self._cramer_rao[0]))  # as of `honest`
-        squares = np.tile(_Z95**2 * np.maximum(widest, 0.0), (2, 1))
-        return np.sqrt(squares if self._held is None else squares + self._held.sides(score, _Z95))
+        if not self.is_coloured:
+            return np.sqrt(self._squares(*self._cramer_rao))
+        return np.sqrt(np.maximum(self._squares(*self._coloured), self._squares(*self._cramer_rao)))  # as of `honest`
+
+    def _squares(self, base: np.ndarray, score: np.ndarray) -> np.ndarray:
+        """(2, parameters) squares of the reach below and above, by a covariance and that of its gradient."""
+        squares = np.tile(_Z95**2 * np.maximum(np.diagonal(base), 0.0), (2, 1))
+        return squares if self._held is None else squares + self._held.sides(score, _Z95)
 
     @cached_property
     def _cramer_rao(self) -> tuple[np.ndarray, np.ndarray]:
