@@ -134,7 +134,9 @@ def test_workers_say_nothing_of_ctrl_c(tmp_path: Path, program: Path, seconds: f
         assert process.stdout is not None and process.stdout.readline() == "0\n"  # the workers start now
         time.sleep(seconds)
         os.killpg(process.pid, signal.SIGINT)
-        assert process.communicate(timeout=30)[1].count("Traceback") == 1
+        errors = process.communicate(timeout=30)[1].splitlines()
+    # counted by its last line: an interrupt inside an `except` of the standard library prints two tracebacks
+    assert errors.count("KeyboardInterrupt") == 1
 
 
 def test_a_store_in_which_nothing_was_finished_is_not_left(tmp_path: Path) -> None:
