@@ -39,7 +39,7 @@ from casid.campaign.run import run_campaign
 from casid.campaign.store import open_store
 from casid.errors import InputError
 from casid.model.vocabulary import KINDS
-from casid.report.confusion import confusion_matrix
+from casid.report.evidence_figures import confusion_matrix
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import settings

@@ -15,7 +15,7 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_each
-from casid.report.check_page import write_check
+from casid.report.data_pages import write_check
 from casid.report.folder import whole_folder
 
 

@@ -12,7 +12,7 @@ from casid.cli.options import AsJson, Axes, Begin, End, Folder, Maps, records_of
 from casid.diagnosis.kinematics.compatibility import compatibility as checked
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.report.compatibility_page import write_compatibility
+from casid.report.data_pages import write_compatibility
 from casid.report.folder import whole_folder
 
 

@@ -18,9 +18,9 @@ from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
-from casid.report.bode_figures import bode, bode_mismatch
 from casid.report.estimate_figures import write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.response_figures import bode, bode_mismatch
 
 _COUNT = 100  # frequencies in a band
 

@@ -15,9 +15,9 @@ from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.records.segments import Segment
 from casid.records.segments import segments as found_in
+from casid.report.data_pages import segment_figure
 from casid.report.estimate_figures import file_name, write_pictures
 from casid.report.folder import whole_folder
-from casid.report.segment_figures import segment_figure
 from casid.signals import DEGREE
 
 

@@ -1,14 +1,155 @@
-"""The page of `casid isolate`: the matrix of confusion, what would add most, and every cause in numbers."""
+"""Isolability, which cause is confused with which: as a figure, as text, as a page."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from casid.acceptance.isolability import Isolability
-from casid.report.isolability_figures import addition, matrix, rivals, smallest
-from casid.report.table import ReportTable, Row
-from casid.report.templating import drawn_into, figures_of, render
-from casid.report.words import probability_in_words, quantity
+import numpy as np
+from matplotlib.figure import Figure
+
+from casid.acceptance.isolability import Addition, Isolability, IsolableCause
+from casid.errors import InputError
+from casid.model.effects import effect_named
+from casid.report.style import Picture, blank, settings, window
+from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
+from casid.report.words import digits, effect_name, probability_in_words, quantity
+
+_SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
+_MOST = 48  # causes in the matrix: more cannot be read
+
+
+def plot(found: Isolability) -> Figure:
+    """The matrix in a window."""
+    with settings():
+        shown = _shown(found)
+        figure = window(_height(shown))
+        _draw(figure, found, shown)
+    return figure
+
+
+def matrix(found: Isolability) -> Picture:
+    """Which cause, when it is there at the size that matters, is taken for which."""
+    with settings():
+        shown = _shown(found)
+        side = _height(shown)
+        drawn = blank(side, side + 0.6)
+        _draw(drawn, found, shown)
+    pairs = [(a, b, p) for a, one in found.causes.items() for b, p in one.confusion.items()]
+    worst = max(pairs, key=lambda pair: pair[2], default=None)
+    said = f" Most alike: {worst[0]} and {worst[1]}, {100.0 * worst[2]:.0f} %." if worst else ""
+    return Picture(
+        name="isolability",
+        figure=drawn,
+        title="What can be taken for what",
+        caption="Row: the cause that is there, at the size that matters. Column: what explains the data better, in per "
+        "cent of such flights; 50 is a toss of a coin. Only causes that are detected in most flights and that may be "
+        "taken for another one are in the matrix.",
+        alt=f"Matrix of the probability of confusion between {len(shown)} causes.{said}",
+        wide=True,
+    )
+
+
+def text(found: Isolability) -> str:
+    """What is detected, what is confused, and what would add most."""
+    causes = found.causes.values()
+    seen = [one for one in causes if one.detection > 0.5]
+    lines = [
+        f"{found.aircraft}: {', '.join(found.manoeuvres)}; channels {', '.join(found.channels)}",
+        f"{len(seen)} of {len(causes)} causes are detected at the size that matters in more than half of the flights; "
+        f"one is rightly named with a probability of {100.0 * found.told:.0f} % on average.",
+        "",
+        f"{'cause':36} {'matters':>12} {'smallest':>12} {'detected':>9} {'right':>6}  taken for",
+    ]
+    for one in sorted(causes, key=lambda one: -one.told):
+        lines.append(
+            f"{one.name:36} {quantity(one.matters, one.unit):>12} {smallest(one):>12} "
+            f"{probability_in_words(one.detection):>9} {probability_in_words(one.told):>6}  {rivals(one)}"
+        )
+    if found.additions:
+        lines += ["", "what would add most:", *(f"  {addition(one, found.told)}" for one in found.additions[:5])]
+    if found.left_out:
+        lines += ["", f"not judged: {', '.join(found.left_out)}"]
+    return "\n".join(lines)
+
+
+def smallest(one: IsolableCause) -> str:
+    """The smallest size that is detected, in words."""
+    return quantity(one.smallest, one.unit) if np.isfinite(one.smallest) else "at no size"
+
+
+def rivals(one: IsolableCause) -> str:
+    """What a cause is taken for, the three most alike; nothing of one that is hardly ever detected."""
+    if one.detection < 0.05:
+        return ""
+    return ", ".join(f"{name} ({100.0 * p:.0f} %)" for name, p in list(one.confusion.items())[:3])
+
+
+def addition(one: Addition, told: float) -> str:
+    """An addition in words, with what it gains."""
+    what = f"channel {one.what}" if one.kind == "channel" else one.what
+    return f"{what}: right in {digits(100.0 * one.told)} % instead of {digits(100.0 * told)} %"
+
+
+def _shown(found: Isolability) -> list[str]:
+    """Causes that are detected in most flights and may be taken for another such one, the most alike of all; each next
+    to those that it is taken for."""
+    seen = {name for name, one in found.causes.items() if one.detection > 0.5}
+    alike = {n: max((p for r, p in found.causes[n].confusion.items() if r in seen), default=0.0) for n in seen}
+    chosen = sorted((n for n in found.causes if alike.get(n, 0.0) >= _SHOWN), key=lambda n: -alike[n])[:_MOST]
+    taken = {r for n in chosen for r, p in found.causes[n].confusion.items() if r in seen and p >= _SHOWN}
+    left = [name for name in found.causes if name in {*chosen, *taken}]
+    ordered: list[str] = []
+    while left:
+        name = max(left, key=lambda n: found.causes[ordered[-1]].confusion.get(n, 0.0)) if ordered else left[0]
+        ordered.append(name)
+        left.remove(name)
+    return ordered
+
+
+def _height(shown: list[str]) -> float:
+    return 3.0 + 0.22 * len(shown)
+
+
+def _draw(figure: Any, found: Isolability, shown: list[str]) -> None:
+    names = list(found.causes)
+    at = [names.index(name) for name in shown]
+    ax = figure.subplots()
+    if not shown:
+        ax.text(0.5, 0.5, "every cause is told apart from all others", ha="center", transform=ax.transAxes)
+        ax.set_axis_off()
+        return
+    table = 100.0 * found.confusion[np.ix_(at, at)]
+    ax.imshow(table, cmap="Blues", vmin=0.0, vmax=60.0, aspect="equal")
+    for i, row in enumerate(table):
+        for j, value in enumerate(row):
+            if value >= 100.0 * _SHOWN and i != j:
+                colour = "white" if value > 35.0 else "black"
+                ax.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=8, color=colour)
+    labels = [_label(name) for name in shown]
+    ax.set_xticks(range(len(shown)), labels, rotation=90, fontsize=8.5)
+    ax.set_yticks(range(len(shown)), labels, fontsize=8.5)
+    ax.xaxis.set_ticks_position("top")
+    ax.xaxis.set_label_position("top")
+    ax.set_xlabel("taken for")
+    ax.set_ylabel("there, at the size that matters")
+    ax.set_xticks(np.arange(len(shown)) - 0.5, minor=True)
+    ax.set_yticks(np.arange(len(shown)) - 0.5, minor=True)
+    ax.grid(visible=False)
+    ax.grid(visible=True, which="minor", color="#EEEEEE", linewidth=0.5)
+    ax.tick_params(which="both", length=0)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def _label(name: str) -> str:
+    """The short name of a cause; of one that is not in the register, such as a user's own, as it is."""
+    try:
+        effect = effect_named(name)
+    except InputError:
+        return name
+    return effect_name(effect) + (f", {effect.variant}" if effect.variant else "")
+
 
 FIGURES = "isolability_figures"
 

@@ -1,18 +1,125 @@
-"""The page of `casid modes`: handbook numbers side by side, pictures, and Theil's coefficients."""
+"""Natural modes and handling qualities: their figures and their page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from casid.acceptance.handbook import Handbook, Number, rows
 from casid.acceptance.theil import Theil
-from casid.report.modes_figures import eigenvalues, trim_curves
-from casid.report.table import ReportTable, Row
-from casid.report.templating import drawn_into, figures_of, render
+from casid.report.style import (
+    RECORD_COLOURS,
+    RECORD_MARKERS,
+    WIDE,
+    Picture,
+    blank,
+    channel_axis,
+    channel_scale,
+    settings,
+    window,
+)
+from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
 from casid.report.words import digits, quantity, with_std
+
+_FAST, _SLOW = ("short period", "dutch roll", "roll"), ("phugoid", "spiral")
+_CURVES = ("delta_e", "alpha", "thrust")
+
+
+def plot(found: Mapping[str, Handbook]) -> Figure:
+    """Eigenvalues and trim curves of aircraft by label, in one figure."""
+    with settings():
+        figure = window(6.4)
+        above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
+        _draw_eigenvalues(above, found)
+        _draw_curves(below, found)
+    return figure
+
+
+def eigenvalues(found: Mapping[str, Handbook]) -> Picture:
+    """The modes in the complex plane, fast and slow ones apart."""
+    with settings():
+        drawn = blank(3.6, WIDE)
+        _draw_eigenvalues(drawn, found)
+    return Picture(
+        name="eigenvalues",
+        figure=drawn,
+        title="Modes of motion",
+        caption="Eigenvalues of the linearised aircraft, of each pair the upper one, with 2-sigma intervals. "
+        "Left of the dashed line a motion decays.",
+        alt=f"Eigenvalues of the modes of {', '.join(found)} in the complex plane.",
+    )
+
+
+def trim_curves(found: Mapping[str, Handbook]) -> Picture:
+    """Elevator, angle of attack and thrust of level flight over airspeed."""
+    with settings():
+        drawn = blank(2.9, WIDE)
+        _draw_curves(drawn, found)
+    return Picture(
+        name="trim_curves",
+        figure=drawn,
+        title="Trim of level flight",
+        caption="What level flight takes at every airspeed, with 2-sigma bands; dotted: the flight point of the modes.",
+        alt=f"Elevator, angle of attack and thrust over airspeed for {', '.join(found)}.",
+    )
+
+
+def _draw_eigenvalues(figure: Any, found: Mapping[str, Handbook]) -> None:
+    axes = figure.subplots(1, 2)
+    others = {name for one in found.values() for name in one.modes} - {*_FAST, *_SLOW}
+    slow_others = {n for one in found.values() for n in others & one.modes.keys() if abs(one.modes[n].eigenvalue) < 0.3}
+    groups = (("fast modes", {*_FAST, *(others - slow_others)}), ("slow modes", {*_SLOW, *slow_others}))
+    for ax, (title, group) in zip(axes, groups, strict=True):
+        for k, (label, one) in enumerate(found.items()):
+            for name, mode in one.modes.items():
+                if name not in group:
+                    continue
+                re, im = mode.eigenvalue.real, mode.eigenvalue.imag
+                spread = [2.0 * s if np.isfinite(s) else 0.0 for s in mode.eigenvalue_std]
+                ax.errorbar(
+                    [re],
+                    [im],
+                    xerr=[spread[0]],
+                    yerr=[spread[1]] if im > 0.0 else None,
+                    color=RECORD_COLOURS[k % len(RECORD_COLOURS)],
+                    marker=RECORD_MARKERS[k % len(RECORD_MARKERS)],
+                    markersize=5,
+                    capsize=2.5,
+                    linestyle="none",
+                    label=label,
+                )
+                if k == 0:
+                    ax.annotate(name, (re, im), xytext=(5, 6), textcoords="offset points", fontsize=9)
+        ax.axvline(0.0, color="#222222", linewidth=0.9, linestyle="--")
+        ax.set_title(title)
+        ax.set_xlabel("decay σ [1/s]")
+        ax.margins(0.18, 0.18)
+    axes[0].set_ylabel("ω [rad/s]")
+    if len(found) > 1:
+        handles = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=len(handles))
+
+
+def _draw_curves(figure: Any, found: Mapping[str, Handbook]) -> None:
+    axes = figure.subplots(1, len(_CURVES))
+    for ax, name in zip(axes, _CURVES, strict=True):
+        factor = channel_scale(name)[0]
+        for k, (label, one) in enumerate(found.items()):
+            curves, colour = one.trim_curves, RECORD_COLOURS[k % len(RECORD_COLOURS)]
+            value, spread = factor * curves.values[name], 2.0 * factor * np.nan_to_num(curves.std[name])
+            ax.fill_between(curves.V, value - spread, value + spread, color=colour, alpha=0.18, lw=0)
+            ax.plot(curves.V, value, color=colour, label=label)
+            ax.axvline(one.flight["V"], color=colour, linewidth=0.9, linestyle=":")
+        ax.set_title(channel_axis(name))
+        ax.set_xlabel("V [m/s]")
+    if len(found) > 1:
+        lines, labels = axes[0].get_legend_handles_labels()
+        figure.legend(lines, labels, loc="outside upper center", ncols=len(found))
+
 
 FIGURES = "modes_figures"
 

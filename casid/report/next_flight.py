@@ -23,7 +23,7 @@ from casid.records.thinning import thinned
 from casid.report.claims import numbered
 from casid.report.design_figures import designed_histories, separated
 from casid.report.style import Picture, channel_scale
-from casid.report.table import ReportTable, Row
+from casid.report.templating import ReportTable, Row
 from casid.report.words import (
     digits,
     effect_name,

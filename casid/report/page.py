@@ -2,29 +2,138 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from casid.arguments import an
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.given.account import account_sentence
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.result import SystemDiagnosis
+from casid.model.effects import effect_of
 from casid.records.readers import write_record
 from casid.report import tables
-from casid.report.claims import Claim, claims
-from casid.report.envelope import envelope_table
+from casid.report.aircraft_figures import derivatives, envelope, envelope_table
+from casid.report.budget_figures import budget
+from casid.report.cause_figures import Reconstruction, cause_response, missing_history, onset, reconstruct, shape, wind
+from casid.report.claims import Claim, claims, numbered
+from casid.report.data_pages import check_figure
+from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
 from casid.report.folder import provenance
-from casid.report.gained import gained
-from casid.report.lead import pictures
+from casid.report.history_figures import PLANES, gain, histories, residuals, tracks
 from casid.report.next_flight import limited, next_flights
-from casid.report.shares import shares
-from casid.report.style import Picture
+from casid.report.style import Picture, settings
 from casid.report.system_page import write_system_report
-from casid.report.table import ReportTable
-from casid.report.templating import COLOURS, FIGURES, Figure, drawn_into, figures_of, render
+from casid.report.tables import shares
+from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
+from casid.report.words import digits
+from casid.signals import label_of
+
+_SAME = 0.005  # a change that is no per cent
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gained:
+    """The error of all channels together, before and after; and the change of every channel that got worse, and of
+    every one that got better, worst first."""
+
+    together: str
+    worse: str
+    better: str
+
+
+def gained(diagnosis: Diagnosis) -> Gained:
+    """Of the open-loop simulation, from the file as given to the best model."""
+    steps, ratio = diagnosis.budget.together, diagnosis.rms_ratio
+    gusts = " Gusts are new in every record, so that its error need not shrink." if diagnosis.turbulence.named else ""
+
+    def told(channels: Sequence[str]) -> str:
+        return ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f}\u00a0%".replace("-", "−") for o in channels)
+
+    return Gained(
+        together=(
+            f"On {', '.join(diagnosis.budget.records)}, which no fit has seen, the simulation is off by "
+            f"{digits(steps.as_given, 2)} times the noise with the file as given, and by "
+            f"{digits(steps.structure, 2)} times with the {diagnosis.best}.{gusts}"
+        ),
+        worse=told([o for o in ratio if ratio[o] > 1.0 + _SAME]),
+        better=told([o for o in ratio if ratio[o] < 1.0 - _SAME]),
+    )
+
+
+_MOST = 3  # causes, and places where something is unexplained, that have pictures of their own
+
+
+def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
+    """Name -> picture; the one most convincing for this verdict comes first and is not repeated."""
+    seen = reconstruct(diagnosis)
+    with settings():
+        further = [
+            *_of_causes(diagnosis, seen),
+            *_of_the_unexplained(diagnosis),
+            budget(diagnosis.budget),
+            gain(diagnosis),
+            *tracks(diagnosis),
+            histories(diagnosis),
+            residuals(diagnosis),
+            heatmap(diagnosis),
+            ladder(diagnosis),
+            ambiguity(diagnosis),
+            missing(diagnosis, seen),
+            kinematic(diagnosis),
+            check_figure(diagnosis.data, *_before_and_after(diagnosis)),
+            derivatives(diagnosis),
+            envelope(diagnosis),
+        ]
+    table = {picture.name: picture for picture in further if picture is not None}
+    lead = _lead(diagnosis, table)
+    return {lead: table.pop(lead)} | table
+
+
+def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
+    """Name of the picture that comes first: the channels in engineering units, of the plane in which the error as given
+    is largest."""
+    channels = diagnosis.budget.channels
+    error = {
+        f"tracks_{plane}": max((channels[name].as_given for name in names if name in channels), default=0.0)
+        for plane, (_, names) in PLANES.items()
+    }
+    return max((name for name in error if name in table), key=lambda name: error[name], default="histories")
+
+
+def _of_causes(diagnosis: Diagnosis, seen: Reconstruction) -> Iterator[Picture]:
+    """Pictures of the strongest causes, each named with the number of its cause."""
+    for number, cause in enumerate(diagnosis.causes[:_MOST], 1):
+        for picture in _of_cause(diagnosis, cause, seen):
+            if picture is not None:
+                yield replace(picture, name=numbered(picture.name, number))
+
+
+def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Iterable[Picture | None]:
+    if effect_of(cause).stochastic:
+        yield wind(diagnosis)
+        return
+    yield shape(diagnosis, cause, seen.before)
+    yield onset(diagnosis, cause)
+    yield cause_response(diagnosis, cause)
+    found = seen.before.get(effect_of(cause).enters or "")
+    yield missing_history(diagnosis, found, curve=True) if found is not None else None
+
+
+def _of_the_unexplained(diagnosis: Diagnosis) -> Iterator[Picture]:
+    for number, one in enumerate(diagnosis.unexplained[:_MOST], 1):
+        yield missing_history(diagnosis, one, curve=False, name=numbered("unexplained", number))
+
+
+def _before_and_after(diagnosis: Diagnosis):
+    """Records as they were recorded, and as they were judged."""
+    recorded = (*diagnosis.as_given.fit.flight.records, *diagnosis.held_out_as_given.fit.flight.records)
+    judged = (*diagnosis.refitted.fit.flight.records, *diagnosis.held_out_refitted.fit.flight.records)
+    return recorded, judged
+
 
 # anchor -> title, template, and the figures, in the order of the page
 _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(

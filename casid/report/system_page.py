@@ -14,10 +14,9 @@ from casid.records.record import Record
 from casid.report import tables
 from casid.report.budget_figures import budget
 from casid.report.estimate_figures import histories
-from casid.report.shares import Share
 from casid.report.style import Picture, settings
-from casid.report.table import ReportTable, Row
-from casid.report.templating import COLOURS, FIGURES, drawn_into, figures_of, render
+from casid.report.tables import Share
+from casid.report.templating import COLOURS, FIGURES, ReportTable, Row, drawn_into, figures_of, render
 from casid.report.words import digits, probability_in_words, with_std
 
 _MOST = 4  # explanations told one by one, and held-out records drawn

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from casid.diagnosis.cause import Cause
@@ -11,12 +12,46 @@ from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.decision import NAMED
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.result import Diagnosis
+from casid.model.effects import effect_named
 from casid.model.vocabulary import KINDS
+from casid.report.aircraft_figures import compared
 from casid.report.claims import about_cause, about_data, about_value
-from casid.report.derivatives import compared
 from casid.report.style import channel_scale
-from casid.report.table import ReportTable, Row
+from casid.report.templating import ReportTable, Row
 from casid.report.words import cause_name, digits, effect_name, pretty, probability_in_words, quantity, with_std
+
+_TOLD = 4  # explanations told one by one
+
+
+@dataclass(frozen=True, kw_only=True)
+class Share:
+    """What an explanation says, and its probability."""
+
+    what: str
+    probability: float
+
+    @property
+    def percent(self) -> str:
+        """As it is told."""
+        return probability_in_words(self.probability)
+
+
+def shares(diagnosis: Diagnosis) -> list[Share]:
+    """The most probable explanations and all others together; none where there are no probabilities."""
+    told = [Share(what=_said(names), probability=p) for names, p in diagnosis.explanations[:_TOLD]]
+    told = [one for k, one in enumerate(told) if k == 0 or one.probability >= 0.005]
+    rest = 1.0 - sum(one.probability for one in told)
+    return [*told, Share(what="other explanations", probability=rest)] if told and rest >= 0.005 else told
+
+
+def _said(names: Sequence[str]) -> str:
+    return " and ".join(title_of(name) for name in names) if names else "nothing that matters is missing"
+
+
+def title_of(name: str) -> str:
+    """Short name of a cause from its name in tables: "actuator_lag(delta_e)" -> "elevator: actuator lag"."""
+    effect = effect_named(name)
+    return f"{effect_name(effect)} ({effect.variant})" if effect.variant else effect_name(effect)
 
 
 def causes(diagnosis: Diagnosis) -> ReportTable:

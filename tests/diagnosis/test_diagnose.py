@@ -23,7 +23,7 @@ from casid.model.causes import (
     sensor_scale,
     wind_shear,
 )
-from casid.report.lead import pictures
+from casid.report.page import pictures
 from problems.blind.flown import turbulence
 from problems.do328 import V_TRIM, do328
 

@@ -14,8 +14,7 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.result import Diagnosis
 from casid.report.folder import provenance
-from casid.report.lead import pictures
-from casid.report.page import write_report
+from casid.report.page import pictures, write_report
 from casid.report.style import Picture
 
 

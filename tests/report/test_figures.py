@@ -22,16 +22,13 @@ from casid.keeping import load
 from casid.model.causes import effectiveness_change
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
+from casid.report.cause_figures import onset_profiles
 from casid.report.claims import claims
-from casid.report.gained import gained
-from casid.report.lead import pictures
+from casid.report.history_figures import tracks
 from casid.report.next_flight import next_flights
-from casid.report.onset import onset_profiles
-from casid.report.page import FIGURES
-from casid.report.shares import shares
+from casid.report.page import FIGURES, gained, pictures
 from casid.report.style import Picture, settings, smooth
-from casid.report.tables import derivatives, unseen
-from casid.report.tracks import tracks
+from casid.report.tables import derivatives, shares, unseen
 from casid.report.words import digits, percent, pretty, quantity, with_std
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -1,22 +1,25 @@
-"""Rankings: causes that were fitted, places where something is missing, instruments by kinematics alone."""
+"""Figures of the evidence for and against causes: rankings, ambiguity, residual energy by frequency."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.flight.statistics import band_energy
 from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.result import Diagnosis
-from casid.report.reconstruction import Reconstruction
-from casid.report.style import BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
+from casid.report.cause_figures import Reconstruction
+from casid.report.style import ALERT, BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
 from casid.report.words import EVIDENCE, effect_name, label, place, quantity
 
 _MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
@@ -209,4 +212,130 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
             f"What fails here (hatched) is an instrument or moving air, and nothing else.{note}"
         ),
         alt=f"Bar chart of |z| per instrument; {cleared}; the largest is {order[0]} with {best[order[0]][0]:.0f}.",
+    )
+
+
+_EDGES = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz
+_MOST = 1e4
+
+
+def heatmap(diagnosis: Diagnosis) -> Picture:
+    """Channel by frequency, before and after."""
+    fit = diagnosis.refitted.fit
+    fastest = 0.5 / max(record.dt for record in fit.flight.records)
+    edges = np.array([e for e in _EDGES if e < fastest])
+    views = [("file as given", diagnosis.as_given), (diagnosis.best, diagnosis.extended)]
+    outputs = fit.model.outputs
+    figure = blank(0.27 * len(outputs) + 1.8)
+    axes = figure.subplots(1, len(views), sharey=True, squeeze=False)[0]
+    image, energies = None, []
+    for ax, (title, view) in zip(axes, views, strict=True):
+        ratio = band_energy(view.fit, view.simulated, edges)
+        energies.append(ratio)
+        image = ax.imshow(np.clip(ratio, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))
+        ax.set_title(title)
+        ax.set_yticks(range(len(outputs)), outputs)
+        ax.set_xticks(np.arange(len(edges)) - 0.5, [f"{e:g}" for e in edges], rotation=0, fontsize=8.5)
+        ax.set_xlabel("frequency [Hz]")
+        ax.grid(visible=False)
+    if image is not None:
+        bar = figure.colorbar(image, ax=axes, location="bottom", aspect=40, pad=0.03, extend="both")
+        bar.set_label("energy of the residual / energy of the noise")
+    i, b = np.unravel_index(np.nanargmax(energies[0]), energies[0].shape)
+    worst = f"{outputs[i]} at {edges[b]:g} to {edges[b + 1]:g} Hz"
+    return Picture(
+        name="heatmap",
+        figure=figure,
+        title="Which channels, which frequencies",
+        caption="Palest: nothing but noise. Darkest: ten thousand times the energy of the noise. Fitted records.",
+        alt=f"Heatmap of residual over noise energy, channel by frequency. Largest before: {worst}, "
+        f"{energies[0][i, b]:.0f} times the noise; after: {energies[1][i, b]:.0f} times.",
+    )
+
+
+def ambiguity(diagnosis: Diagnosis) -> Picture | None:
+    """|cos| between the fingerprints of the causes fitted in the first round; None for fewer than two."""
+    trials = [t for t in diagnosis.rounds[0].trials if t.fingerprint.size] if diagnosis.rounds else []
+    if len(trials) < 2:
+        return None
+    prints = np.stack([trial.fingerprint for trial in trials], axis=1).astype(float)
+    prints /= np.maximum(np.linalg.norm(prints, axis=0), 1e-300)
+    cosine = np.abs(prints.T @ prints)
+    names = [effect_name(t.effect) for t in trials]
+    figure = blank(0.42 * len(names) + 1.7)
+    ax = figure.subplots()
+    ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")
+    for i, row in enumerate(cosine):
+        for j, value in enumerate(row):
+            colour = "white" if value > 0.6 else "black"
+            ax.text(j, i, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=8)
+    ax.set_yticks(range(len(names)), [label(f"{n}  ({chr(65 + i)})") for i, n in enumerate(names)])
+    ax.set_xticks(range(len(names)), [chr(65 + i) for i in range(len(names))])
+    ax.grid(visible=False)
+    off = cosine - np.eye(len(names))
+    i, j = np.unravel_index(np.argmax(off), off.shape)
+    return Picture(
+        name="ambiguity",
+        figure=figure,
+        title="How alike the causes look in these records",
+        caption=(
+            "|cos| of the angle between two fingerprints once the fitted derivatives have explained what they can: 1, "
+            "the two cannot be told apart; 0, they have nothing in common."
+        ),
+        alt=f"Matrix of |cos| between {len(names)} causes; most alike are {names[i]} and {names[j]}, {off[i, j]:.2f}.",
+    )
+
+
+_RIGHT = LinearSegmentedColormap.from_list("right", ("#FFFFFF", EXTENDED))
+_WRONG = LinearSegmentedColormap.from_list("wrong", ("#FFFFFF", ALERT))
+
+
+def confusion_matrix(
+    counts: Mapping[tuple[str, str], int],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    right: Mapping[str, Sequence[str]],
+    title: str,
+) -> Picture:
+    """What was hidden (rows) against what was named first (columns), in sets.
+
+    counts  (row, column) -> number;  rows without any are left out
+    right   row -> columns that are correct answers, framed; the others are mistakes
+    """
+    shown = [row for row in rows if any(counts.get((row, column)) for column in columns)]
+    totals = {row: sum(counts.get((row, column), 0) for column in columns) for row in shown}
+    figure = Figure(figsize=(9.6, 2.4 + 0.25 * len(shown)), layout="constrained")
+    ax = figure.subplots()
+    for i, row in enumerate(shown):
+        for j, column in enumerate(columns):
+            number, correct = counts.get((row, column), 0), column in right.get(row, ())
+            share = number / totals[row]
+            colour = (_RIGHT if correct else _WRONG)(0.15 + 0.85 * share if number else 0.0)
+            ax.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, facecolor=colour, edgecolor="#DDDDDD", linewidth=0.5))
+            if correct:
+                ax.add_patch(
+                    Rectangle((j - 0.46, i - 0.46), 0.92, 0.92, fill=False, edgecolor="#444444", linewidth=0.9)
+                )
+            if number:
+                dark = correct and share > 0.55
+                ax.text(j, i, str(number), ha="center", va="center", fontsize=8.5, color="white" if dark else "black")
+    ax.set_xlim(-0.5, len(columns) - 0.5)
+    ax.set_ylim(len(shown) - 0.5, -0.5)
+    ax.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], rotation=90, fontsize=8.5)
+    ax.set_yticks(range(len(shown)), [f"{r.replace('_', ' ')}  ({totals[r]})" for r in shown], fontsize=8.5)
+    ax.xaxis.set_ticks_position("top")
+    ax.tick_params(length=0)
+    ax.set_xlabel("what the diagnosis named first, or said instead")
+    ax.set_ylabel("what was hidden (sets)")
+    ax.grid(visible=False)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+    correct = sum(n for (row, column), n in counts.items() if column in right.get(row, ()))
+    total = int(np.sum(list(totals.values()))) if totals else 0
+    return Picture(
+        name="confusion",
+        figure=figure,
+        title=title,
+        caption="Framed and blue: right. Red: something else. What cannot be told from the hidden effect counts as it.",
+        alt=f"Confusion matrix, hidden kind by named kind: {correct} of {total} sets in the framed cells.",
     )

@@ -8,7 +8,7 @@ import pytest
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
-from casid.report.cause_response import cause_response
+from casid.report.cause_figures import cause_response
 from casid.report.page import write_report
 
 

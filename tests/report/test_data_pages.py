@@ -7,7 +7,7 @@ import pytest
 
 import casid as cs
 from casid.records.record import Record
-from casid.report.check_figures import check_figure
+from casid.report.data_pages import check_figure
 from problems.blind.sets import fly_set
 
 

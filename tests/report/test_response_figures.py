@@ -8,7 +8,7 @@ from matplotlib.patches import Rectangle
 
 import casid as cs
 from casid.frequency.response import FrequencyResponse
-from casid.report.bode_figures import bode, bode_mismatch
+from casid.report.response_figures import bode, bode_mismatch
 
 OMEGA = np.geomspace(0.5, 20.0, 60)
 

@@ -7,7 +7,7 @@ import pytest
 
 import casid as cs
 from casid.cli.options import DEMO
-from casid.report.match_figures import match_figure
+from casid.report.match_page import match_figure
 
 
 @pytest.fixture(scope="module")
