@@ -17,6 +17,16 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 NOT_DRAWN = {"table_increment"}  # the Do 328 has no tables
 
 
+@pytest.mark.parametrize("page", ["kinds-of-model"])
+def test_code_of_a_page_runs_as_it_stands(page: str, capsys) -> None:
+    """Of pages that say so. What the code prints is not judged, what it asserts is."""
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    assert blocks
+    exec(compile("\n".join(blocks), page, "exec"), {})
+    assert "converged" in capsys.readouterr().out
+
+
 def load(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None and spec.loader is not None

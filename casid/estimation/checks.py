@@ -19,7 +19,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.expressions import Symbols, expressions
 from casid.model.feedback import SampledFeedback
 from casid.model.path import INPUTS, STATES
-from casid.model.system import Model
+from casid.model.system import Model, check_continuous, check_period
 from casid.records.record import Record
 
 
@@ -43,6 +43,7 @@ def check_records(model: Model, records: tuple[Record, ...], simulated: bool) ->
     for record in records:
         if len(record) < 2:
             raise InputError(f"record '{record.name}': {len(record)} time stamps; expected at least two")
+        check_period(model, record)
         _check_finite(model, record)
         for name in model.inputs if simulated else ():
             if name not in record and name != "t":
@@ -210,6 +211,7 @@ def check_feedback(feedback: Any, model: Model) -> None:
     """Raise InputError for what is no feedback, EstimationError for that of another model."""
     if feedback is None:
         return
+    check_continuous(model, "Problem: a control law in the loop")
     an(feedback, SampledFeedback, "Problem: feedback", "cs.SampledFeedback(model=model, received=...)")
     if feedback.model is not model:
         raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")

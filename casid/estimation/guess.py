@@ -70,7 +70,8 @@ def _guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
 def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
     model = cached(problem.model, ("held",), lambda: _held(problem.model))
-    duration = max(record.duration for record in problem.records)
+    # in continuous time noise gathers over a record's duration, in discrete time over its samples
+    duration = max(len(r) if model.period is not None else r.duration for r in problem.records)
     held = Problem(
         model,
         problem.records,
@@ -98,6 +99,8 @@ def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
 def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) from the first row of the model's guess, by an implicit method of variable order."""
     model = problem.model
+    if model.period is not None:
+        return None
     step = cached(model, ("implicit step",), lambda: cvodes_step(model, _RELATIVE, _ABSOLUTE))
     calm = np.zeros(len(model.disturbances))
     known = problem.initial_knowledge[0]

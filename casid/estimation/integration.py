@@ -43,7 +43,7 @@ def integrated(
 ) -> tuple[Objective, Outcome, Transcription]:
     """The solution on a motion that is integrated well enough, with its objective and the transcription that it took:
     with more steps where the data are worth them."""
-    if method.substeps is not None:
+    if method.substeps is not None or objective.problem.model.period is not None:
         return objective, outcome, method
     found = _finely(objective, outcome, method, solver)
     if found[1].status == "converged" or not isinstance(found[2], Collocation):

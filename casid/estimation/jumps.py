@@ -23,7 +23,8 @@ def jump_remarks(objective: Objective, theta: np.ndarray) -> Iterator[str]:
     """A sentence for each input that jumps, runs linearly, and would explain the data better held; of the objective
     that was minimised, with its parameters theta."""
     problem = objective.problem
-    if objective.dynamics is None or objective.soft or problem.feedback is not None:
+    sampled = problem.feedback is not None or problem.model.period is not None
+    if objective.dynamics is None or objective.soft or sampled:
         return
     names = [name for name in problem.model.inputs if any(_jumps(record, name) for record in problem.records)]
     if not names:

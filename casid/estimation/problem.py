@@ -397,6 +397,10 @@ def _check_combination(problem: Problem) -> None:
         raise EstimationError(
             "Problem: a control law holds what it commands; its inputs cannot be cubic between samples"
         )
+    if model.period is not None and cubic_inputs(model, problem.records):
+        raise InputError(
+            f"Problem: model '{model.name}' is in discrete time; its inputs cannot be cubic between samples"
+        )
     if model.initial and both:
         raise EstimationError(
             "Problem: the model's `initial` holds simulated states, and the equation part of CombinedError takes "

@@ -54,7 +54,8 @@ def ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
     best, agreed = _searched(problem, method, first, quick) if first.found or automatic else (first, False)
     if automatic and not best.found and clock.left > 0.0:
         # where the motion of the start has no end, it is collocation that goes on
-        last = attempted(problem, method if np.isfinite(first.outcome.value.cost) else Collocation(), clock)
+        stays = np.isfinite(first.outcome.value.cost) or problem.model.period is not None
+        last = attempted(problem, method if stays else Collocation(), clock)
         best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
     if not automatic and best is not first:
         return Ending(attempt=_with_status(first, f"{ANOTHER_MINIMUM}: {_found_elsewhere(best, first)}; {_REMEDY}"))
@@ -114,7 +115,8 @@ def _others(problem: Problem, method: Transcription, first: Attempt, quick: Time
         if theta is not None and np.isfinite(theta).all() and quick.left > 0.0:
             start = dict(zip(problem.parameters, theta.tolist(), strict=True))
             yield attempted(replace(problem, start=start), fine, quick), theta is stretched or stretched is None
-    if not isinstance(method, Collocation) and problem.feedback is None and quick.left > 0.0:
+    between_samples = problem.feedback is None and problem.model.period is None
+    if not isinstance(method, Collocation) and between_samples and quick.left > 0.0:
         yield attempted(problem, Collocation(), quick), True
 
 

@@ -181,6 +181,8 @@ def _transformed(model: Model, logarithmic: tuple[str, ...], with_initial: bool,
     p = ca.vertcat(*(ca.exp(row) if n in logarithmic else row for n, row in zip(model.parameters, rows, strict=True)))
     x = model.x + _offset(model, p) if with_initial else model.x
     f, h = ca.substitute([model.f, model.h], [model.x, model.p], [x, p]) if model.parameters else (model.f, model.h)
+    if with_initial and model.period is not None:
+        f -= ca.substitute(_offset(model, model.p), model.p, p)
     further = [channel for channel in dict.fromkeys(sigma.values()) if channel not in model.inputs]
     u = ca.vertcat(model.u, ca.SX.sym("sigma", len(further)))
     inputs = (*model.inputs, *further)

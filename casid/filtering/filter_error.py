@@ -27,6 +27,7 @@ from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunction
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory_step
+from casid.model.system import check_continuous
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.noise import pooled_sigma
@@ -230,6 +231,7 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
             "filter_error: takes OutputError, independent noise by maximum likelihood or given, no constraints"
         )
     check_plain(problem, "filter_error")
+    check_continuous(model, "filter_error")
     if problem.initial_state.value or problem.initial_state.std:
         raise EstimationError("filter_error: initial states are free with a wide prior; leave initial_state out")
     if not model.disturbances:

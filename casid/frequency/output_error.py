@@ -27,6 +27,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.equation import EquationValue
 from casid.frequency.regression import Piece, check_band, pieces_of, real_rows
 from casid.frequency.sensitivity import LinearSensitivity, entering, sensitivity_at
+from casid.model.system import check_continuous
 from casid.records.record import Record
 
 _SHOWN = 1e-9  # of the largest singular value: with a smaller one the output does not show a step in that direction
@@ -93,6 +94,7 @@ class FourierOutputError:
             For a model without states, that depends on time or has no derivatives at the mean motion, a free parameter
             that does not enter the linear model, and a band without a frequency.
         """
+        check_continuous(problem.model, "FourierOutputError")
         return FourierOutputs(problem, self.band)
 
 

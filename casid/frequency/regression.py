@@ -27,7 +27,7 @@ from casid.estimation.transcriptions.equation import (
     recorded_or_differentiated,
 )
 from casid.frequency.transform import Stretch, chirp_z, stretches
-from casid.model.system import EquationForm, Model
+from casid.model.system import EquationForm, Model, check_continuous
 from casid.records.record import Record
 
 
@@ -105,6 +105,7 @@ class FourierEquationError:
         EstimationError
             For a free parameter that is a constant of the equations, and a band without a frequency.
         """
+        check_continuous(problem.model, "FourierEquationError")
         return FourierEquations(problem, self.band)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from casid.estimation.transcriptions.steps import cached, quiet
-from casid.model.system import Model
+from casid.model.system import Model, check_continuous
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,6 +87,7 @@ def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray,
 
     `free` (f,) are the indices of the free parameters in `model.parameters`.
     """
+    check_continuous(model, "linear model")
     n, m, o = len(model.states), len(model.inputs), len(model.outputs)
     function = cached(model, ("linear model", *free), lambda: _function(model, free))
     matrix, slopes = (part.full() for part in function(x, u, p))

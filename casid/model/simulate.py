@@ -13,7 +13,7 @@ from casid.arguments import an, given, listed, number, numbers_by_name, one_of, 
 from casid.errors import InputError, unknown
 from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
-from casid.model.system import Model
+from casid.model.system import Model, check_continuous, check_period
 from casid.records.given import given_record
 from casid.records.record import Record
 
@@ -81,6 +81,8 @@ def simulate(
 ) -> Simulation:
     """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs run between samples as the record says.
 
+    A model in discrete time goes from sample to sample by its own equations.
+
     Or by CVODES of SUNDIALS: implicit, of variable order and step, to 1e-11 of a state. It is slower, and owes nothing
     to the steps that an estimation takes: what a fit's own parameters and initial state give by it checks the fit.
 
@@ -129,10 +131,14 @@ def simulate(
     record, start = given_record(record, "simulate"), _start(model, start)
     whole(substeps, "simulate: substeps")
     by_cvodes = one_of(integrator, INTEGRATORS, "simulate: integrator") == "cvodes"
+    if by_cvodes or substeps > 1:
+        check_continuous(model, "simulate: steps of integration")
     n = len(record)
+    check_period(model, record)
     _check_inputs(model, record)
     curved = cubic_inputs(model, [record])
     if curved:
+        check_continuous(model, "simulate: inputs that are cubic between samples")
         inner, along = with_splines(model, curved), splined(record, curved)
         found = simulate(inner, along, start, values, disturbances, substeps, integrator)
         return Simulation(model=model, record=record, states=found.states, outputs=found.outputs)
@@ -207,15 +213,16 @@ def _series(series: object, what: str, n: int) -> np.ndarray:
 def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.ndarray, p: np.ndarray) -> str:
     """The error of a motion that left the range of numbers: the derivative that did, or the state that grew."""
     k = int(np.argmin(np.isfinite(states).all(axis=1))) - 1  # the last sample that is all numbers
+    moved = "derivative" if model.period is None else "next value"
     head = f"simulation of '{model.name}' on record '{record.name}' diverged at t = {record.t[k + 1]:.2f} s"
     f = ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [model.f])
     x, dt, nu = states[k], record.t[k + 1] - record.t[k], len(model.inputs)
     slope = f(x, UW[k], p).full()[:, 0]
-    for part in (0.0, 0.5, 1.0):  # about where the step asks for derivatives
+    for part in (0.0, 0.5, 1.0) if model.period is None else (0.0,):  # about where the step asks for derivatives
         at = {"x": x + part * dt * np.where(np.isfinite(slope), slope, 0.0), "u": UW[k, :nu], "p": p, "w": UW[k, nu:]}
         for i, name in enumerate(model.states):
             if np.isfinite(at["x"]).all() and (found := origin(model.f[i], model.vectors, at)):
-                return f"{head}: the derivative of '{name}' is no number: {found}"
+                return f"{head}: the {moved} of '{name}' is no number: {found}"
     largest = int(np.argmax(np.abs(x) / model.scale_vector()))
     return f"{head}: '{model.states[largest]}' had grown to {x[largest]:.3g}; check start, parameters and their units"
 
@@ -253,7 +260,9 @@ def _accumulate(model: Model, substeps: int, count: int) -> ca.Function:
     x, dt = ca.SX.sym("x", len(model.states)), ca.SX.sym("dt")
     first, last = (ca.SX.sym(name, nu + len(model.disturbances)) for name in ("first", "last"))
     state, h = x, dt / substeps
-    for k in range(substeps):
+    if model.period is not None:
+        state = f(x, first, model.p)
+    for k in range(substeps if model.period is None else 0):
         u0, um, u1 = (first + (last - first) * (k + part) / substeps for part in (0.0, 0.5, 1.0))
         k1 = f(state, u0, model.p)
         k2 = f(state + h / 2 * k1, um, model.p)

@@ -1,5 +1,7 @@
 """The generic dynamic system that every estimator works on: states, inputs, parameters, outputs; f, h.
 
+Continuous in time, f is the derivative of the state; discrete in time, f is the state one period later.
+
 An aircraft is one of them; so is a two-state short period of three lines. All expressions are CasADi SX.
 """
 
@@ -20,6 +22,8 @@ from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
 from casid.records.record import Record
 from casid.signals import scale_of
 
+_JITTER = 0.01  # of the period of a model in discrete time, that time stamps may be off
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EquationForm:
@@ -36,6 +40,8 @@ class EquationForm:
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Model:
     """dx/dt = f(x, u, p, w),  y = h(x, u, p, w), all SX column vectors in the order of the names.
+
+    In discrete time x[k+1] = f(x[k], u[k], p, w[k]),  y[k] = h(x[k], u[k], p, w[k]).
 
     Attributes
     ----------
@@ -56,6 +62,8 @@ class Model:
     initial
         State -> its value at a record's first sample, an expression of p; what is not here is free, or known to the
         problem.
+    period
+        Time from one sample to the next [s] of a model in discrete time; None in continuous time.
 
     Examples
     --------
@@ -89,6 +97,7 @@ class Model:
     equation: EquationForm | None = None
     units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     initial: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
+    period: float | None = None
 
     def __post_init__(self) -> None:
         for what, own, symbol in (
@@ -109,8 +118,9 @@ class Model:
             raise InputError(f"model '{self.name}': no nominal value for {sorted(missing)}")
 
     def __repr__(self) -> str:
+        discrete = "" if self.period is None else f"discrete, every {self.period:g} s; "
         return (
-            f"<Model '{self.name}': states {listed(self.states)}; inputs {listed(self.inputs)}; "
+            f"<Model '{self.name}': {discrete}states {listed(self.states)}; inputs {listed(self.inputs)}; "
             f"parameters {listed(self.parameters)}; outputs {listed(self.outputs)}>"
         )
 
@@ -144,7 +154,7 @@ class Model:
             m = ca.SX.sym("m", len(channels))
             target, prediction = form(m, state["p"])
             state["equation"] = EquationForm(names=names, channels=channels, m=m, target=target, prediction=prediction)
-        self.__dict__.update(state)
+        self.__dict__.update({"period": None} | state)
 
     def nominal_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """(parameters,) nominal values, with `values` put over them by name."""
@@ -168,6 +178,26 @@ class Model:
     def scale_vector(self) -> np.ndarray:
         """(states,) typical size of each state."""
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
+
+
+def check_continuous(model: Model, what: str) -> None:
+    """Raise InputError for a model in discrete time, which `what` does not take."""
+    if model.period is not None:
+        raise InputError(f"{what}: model '{model.name}' is in discrete time; expected one in continuous time")
+
+
+def check_period(model: Model, record: Record) -> None:
+    """Raise InputError for a record whose samples are not one period of a model in discrete time apart."""
+    if model.period is None or len(record) < 2:
+        return
+    apart = np.diff(record.t)
+    k = int(np.argmax(np.abs(apart - model.period)))
+    if not abs(apart[k] - model.period) <= _JITTER * model.period:
+        raise InputError(
+            f"record '{record.name}': {apart[k]:g} s from t = {record.t[k]:g} s to the next sample; model "
+            f"'{model.name}' is in discrete time and takes one sample every {model.period:g} s: resample the record, "
+            "and give a sample that is missing as NaN"
+        )
 
 
 def define_regression(
@@ -272,6 +302,7 @@ def define_model(
     prior_std: Mapping[str, float] | None = None,
     equation: Callable[[Any], EquationForm] | None = None,
     initial: Callable[[Any], Mapping[str, Any]] | None = None,
+    period: float | None = None,
 ) -> Model:
     """A Model from two functions that take a namespace of symbols and return expressions by name.
 
@@ -291,7 +322,8 @@ def define_model(
     outputs
         Channels of the records that the model predicts.
     dynamics
-        Takes the namespace and returns {state: its time derivative}, for every state.
+        Takes the namespace and returns {state: its time derivative}, for every state. With `period` it returns
+        {state: its value one sample later}.
     output
         Takes the namespace and returns {output: expression}, for every output.
     disturbances
@@ -307,6 +339,9 @@ def define_model(
     initial
         Takes the namespace of the parameters and returns {state: its value at the first sample}, which the estimation
         holds exactly. Such a parameter may be free, known, or differ between records.
+    period
+        Makes it a model in discrete time, x[k+1] = f(x[k], u[k], p): the time from one sample to the next [s], which
+        the records must have. Process noise of such a model is given by its standard deviation at each sample.
 
     Returns
     -------
@@ -327,6 +362,16 @@ def define_model(
     ... )
     >>> lag.states, lag.inputs, lag.parameters, lag.outputs
     (('x',), ('u',), ('T',), ('y',))
+
+    The same in discrete time, for records with a sample every 0.1 s and the input held between them:
+
+    >>> sampled = cs.define_model(
+    ...     "sampled lag", states=["x"], inputs=["u"], parameters={"a": 0.8}, outputs=["y"], period=0.1,
+    ...     dynamics=lambda s: {"x": s.a * s.x + (1.0 - s.a) * s.u}, output=lambda s: {"y": s.x},
+    ... )
+    >>> step = cs.Record(name="step", t=0.1 * np.arange(4), channels={"u": np.ones(4)})
+    >>> cs.simulate(sampled, step, [0.0]).output("y").round(3).tolist()
+    [0.0, 0.2, 0.36, 0.488]
     """
     where = f"model '{name}'"
     groups = {
@@ -363,6 +408,7 @@ def define_model(
         prior_std=_sizes(prior_std, groups["p"], "parameter", f"{where}: prior_std"),
         equation=equation(space) if equation else None,
         initial=_initial(initial, groups, vectors, where) if initial is not None else MappingProxyType({}),
+        period=None if period is None else number(period, f"{where}: period", positive=True),
     )
 
 

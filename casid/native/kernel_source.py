@@ -7,7 +7,7 @@ sensitivity of the state.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -34,7 +34,9 @@ class Sizes:
         return 2 * self.m + 2 + self.o
 
 
-STAGES = (1, 2, 3, 4)
+def _stages(linear: ca.Function) -> range:
+    """Numbers of the stages of a step: four of Runge and Kutta, or the one of a model in discrete time."""
+    return range(1, (linear.n_out() - 4) // 3 + 1)
 
 
 def sizes_of(linear: ca.Function, noises: int) -> Sizes:
@@ -53,11 +55,14 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
     """The source. Raises emit.UnknownOperationError."""
     s = sizes_of(linear, noises)
     C, D, *rest = (linear.sparsity_out(i) for i in range(2, linear.n_out()))
-    stages = {f"{name}{stage}": rest[3 * (stage - 1) + i] for stage in STAGES for i, name in enumerate("FQE")}
+    numbers = _stages(linear)
+    stages = {f"{name}{stage}": rest[3 * (stage - 1) + i] for stage in numbers for i, name in enumerate("FQE")}
+    factors = [f"{name}{stage}" for name in "FE" for stage in numbers]
     constants = {"N": s.n, "M": s.m, "Q": s.q, "O": s.o, "F": s.f, "NF": s.n + s.f, "NV": s.v, "STRIDE": s.stride}
     arrays = {"C": C, "D": D, **stages}
     rows = sorted({i for name, pattern in stages.items() if name[0] == "Q" for i, _, _ in _entries(pattern)})
     constants["DRIVEN"] = max(len(rows), 1)
+    constants["STAGE_COUNT"] = len(numbers)
     names = ", ".join(arrays)
     return "\n".join(
         [
@@ -68,10 +73,13 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
             "#define STAGE_ARRAYS V "
             + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
             f"#define STAGES {names}",
+            f"#define FACTORS {', '.join(factors)}",
+            f"#define FACTOR_ARGUMENTS {', '.join(f'const V *{name}' for name in factors)}",
+            f"#define DRIVES {', '.join(f'Q{stage}' for stage in numbers)}",
             _along_outputs(C, D, s),
             _column("homogeneous", stages, s, []),
             _column("driven", stages, s, rows),
-            _drives(stages, rows),
+            _drives(stages, rows, numbers),
             *([c_source("covariance")] if s.v else []),
             c_source("lanes"),
             c_source("segments"),
@@ -172,15 +180,13 @@ def _along_outputs(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
     return "\n".join([*lines, "}"])
 
 
-_PATTERNS = "const V *F1, const V *F2, const V *F3, const V *F4, const V *E1, const V *E2, const V *E3, const V *E4"
-
-
 def _column(name: str, stages: dict[str, ca.Sparsity], s: Sizes, rows: list[int]) -> str:
     """One column of sensitivities over the step, with what drives the `rows` of it in each stage."""
-    lines = [f"static inline void {name}(V *restrict s, V (*restrict d)[DRIVEN], V dt, {_PATTERNS})", "{"]
+    lines = [f"static inline void {name}(V *restrict s, V (*restrict d)[DRIVEN], V dt, FACTOR_ARGUMENTS)", "{"]
     lines.append("const V half = 0.5 * dt, sixth = dt / 6.0;")
     lines += [f"const V s{j} = s[{j}];" for j in range(s.n)]
-    for stage in STAGES:
+    numbers = [stage for stage in (1, 2, 3, 4) if f"F{stage}" in stages]
+    for stage in numbers:
         factor = {1: "", 2: "half", 3: "half", 4: "dt"}[stage]
         for j in range(s.n):
             at = f"s{j} + {factor} * k{stage - 1}_{j}" if factor else f"s{j}"
@@ -191,15 +197,16 @@ def _column(name: str, stages: dict[str, ca.Sparsity], s: Sizes, rows: list[int]
             terms += [f"d[{stage - 1}][{rows.index(row)}]"] if row in rows else []
             lines.append(f"const V k{stage}_{row} = {_sum(terms)};")
     for j in range(s.n):
-        lines.append(f"s[{j}] = s{j} + sixth * (k1_{j} + 2.0 * (k2_{j} + k3_{j}) + k4_{j});")
+        advanced = f"s{j} + sixth * (k1_{j} + 2.0 * (k2_{j} + k3_{j}) + k4_{j})"
+        lines.append(f"s[{j}] = {advanced if len(numbers) > 1 else f'k1_{j}'};")
     return "\n".join([*lines, "}"])
 
 
-def _drives(stages: dict[str, ca.Sparsity], rows: list[int]) -> str:
+def _drives(stages: dict[str, ca.Sparsity], rows: list[int], numbers: Iterable[int]) -> str:
     """The columns of all Q, in the rows that any of them drives."""
-    arrays = ", ".join(f"const V *Q{stage}" for stage in STAGES)
-    lines = [f"static inline void drives(V (*restrict d)[4][DRIVEN], {arrays})", "{"]
-    for stage in STAGES:
+    arrays = ", ".join(f"const V *Q{stage}" for stage in numbers)
+    lines = [f"static inline void drives(V (*restrict d)[STAGE_COUNT][DRIVEN], {arrays})", "{"]
+    for stage in numbers:
         for i, j, k in _entries(stages[f"Q{stage}"]):
             lines.append(f"d[{j}][{stage - 1}][{rows.index(i)}] = Q{stage}[{k}];")
     return "\n".join([*lines, "}"])

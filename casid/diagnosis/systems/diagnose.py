@@ -25,7 +25,7 @@ from casid.diagnosis.systems.naming import Searching, SystemNaming, share_of
 from casid.diagnosis.systems.result import ParameterValue, SystemCause, SystemDiagnosis, Unexplained
 from casid.errors import EstimationError, InputError
 from casid.model.port import Port, check_ports, ports_of
-from casid.model.system import Model
+from casid.model.system import Model, check_continuous
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record
@@ -77,6 +77,7 @@ def diagnose_system(
     begin = time.perf_counter()
     criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")
     library = an(library or Library(), Library, "diagnose: library", "cs.Library(...)")
+    check_continuous(model, "diagnose")
     report("reading the records")
     own = (*model.inputs, *model.outputs)
     records = given_records(records, "diagnose", own)

@@ -19,6 +19,7 @@ from casid.native.compiler import Compilable
 from casid.records.record import Record
 
 _SLAB_SAMPLES = 4096
+_NEXT = "[k+1]"  # behind the name of a state: one sample later
 _SMOOTHING_SECONDS = 0.25  # half width of the smoothing polynomial: below the short period, above sensor noise
 
 
@@ -93,8 +94,9 @@ def smoothed_derivative(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def state_equations(model: Model) -> EquationForm:
-    """The state equations as an equation-error form: measured state derivatives against f at measured states."""
-    derivatives = tuple(f"{name}dot" for name in model.states)
+    """The state equations as an equation-error form: measured state derivatives, in discrete time measured states one
+    sample later, against f at measured states."""
+    derivatives = tuple(f"{name}dot" if model.period is None else f"{name}{_NEXT}" for name in model.states)
     dots = ca.SX.sym("xdot", len(derivatives))
     return EquationForm(
         names=derivatives,
@@ -125,9 +127,12 @@ def output_equations(model: Model) -> EquationForm:
 
 
 def recorded_or_differentiated(record: Record, name: str) -> np.ndarray:
-    """(N,) a channel; a derivative that is not recorded is that of its channel, smoothed. Raises EstimationError."""
+    """(N,) a channel; a derivative that is not recorded is that of its channel, smoothed, and "x[k+1]" is the channel x
+    one sample later. Raises EstimationError."""
     if name in record or name == "t":
         return record[name]
+    if name.endswith(_NEXT):
+        return np.append(recorded_or_differentiated(record, name.removesuffix(_NEXT))[1:], np.nan)
     base = name.removesuffix("dot")
     if base != name and base in record:
         return smoothed_derivative(record.t, record[base])

@@ -165,6 +165,8 @@ class Shooting:
                 "represent; use GaussNewton()"
             )
         found = shot(self._model, self._free, self.layout, at)
+        if self._model.period is not None:
+            return found
         count, length = self.shape
         return replace(found, derivatives=shot_derivatives(self._model, self._free, length, count))
 

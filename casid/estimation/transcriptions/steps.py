@@ -1,6 +1,7 @@
 """One sample interval of a model as CasADi functions: fourth-order Runge-Kutta step, outputs, their derivatives.
 
-Inputs run linearly from u0 to u1 within the step (u1 = u0 when they are held); disturbances are constant over it.
+Inputs run linearly from u0 to u1 within the step (u1 = u0 when they are held); disturbances are constant over it. A
+model in discrete time takes its own step, with u0. A step of no duration changes nothing: layouts are padded with such.
 """
 
 from __future__ import annotations
@@ -46,6 +47,12 @@ def rk4(f: ca.Function, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, *rest: ca.SX)
     k3 = f(x + dt / 2 * k2, um, *rest)
     k4 = f(x + dt * k3, u1, *rest)
     return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _advanced(model: Model, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, p: ca.SX) -> ca.SX:
+    """State at the end of the step."""
+    f = dynamics_function(model)
+    return rk4(f, x, u0, u1, dt, p) if model.period is None else ca.if_else(dt > 0.0, f(x, u0, p), x)
 
 
 def _symbols(model: Model) -> tuple[ca.SX, ...]:
@@ -96,7 +103,7 @@ def step_function(model: Model, feedback: SampledFeedback | None = None) -> ca.F
     def build() -> ca.Function:
         x, u0, u1, dt, p = _symbols(model)
         first, last = (feedback.at(x, u0),) * 2 if feedback else (u0, u1)
-        out = ca.densify(rk4(dynamics_function(model), x, first, last, dt, p))
+        out = ca.densify(_advanced(model, x, first, last, dt, p))
         return ca.Function("step", [x, u0, u1, dt, p], [ca.cse(out)])
 
     return cached(model, ("step", feedback), build)
@@ -107,14 +114,17 @@ def sample_derivatives(
 ) -> ca.Function:
     """(x, u0, u1, dt, p) -> A, B, G of the step, C, D of the outputs at its start, all transposed (numpy row order).
 
-    A = dx+/dx, B = dx+/dp_free, G = dx+/dv of the noise held over the step, C = dy/dx, D = dy/dp_free.
+    A = dx+/dx, B = dx+/dp_free, G = dx+/dv of the noise held over the step, C = dy/dx, D = dy/dp_free. In discrete
+    time G is sqrt(dt) dx+/dv: what uses it divides by sqrt(dt), as is right for noise that is white in continuous time.
     With feedback A includes the path through the law.
     """
 
     def build() -> ca.Function:
         x, u0, u1, dt, p = symbols = _symbols(model)
         slope = _slope(model, free, noise)
-        if feedback is None:
+        if model.period is not None:
+            a, bg = _discrete(slope, len(free), x, u0, dt, p)
+        elif feedback is None:
             a, bg = _chained_rk4(slope, x, u0, u1, dt, p)
         else:
             received = ca.SX.sym("received", u0.shape[0])
@@ -136,7 +146,8 @@ def stage_functions(
     the four stages F = df/dx, Q = df/d(p_free, noise) and E = df/du times the slope of the law); sparse.
 
     A column s of sensitivities follows the stages as the state does: k1 = F1 s + E1 s + Q1, k2 = F2 (s + dt/2 k1) +
-    E2 s + Q2, ... That takes a fifth of the instructions of A and B of the whole step.
+    E2 s + Q2, ... That takes a fifth of the instructions of A and B of the whole step. In discrete time there is one
+    stage, and s+ = F1 s + Q1.
     """
 
     def build() -> tuple[ca.Function, ca.Function]:
@@ -149,6 +160,13 @@ def stage_functions(
             law = ca.sparsify(ca.jacobian(first, x))
         middle = (first + last) / 2
         slope = _slope(model, free, noise)
+        if model.period is not None:
+            a, bg = _discrete(slope, len(free), x, u0, dt, p)
+            linear = [plain[0], *_output_derivatives(model, free)(x, u0, p), a, bg, law]
+            return (
+                ca.Function("advance", list(symbols), ca.cse(plain)),
+                ca.Function("derive", list(symbols), ca.cse(linear)),
+            )
         after, k, stages = x, ca.SX.zeros(x.shape[0]), []
         for reach, share, u in ((0.0, 1, first), (0.5, 2, middle), (0.5, 2, middle), (1.0, 1, last)):
             k, fx, fq, fu = slope(x + reach * dt * k, u, p)
@@ -177,6 +195,13 @@ def _output_derivatives(model: Model, free: Sequence[int] | np.ndarray) -> ca.Fu
     h = quiet(model, model.h)
     by_p = ca.jacobian(h, ca.vertcat(*[model.p[int(i)] for i in free]))
     return ca.Function("outputs", [model.x, model.u, model.p], [ca.densify(h), ca.jacobian(h, model.x), by_p])
+
+
+def _discrete(slope: ca.Function, free: int, x: ca.SX, u0: ca.SX, dt: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Derivatives of the step in discrete time, those of noise times sqrt(dt)."""
+    _, fx, fq, _ = slope(x, u0, p)
+    goes = ca.if_else(dt > 0.0, 1.0, 0.0)
+    return goes * fx + (1.0 - goes) * ca.SX.eye(x.shape[0]), ca.horzcat(goes * fq[:, :free], ca.sqrt(dt) * fq[:, free:])
 
 
 def _chained_rk4(slope: ca.Function, x, u0, u1, dt, p) -> tuple[ca.SX, ca.SX]:

@@ -15,6 +15,7 @@ from casid.estimation.transcriptions.collocation import CONDENSED, LiftedColloca
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import Layout, build_layout
 from casid.estimation.transcriptions.shooting import Shooting
+from casid.model.system import check_continuous
 
 _STAGES = 3  # of Radau's method, as in Hairer and Wanner's RADAU5
 
@@ -203,7 +204,10 @@ class Collocation:
         ------
         EstimationError
             For a control law in the loop.
+        InputError
+            For a model in discrete time.
         """
+        check_continuous(problem.model, "solve: Collocation, which represents a motion between samples,")
         if problem.feedback is not None:
             raise EstimationError(
                 "solve: a digital control law in the loop jumps at the samples; use SingleShooting() or "
@@ -220,12 +224,15 @@ def _check_substeps(substeps: int | None, where: str) -> None:
 
 def _implicit(problem: Problem, layout: Layout) -> Dynamics:
     """Shooting whose steps are those of Radau's method."""
+    check_continuous(problem.model, "solve: implicit steps")
     if problem.feedback is not None:
         raise EstimationError("solve: a digital control law in the loop takes explicit steps; leave implicit out")
     return LiftedCollocation(problem.model, problem.free_index, layout, _STAGES, lifted=False)
 
 
 def _steps(problem: Problem, substeps: int | None) -> int:
+    if (substeps or 1) > 1:
+        check_continuous(problem.model, "solve: substeps")
     if problem.feedback is not None and (substeps or 1) > 1:
         raise EstimationError("solve: a control law acts once per sample, so substeps must be 1 with it in the loop")
     return substeps or 1

@@ -69,7 +69,7 @@ void linearise(long count, long length, const long *live, const V *data, const d
     for (long first = 0; first < count; first += W, data += length * STRIDE) {
         const V *d = data;
         V x[N], p[Q], after[N], out[O], r[O], S[NF][N], q[O][NF], g[O][NF], H[NF * (NF + 1) / 2];
-        V drive[F + NV + 1][4][DRIVEN];
+        V drive[F + NV + 1][STAGE_COUNT][DRIVEN];
         V L[TRIANGLE], held = (V){0} - 1.0;
         STAGE_ARRAYS;
         gather(x, nodes, N, first, count);
@@ -85,17 +85,17 @@ void linearise(long count, long length, const long *live, const V *data, const d
 #endif
         for (long k = 0; k < live[first / W]; k++, d += STRIDE) {
             derive(x, d, d + M, d + 2 * M, p, after, out, STAGES);
-            drives(drive, Q1, Q2, Q3, Q4);
+            drives(drive, DRIVES);
             outputs(q, C, D, S);
             choose(L, &held, d + PATTERN, weights, TRIANGLE);
             for (int i = 0; i < O; i++) r[i] = out[i] - d[2 * M + 1 + i];
             whiten(q, r, L, dense);
             if (rows) scatter(rows, q[0], O * NF, k, length, first, count);
             accumulate(H, g, q, r);
-            for (int c = 0; c < N; c++) homogeneous(S[c], 0, d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
-            for (int c = 0; c < F; c++) driven(S[N + c], drive[c], d[2 * M], F1, F2, F3, F4, E1, E2, E3, E4);
+            for (int c = 0; c < N; c++) homogeneous(S[c], 0, d[2 * M], FACTORS);
+            for (int c = 0; c < F; c++) driven(S[N + c], drive[c], d[2 * M], FACTORS);
 #if NV
-            spread(P, drive, d[2 * M], intensity, F1, F2, F3, F4, E1, E2, E3, E4);
+            spread(P, drive, d[2 * M], intensity, FACTORS);
 #endif
             for (int i = 0; i < N; i++) x[i] = after[i];
         }
