@@ -49,7 +49,7 @@ _ROOMS = {
         "flight_inputs",
     ),
     "casid.model.feedback": ("SampledFeedback",),
-    "casid.model.fmu": ("fmu_model",),
+    "casid.formats.fmu": ("fmu_model",),
     "casid.model.port": ("Port",),
     "casid.model.outside": ("outside",),
     "casid.model.simulate": (
@@ -98,7 +98,7 @@ _ROOMS = {
         "path",
         "solve",
     ),
-    "casid.estimation.petab": ("read_petab",),
+    "casid.formats.petab": ("read_petab",),
     "casid.filtering.filter_error": (
         "FilterFit",
         "filter_error",

@@ -48,9 +48,10 @@ from casid.estimation import (
     path,
     solve,
 )
-from casid.estimation.petab import read_petab
 from casid.filtering.filter_error import FilterFit, filter_error
 from casid.formats.export import export
+from casid.formats.fmu import fmu_model
+from casid.formats.petab import read_petab
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.output_error import FourierOutputError
@@ -65,7 +66,6 @@ from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.feedback import SampledFeedback
-from casid.model.fmu import fmu_model
 from casid.model.outside import outside
 from casid.model.port import Port
 from casid.model.simulate import Simulation, simulate

@@ -1,6 +1,7 @@
-"""How a result shows itself: in a line, or by what rooms above make of it, which are loaded only then.
+"""Functions of rooms above, by name: views of results, and readers and writers of other simulators' files.
 
-This is the one way up the house: a result knows that it can be drawn, not who draws. `tests/test_house.py` holds it.
+A room is loaded when its function is called. This is the only way up: a result knows that it can be drawn, but not who
+draws it. `tests/test_house.py` holds this rule.
 """
 
 from __future__ import annotations
@@ -31,12 +32,18 @@ VIEWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "match.plot": ("casid.report.match_page", "plot"),
         "match.frame": ("casid.report.match_page", "frame"),
         "match.report": ("casid.report.match_page", "write_match"),
+        "jsbsim.aircraft": ("casid.formats.jsbsim.aircraft", "fields_of_jsbsim"),
+        "jsbsim.aerodynamics": ("casid.formats.jsbsim.aircraft", "aerodynamics_of"),
+        "jsbsim.write": ("casid.formats.jsbsim.write", "rewritten"),
+        "daveml.aircraft": ("casid.formats.daveml.aircraft", "fields_of_daveml"),
+        "daveml.aerodynamics": ("casid.formats.daveml.aircraft", "dave_aerodynamics"),
+        "daveml.write": ("casid.formats.daveml.aircraft", "rewritten"),
     }
 )
 
 
 def view(name: str) -> Callable[..., Any]:
-    """The function that makes a view; its first argument is the result."""
+    """The function of that name; the first argument of a view is the result."""
     module, function = VIEWS[name]
     return getattr(import_module(module), function)
 

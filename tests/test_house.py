@@ -42,7 +42,7 @@ LAYERS: dict[str, set[str]] = {
     "native": {"errors"},
     "records": _CORE,
     "model": _DATA,
-    "formats": _MODEL,
+    "formats": _MODEL | {"estimation"},
     "estimation": _MODEL,
     "filtering": _MODEL | {"estimation"},
     "analysis": _MODEL | {"estimation", "filtering"},

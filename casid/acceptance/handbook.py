@@ -23,9 +23,8 @@ from casid.arguments import an, number
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.dynamics import standard_density
-from casid.model.given import given_aircraft
 from casid.native.threads import single_threaded
 from casid.views import brief, view
 

@@ -34,11 +34,10 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming.size import meaningful_share
 from casid.errors import InputError, unknown
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
-from casid.model.given import given_aircraft
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record

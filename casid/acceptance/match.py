@@ -19,10 +19,9 @@ from casid.acceptance.tolerances import CALIBRATED, Standard, StandardTest, told
 from casid.arguments import given as named
 from casid.arguments import number
 from casid.errors import InputError, unknown
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import has_aerodynamics, unwrapped
-from casid.model.given import given_aircraft
 from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import si_factor

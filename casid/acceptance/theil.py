@@ -16,9 +16,8 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.filtering.initial_state import fit_initial_state
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import apply_effects
-from casid.model.given import given_aircraft
 from casid.model.simulate import simulate
 from casid.records.given import given_records
 from casid.records.record import Record

@@ -26,8 +26,7 @@ from casid.diagnosis.naming.baseline import baseline
 from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
-from casid.model.aircraft import Aircraft
-from casid.model.given import given_aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.linearised import linearised
 from casid.native.memory import kept_memory
 from casid.native.singular import singular_is

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.errors import InputError
+from casid.formats.file_tables import said
 from casid.model.aircraft import Aircraft
-from casid.model.mending import said
 from casid.model.terms import derivative_term, parse_term
 from casid.model.trim import trim
 

@@ -12,12 +12,11 @@ from casid.arguments import a_path, one_of
 from casid.errors import InputError
 from casid.formats.ardupilot import ardupilot_text
 from casid.formats.gazebo import gazebo_text
-from casid.formats.jsbsim import jsbsim_text
+from casid.formats.jsbsim.write import jsbsim_text
 from casid.formats.matlab import mat_of, matlab_text, struct_of
 from casid.formats.tables import csv_text, latex_text
 from casid.keeping import whole_file
-from casid.model.aircraft import Aircraft
-from casid.model.given import given_aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 
 Made = tuple[str, tuple[str, ...]]
 # target -> endings of its file, and what makes its text and says what it does not hold

@@ -12,10 +12,9 @@ import numpy as np
 from casid.arguments import number, numbers_by_name
 from casid.errors import InputError, unknown
 from casid.frequency.sensitivity import sensitivity_at
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import Applied, apply_effects, axes_of
 from casid.model.dynamics import aircraft_model
-from casid.model.given import given_aircraft
 from casid.model.system import Model
 from casid.model.trim import Trim
 from casid.records.given import given_records

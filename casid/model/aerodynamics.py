@@ -35,6 +35,30 @@ class Tabulated(Protocol):
         ...
 
 
+@runtime_checkable
+class FileAerodynamics(Protocol):
+    """Aerodynamics of another simulator's file. `casid.formats` reads and writes such files, see `casid.views`."""
+
+    @property
+    def format(self) -> str:
+        """The key of [aerodynamics] that names the file: "jsbsim" or "daveml"."""
+        ...
+
+    @property
+    def path(self) -> str:
+        """The file."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of the file is left out, and what is held."""
+        ...
+
+    def section(self) -> dict[str, Any]:
+        """Keys and values of [aerodynamics] from which these aerodynamics are read again."""
+        ...
+
+
 def own_coefficients(
     aerodynamics: Aerodynamics, quantities: Mapping[str, Any], valid: tuple[str, ...]
 ) -> dict[str, Any]:

@@ -11,23 +11,20 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from casid.arguments import a_path, number, numbers_by_name
+from casid.arguments import a_path, given, is_path, number, numbers_by_name
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
-from casid.model.aerodynamics import Aerodynamics
+from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import numbers, toml_text
-from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of
+from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of, with_comments_of
 from casid.model.airframe import Inertia
-from casid.model.daveml import DaveAerodynamics, fields_of_daveml, mended_text
 from casid.model.effect import KINDS
 from casid.model.effect_value import EffectValue
-from casid.model.jsbsim import JsbsimAerodynamics, extended_text, fields_of_jsbsim
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
-from casid.model.toml_comments import with_comments_of
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS
-from casid.views import brief
+from casid.views import brief, view
 
 AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = {
     "wind": ("CL", "CD", "CY", "Cl", "Cm", "Cn"),
@@ -36,6 +33,7 @@ AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = {
 _TRIM = ("V", "altitude", "rho", "alpha", "theta", "delta_e", "delta_a", "delta_r", "thrust", "gravity")
 _POSITIVE_TRIM = ("V", "rho", "gravity")
 _ORIGIN = (0.0, 0.0, 0.0)
+_FILES = {".xml": "jsbsim", ".dml": "daveml"}  # ending of another simulator's file -> its format
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,10 +166,10 @@ class Aircraft:
 
     def _checked_terms(self, derivatives: Mapping[str, float]) -> dict[str, dict[str, float]]:
         terms: dict[str, dict[str, float]] = {}
-        for coefficient, given in self.terms.items():
+        for coefficient, row in self.terms.items():
             self._check_coefficient(coefficient, "terms")
             table = terms.setdefault(coefficient, {})
-            for spelled, value in numbers_by_name(given, f"terms: '{coefficient}'").items():
+            for spelled, value in numbers_by_name(row, f"terms: '{coefficient}'").items():
                 term = parse_term(spelled, f"terms: '{coefficient}'")
                 name = derivative_name(coefficient, term)
                 if term.name in table or name in derivatives:
@@ -195,7 +193,7 @@ class Aircraft:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the aircraft: an inertia that cannot be, what another simulation's file leaves out."""
-        own = self.aerodynamics.notes if isinstance(self.aerodynamics, JsbsimAerodynamics) else ()
+        own = self.aerodynamics.notes if isinstance(self.aerodynamics, FileAerodynamics) else ()
         return (*self.inertia.notes, *own)
 
     @property
@@ -243,7 +241,7 @@ class Aircraft:
         InputError
             For a function or property that cannot be had without JSBSim.
         """
-        return cls(**fields_of_jsbsim(path, held))
+        return cls(**view("jsbsim.aircraft")(path, held))
 
     @classmethod
     def from_daveml(
@@ -269,7 +267,7 @@ class Aircraft:
         InputError
             For what cannot be read, an unknown unit, or an input that no record has and that is not held.
         """
-        return cls(**fields_of_daveml(aerodynamics, inertia, held))
+        return cls(**view("daveml.aircraft")(aerodynamics, inertia, held))
 
     @classmethod
     def read(cls, path: str | Path) -> Aircraft:
@@ -304,7 +302,7 @@ class Aircraft:
             When `path` cannot be written or `like` cannot be read.
         """
         suffix = a_path(path, "Aircraft.write").suffix.lower()
-        content = self._as_own_file(path) if suffix in (".xml", ".dml") else toml_text(sections_of(self))
+        content = self._as_own_file(path) if suffix in _FILES else toml_text(sections_of(self))
         if like is not None:
             read_toml(like)  # its faults in words
             content = with_comments_of(Path(like).read_text(encoding="utf-8"), content)
@@ -316,8 +314,8 @@ class Aircraft:
 
     def _as_own_file(self, path: str | Path) -> str:
         own = self.aerodynamics
-        fits = JsbsimAerodynamics if Path(path).suffix.lower() == ".xml" else DaveAerodynamics
-        if not isinstance(own, JsbsimAerodynamics | DaveAerodynamics) or not isinstance(own, fits) or self.tables:
+        wanted = _FILES[Path(path).suffix.lower()]
+        if not isinstance(own, FileAerodynamics) or own.format != wanted or self.tables:
             raise InputError(
                 f"{path}: only an aircraft of a JSBSim file is written as .xml, of a DAVE-ML file as .dml, and neither "
                 "with further tables; use .toml"
@@ -327,10 +325,7 @@ class Aircraft:
             coefficient, term = derivative_term(name)
             terms.setdefault(coefficient, {})[term.name] = value
         try:
-            text = Path(own.path).read_text(encoding="utf-8")
-            if isinstance(own, DaveAerodynamics):
-                return mended_text(text, own.file_tables, self.effects, terms)
-            return extended_text(text, terms, self.effects, self.force_axes, own.file_tables)
+            return view(f"{own.format}.write")(own, Path(own.path).read_text(encoding="utf-8"), terms, self.effects)
         except OSError as error:
             raise InputError(f"{own.path}: cannot be read again: {error.strerror}") from None
         except InputError as error:
@@ -345,3 +340,12 @@ def _checked(
         if key not in pool:
             raise unknown(what, key, pool, section)
     return {key: number(v, f"{section}: '{key}'", positive=key in above_zero) for key, v in table.items()}
+
+
+def given_aircraft(value: Any, where: str) -> Aircraft:
+    """An aircraft, or that of a file; InputError for anything else."""
+    if isinstance(value, Aircraft):
+        return value
+    if is_path(value):
+        return Aircraft.read(value)
+    raise InputError(f"{where}: aircraft is {given(value)}; expected a cs.Aircraft or the name of its file")

@@ -1,21 +1,118 @@
-"""An aircraft and its TOML file: the tables of the file as fields of `Aircraft`, and back."""
+"""An aircraft and its TOML file: units, the tables of the file as fields of `Aircraft`, and back with its comments."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
+import tomlkit
+
 from casid.arguments import given, number, numbers_by_name
-from casid.errors import InputError
-from casid.model.aerodynamics import Aerodynamics
+from casid.errors import InputError, nearest
+from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, text
 from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
-from casid.model.daveml import DaveAerodynamics, dave_aerodynamics
 from casid.model.effect_value import EffectValue
-from casid.model.jsbsim import JsbsimAerodynamics, aerodynamics_of
-from casid.model.quantities import in_si
 from casid.model.tables import read_tables, written_table
+from casid.signals import FOOT, POUND, SLUG, TONNE
+from casid.views import view
+
+INCH = FOOT / 12.0
+# SI unit -> unit -> SI over number
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "kg": {"kg": 1.0, "lb": POUND, "lbm": POUND, "slug": SLUG, "t": TONNE},
+    "kg m2": {"kg m2": 1.0, "slug ft2": SLUG * FOOT**2, "lb ft2": POUND * FOOT**2, "lbm ft2": POUND * FOOT**2},
+    "m": {"m": 1.0, "ft": FOOT, "in": INCH},
+    "m2": {"m2": 1.0, "ft2": FOOT**2},
+}
+_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*([A-Za-z].*?)\s*", re.ASCII)
+_SPELLINGS = {"^": "", "**": "", "²": "2", "*": " ", "-": " ", "·": " ", "lbs": "lb", "slugs": "slug"}
+
+
+def in_si(value: Any, si: str, what: str) -> Any:
+    """A number of a file in SI: of a text with a unit its value, all else as it is.
+
+    Parameters
+    ----------
+    value
+        What stands in the file.
+    si
+        SI unit of the quantity: "kg", "kg m2", "m" or "m2".
+    what
+        Names it in an error.
+
+    Raises
+    ------
+    InputError
+        For a text that is no number with a unit of that quantity.
+    """
+    if not isinstance(value, str):
+        return value
+    number, unit = _parts(value)
+    known = UNITS[si]
+    if number is None or unit not in known:
+        near = nearest(unit, known) if unit else None
+        hint = f"did you mean '{near}'?" if near else f"expected a number, or one with a unit: {', '.join(known)}"
+        raise InputError(f"{what} is the text '{value:.40}'; {hint}")
+    return number * known[unit]
+
+
+def as_written(value: float, like: str) -> str | None:
+    """A number in SI as text in the unit of another text, and that text itself where it is the same number; None where
+    the other is no number with a unit."""
+    number, unit = _parts(like)
+    factor = next((table[unit] for table in UNITS.values() if unit in table), None)
+    if number is None or factor is None:
+        return None
+    return like if number * factor == value else f"{value / factor!r} {unit}"
+
+
+def _parts(text: str) -> tuple[float | None, str]:
+    """Number and unit of a text, spelled as in `UNITS`."""
+    match = _NUMBER_AND_UNIT.fullmatch(text)
+    if not match:
+        return None, ""
+    unit = match[2]
+    for written, meant in _SPELLINGS.items():
+        unit = unit.replace(written, meant)
+    return float(match[1]), " ".join(unit.split())
+
+
+def with_comments_of(original: str, content: str) -> str:
+    """The TOML text `content`, written into the layout of `original`.
+
+    Keys that both have keep their place and comment, new keys are added to the end of their table, keys that `content`
+    lacks are taken away.
+    """
+    document = tomlkit.parse(original)
+    _merge(document, tomllib.loads(content))
+    return tomlkit.dumps(document)
+
+
+def _merge(table: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    for key in [key for key in table if key not in wanted]:
+        del table[key]
+    for key, value in wanted.items():
+        present = table.get(key)
+        if isinstance(present, MutableMapping) and isinstance(value, Mapping):
+            _merge(present, value)
+        elif key not in table or _plain(present) != value:
+            table[key] = _in_its_unit(_plain(present), value)
+
+
+def _in_its_unit(present: Any, value: Any) -> Any:
+    """A new value; a number as text in the unit that stands in the file, "6000 lb"."""
+    if isinstance(present, str) and isinstance(value, float):
+        return as_written(value, present) or value
+    return value
+
+
+def _plain(value: Any) -> Any:
+    return value.unwrap() if hasattr(value, "unwrap") else value
+
 
 POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
 _SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "effects")
@@ -92,8 +189,8 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
     path = folder / text(table[named[0]], f"{where} {named[0]}")
     held = numbers_by_name(table.get("held", {}), f"{where} held")
     if "daveml" in table:
-        return dave_aerodynamics(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
-    return aerodynamics_of(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
+        return view("daveml.aerodynamics")(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
+    return view("jsbsim.aerodynamics")(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
 
 
 def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -161,8 +258,6 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
 def _written_own(aerodynamics: Aerodynamics | None) -> dict[str, Any]:
     if aerodynamics is None:
         return {}
-    if isinstance(aerodynamics, JsbsimAerodynamics):
-        return {"jsbsim": aerodynamics.path, "held": dict(aerodynamics.held)}
-    if isinstance(aerodynamics, DaveAerodynamics):
-        return {"daveml": aerodynamics.path, "cm": aerodynamics.cm, "held": dict(aerodynamics.held)}
+    if isinstance(aerodynamics, FileAerodynamics):
+        return aerodynamics.section()
     raise InputError("its aerodynamics are a Python function, which a file cannot hold; keep the Aircraft in Python")

@@ -12,11 +12,10 @@ import numpy as np
 
 from casid.arguments import names
 from casid.errors import InputError, unknown
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.equations import by_station, equation_error
-from casid.model.given import given_aircraft
 from casid.model.path import (
     AIR_STATES,
     INPUTS,

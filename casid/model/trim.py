@@ -11,9 +11,8 @@ from scipy.optimize import root
 
 from casid.arguments import number
 from casid.errors import InputError
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.dynamics import aircraft_model, standard_density
-from casid.model.given import given_aircraft
 
 
 @dataclass(frozen=True, kw_only=True)

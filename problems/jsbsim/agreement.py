@@ -18,11 +18,11 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
+from casid.formats.jsbsim.aerodynamics import JsbsimAerodynamics
+from casid.formats.jsbsim.source import load
 from casid.model.aerodynamics import FURTHER
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
-from casid.model.jsbsim import JsbsimAerodynamics
-from casid.model.jsbsim.source import load
 from casid.model.simulate import simulate
 from casid.model.terms import VARIABLES
 from casid.records.record import Record

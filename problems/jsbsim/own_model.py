@@ -12,8 +12,8 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from casid.formats.jsbsim.aircraft import INCREMENTS
 from casid.model.aircraft import Aircraft
-from casid.model.jsbsim.aircraft import INCREMENTS
 from casid.records.readers import write_record
 from problems.blind import f16
 from problems.blind.sets import Set, fly_set

@@ -22,8 +22,7 @@ from casid.diagnosis.data.file_units import SI_OF, FileUnit
 from casid.diagnosis.data.finding import Finding, Handled
 from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError
-from casid.model.aircraft import Aircraft
-from casid.model.given import given_aircraft
+from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
 from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults

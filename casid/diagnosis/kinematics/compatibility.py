@@ -28,9 +28,8 @@ from casid.diagnosis.kinematics.kinematics import NEEDED, Turbulence, still_air
 from casid.diagnosis.kinematics.steady_wind import SteadyWind, steady_wind
 from casid.diagnosis.naming.size import plausible
 from casid.errors import InputError
-from casid.model.aircraft import Aircraft, Inertia
+from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias
-from casid.model.given import given_aircraft
 from casid.model.vocabulary import effect_title
 from casid.native.memory import kept_memory
 from casid.native.threads import single_threaded

@@ -1,12 +1,14 @@
-"""Tables inside the user's own aerodynamics: of which coefficient they are a part, over which regressors.
+"""Tables inside an aerodynamics file: the coefficient and the regressors of each, and how its numbers are corrected.
 
-What a table becomes of is found on the functions themselves: by how much the coefficients change with its values, at
-some points of flight. A table is one of casid's when that is a constant times a term of the regressors.
+The functions of the file are evaluated at some points of flight, with an increment on each table. The change of the
+coefficients shows which of them a table enters. A table becomes one of casid's if this change is a constant times a
+term of the regressors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import combinations
@@ -18,6 +20,8 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.model.aerodynamics import FURTHER
+from casid.model.causes.tables import holds
+from casid.model.effect_value import EffectValue
 from casid.model.grid import Grid
 from casid.model.tables import Table, table
 from casid.model.terms import COEFFICIENTS, VARIABLES, parse_term
@@ -190,3 +194,37 @@ def _table(index: int, entered: tuple[str, str, float], axes: Sequence[_Axis], e
 
 def _at_held(values: np.ndarray, points: Sequence[float], at: float, place: int) -> np.ndarray:
     return np.apply_along_axis(lambda column: np.interp(at, points, column), place, values)
+
+
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+
+
+def blanked(text: str) -> str:
+    """XML of the same length without what stands in comments: positions in it are positions in the text."""
+    return _COMMENT.sub(lambda found: " " * len(found.group()), text)
+
+
+def with_numbers(text: str, changes: Iterable[tuple[tuple[int, int], float]]) -> str:
+    """The text with numbers grown, each at its (first, last) position; layout stays as far as there is room."""
+    for (first, last), by in sorted(changes, reverse=True):
+        number = float(text[first:last]) + by
+        text = text[:first] + f"{number:.10g}".ljust(last - first) + text[last:]
+    return text
+
+
+def holding(tables: Sequence[FileTable], effect: EffectValue) -> FileTable | None:
+    """The table of the file of which an effect is a wrong stretch."""
+    kind, coefficient, term = effect.kind, effect.target, effect.term or "0"
+    return next((one for one in tables if holds(one.table, kind, coefficient, term)), None)
+
+
+def said(effect: EffectValue, why: str) -> str:
+    """An effect that a file cannot have, for a comment in it."""
+    target = f"({effect.target}{':' + effect.term if effect.term else ''})" if effect.target else ""
+    return f"{effect.kind}{target} {effect.value:.6g} {effect.unit}: it {why}"
+
+
+def comment(left: Sequence[str]) -> str:
+    """What a file cannot say, as a comment of it."""
+    lines = "".join(f"\n       {line.replace('--', '- -')}" for line in left)
+    return f"    <!-- casid found what stands in no function of this file:{lines}\n    -->\n"

@@ -1,25 +1,28 @@
-"""An aircraft of DAVE-ML files as the fields of `Aircraft`: aerodynamics from one, mass properties from another.
+"""DAVE-ML files: an aircraft from one of aerodynamics and one of mass properties, and the first corrected by flight.
 
-Names, units and axes are the standard's (ANSI/AIAA S-119). Surfaces have the signs that the file gives them.
+Names, units and axes are those of the standard (ANSI/AIAA S-119). Surfaces have the signs of the file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from casid.arguments import number
 from casid.errors import InputError, unknown
+from casid.formats.daveml.functions import DaveFile, Values, dave_file
+from casid.formats.file_tables import FileTable, Tried, blanked, comment, file_tables, holding, said, with_numbers
+from casid.formats.jsbsim.aircraft import INCREMENTS
 from casid.model.airframe import Inertia
-from casid.model.daveml.functions import DaveFile, Values, dave_file
-from casid.model.inside import FileTable, Tried, file_tables
-from casid.model.jsbsim.aircraft import INCREMENTS
+from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
 from casid.signals import DEGREE, FOOT, POUND, SLUG
 
@@ -81,6 +84,8 @@ class DaveAerodynamics:
     lateral, pitch   rate lengths [m];  span, chord  [m] of its coefficients
     """
 
+    format: ClassVar[str] = "daveml"
+
     path: str
     text: str = field(repr=False)
     cm: tuple[float, float, float]
@@ -91,6 +96,15 @@ class DaveAerodynamics:
     def __call__(self, s: Any) -> dict[str, Any]:
         """Body-axes coefficients about the centre of mass. Raises InputError."""
         return self._coefficients(s)[0]
+
+    def section(self) -> dict[str, Any]:
+        """Keys and values of [aerodynamics] from which these aerodynamics are read again."""
+        return {"daveml": self.path, "cm": self.cm, "held": dict(self.held)}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """None: all inputs of the file are recorded or held by the user."""
+        return ()
 
     @cached_property
     def _tried(self) -> Tried:
@@ -234,3 +248,54 @@ def _si(file: DaveFile, look: Values, name: str) -> float:
     """A constant of the file in SI."""
     varid = _varid(file, name)
     return float(ca.evalf(ca.SX(look(varid)))) * _unit(file, varid)
+
+
+_FUNCTION = re.compile(r"<((?:\w+:)?function)\b[^>]*>(.*?)</\1\s*>", re.DOTALL)
+_REFERENCE = re.compile(r"<(?:\w+:)?griddedTableRef\b[^>]*\bgtID\s*=\s*[\"']([^\"']*)[\"']")
+_DATA = re.compile(r"<((?:\w+:)?dataTable)\b[^>]*>(.*?)</\1\s*>", re.DOTALL)
+_END = re.compile(r"</(?:\w+:)?DAVEfunc\s*>")
+
+
+def rewritten(
+    own: DaveAerodynamics, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]
+) -> str:
+    """The `text` of the file of some aerodynamics, its tables corrected; see `mended_text`."""
+    return mended_text(text, own.file_tables, effects, terms)
+
+
+def mended_text(
+    text: str, tables: Sequence[FileTable], effects: Sequence[EffectValue], terms: Mapping[str, Mapping[str, float]]
+) -> str:
+    """The text of a file with wrong stretches of its tables mended where they stand.
+
+    effects  as an aircraft file has them
+    terms    coefficient -> monomial -> value, increments of coefficients, which no table of the file can have
+    """
+    left: list[str] = []
+    for effect in effects:
+        held = None if effect.records or effect.onset_s else holding(tables, effect)
+        if held is None:
+            left.append(said(effect, "has no place in a table of a DAVE-ML file"))
+        else:
+            text = _with_changed_table(text, held, held.share(effect.term or "0") * (effect.value / held.gain))
+    left += [f"{c}: {value:.6g} times {term}" for c, row in terms.items() for term, value in row.items() if value]
+    if left:
+        end = list(_END.finditer(blanked(text)))[-1].start()
+        text = text[:end] + comment(left) + text[end:]
+    dave_file(text)
+    return text
+
+
+def _with_changed_table(text: str, one: FileTable, change: np.ndarray) -> str:
+    varid = list(dave_file(text).functions())[one.index]
+    blank = blanked(text)
+    gives = re.compile(rf"<(?:\w+:)?dependentVarRef\b[^>]*\bvarID\s*=\s*[\"']{re.escape(varid)}[\"']")
+    region = next(found for found in _FUNCTION.finditer(blank) if gives.search(found[2]))
+    data = _DATA.search(blank, *region.span(2))
+    if data is None and (reference := _REFERENCE.search(region[2])) is not None:
+        named = re.compile(rf"<(?:\w+:)?griddedTableDef\b[^>]*\bgtID\s*=\s*[\"']{re.escape(reference[1])}[\"']")
+        data = next((_DATA.search(blank, found.end()) for found in named.finditer(blank)), None)
+    if data is None:
+        raise InputError(f"table '{one.table.name}' has no dataTable")
+    spans = [(data.start(2) + n.start(), data.start(2) + n.end()) for n in re.finditer(r"[^\s,]+", data[2])]
+    return with_numbers(text, [(span, float(by)) for span, by in zip(spans, change.ravel(), strict=True) if by])

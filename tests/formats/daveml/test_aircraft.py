@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 import casid as cs
 from casid.errors import InputError
-from casid.model.daveml.functions import dave_file
+from casid.formats.daveml.functions import dave_file
 
 SPACE = {"d": "http://daveml.org/2010/DAVEML"}
 MATH = '<math xmlns="http://www.w3.org/1998/Math/MathML">{}</math>'

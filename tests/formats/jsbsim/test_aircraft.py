@@ -11,8 +11,8 @@ import pytest
 
 import casid as cs
 from casid.errors import InputError
-from casid.model.jsbsim.mass import mass_properties
-from casid.model.jsbsim.source import load
+from casid.formats.jsbsim.aircraft import mass_properties
+from casid.formats.jsbsim.source import load
 from casid.signals import FOOT, SLUG
 from problems.jsbsim.agreement import compare, file_of, gliding, rig
 

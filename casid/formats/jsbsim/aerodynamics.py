@@ -7,17 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
-from casid.model.inside import QUANTITIES, FileTable, Tried, file_tables
-from casid.model.jsbsim.functions import value_of
-from casid.model.jsbsim.properties import Metrics, Properties
-from casid.model.jsbsim.source import amount, body_arm, part, place
-from casid.model.jsbsim.tables import entries, mark, marked
+from casid.formats.file_tables import QUANTITIES, FileTable, Tried, file_tables
+from casid.formats.jsbsim.functions import entries, mark, marked, value_of
+from casid.formats.jsbsim.properties import Metrics, Properties
+from casid.formats.jsbsim.source import amount, body_arm, part, place
 from casid.model.tables import Table
 
 _FORCES = (("DRAG", "SIDE", "LIFT"), ("AXIAL", "SIDE", "NORMAL"), ("X", "Y", "Z"))
@@ -36,6 +35,8 @@ class JsbsimAerodynamics:
     axes   "wind": CL CD CY, "body": CX CZ CY
     """
 
+    format: ClassVar[str] = "jsbsim"
+
     path: str
     text: str = field(repr=False)
     cg: tuple[float, float, float]
@@ -45,6 +46,10 @@ class JsbsimAerodynamics:
     def __call__(self, s: Any) -> dict[str, Any]:
         """Coefficient -> expression in the quantities of `Aircraft.aerodynamics`. Raises InputError."""
         return self.coefficients(s)[0]
+
+    def section(self) -> dict[str, Any]:
+        """Keys and values of [aerodynamics] from which these aerodynamics are read again."""
+        return {"jsbsim": self.path, "held": dict(self.held)}
 
     @property
     def taken_as_held(self) -> dict[str, float]:

@@ -22,7 +22,7 @@ from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import parameter
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
-from casid.model.sbml import SbmlModel, Scope, Switch, parsed, read_sbml, translated
+from casid.formats.sbml import SbmlModel, Scope, Switch, parsed, read_sbml, translated
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
 from casid.records.record import Record

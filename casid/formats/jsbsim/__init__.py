@@ -1,0 +1,1 @@
+"""JSBSim: its XML files as aircraft, read and written."""
