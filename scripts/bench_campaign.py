@@ -17,10 +17,10 @@ import os
 import tempfile
 import time
 
-from casid.campaign.run import run_campaign
-from casid.campaign.store import open_store
 from casid.errors import InputError
 from problems.bench.table import parser, publish
+from problems.campaign.run import run_campaign
+from problems.campaign.store import open_store
 from problems.paper.cases import parse_cases
 from problems.paper.run import run, tasks
 

@@ -32,11 +32,6 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NoReturn
 
-from casid.campaign.blind import solve
-from casid.campaign.counting import counted
-from casid.campaign.digest import ENGINE, source_digest
-from casid.campaign.run import run_campaign
-from casid.campaign.store import open_store
 from casid.errors import InputError
 from casid.model.vocabulary import KINDS
 from casid.report.evidence_figures import confusion_matrix
@@ -47,7 +42,10 @@ from problems.blind.calibration import log_score, reliability, stated
 from problems.blind.case import OUTSIDE, Answer
 from problems.blind.score import NOTHING, UNEXPLAINED, Score, score
 from problems.blind.sets import CASES, REPORTING_FROM, SETS, generate, set_name
+from problems.blind.solve import solve
 from problems.blind.table import by_kind, columns, confusion, markdown, power, rows, summary
+from problems.campaign.run import counted, run_campaign
+from problems.campaign.store import ENGINE, open_store, source_digest
 
 GENERATOR = ("problems/blind/*.py", "problems/jsbsim/*.py", "problems/do328.py", "casid/model/**/*.py")
 SOLVER = ("casid/diagnosis/**/*.py", *ENGINE)

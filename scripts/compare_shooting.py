@@ -19,13 +19,11 @@ import csv
 from pathlib import Path
 from typing import NoReturn
 
-from casid.campaign.counting import counted
-from casid.campaign.digest import ENGINE, source_digest
-from casid.campaign.run import run_campaign
-from casid.campaign.store import open_store
 from casid.errors import InputError, unknown
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
+from problems.campaign.run import counted, run_campaign
+from problems.campaign.store import ENGINE, open_store, source_digest
 from problems.paper.pages.shooting import HEAD, summary, write_shooting_page
 from problems.paper.shooting import AIRCRAFT, BASIN_METHODS, BASIN_PARAMETERS, METHODS, RIGHT, run, tasks
 

@@ -24,21 +24,19 @@ from pathlib import Path
 from typing import NoReturn
 
 from casid.analysis import collected, input_noise_errors, profile
-from casid.campaign.counting import counted
-from casid.campaign.digest import ENGINE, source_digest
-from casid.campaign.draws import draw, draw_tasks, fit_of
-from casid.campaign.run import run_campaign
-from casid.campaign.store import open_store
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation import Fit
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
+from problems.campaign.run import counted, run_campaign
+from problems.campaign.store import ENGINE, open_store, source_digest
+from problems.studies.draws import draw, draw_tasks, fit_of
 
 DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 NORMAL = 1.959963984540054
 KINDS = ("Cramer-Rao", "corrected", "noisy inputs", "profile", "bootstrap")
 HEAD = ("parameter", "estimate", *(f"{kind} {end}" for kind in KINDS for end in ("low", "high")))
-SOURCES = (*ENGINE, "casid/campaign/draws.py")
+SOURCES = (*ENGINE, "problems/studies/draws.py")
 
 
 def arguments() -> argparse.Namespace:

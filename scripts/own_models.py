@@ -22,10 +22,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from casid.campaign.blind import solve
 from casid.errors import InputError
 from casid.report.folder import out_folder
 from problems.blind.score import NOTHING, score
+from problems.blind.solve import solve
 from problems.jsbsim.own_model import hide_in_own
 
 CASES = (

@@ -21,13 +21,11 @@ import time
 from pathlib import Path
 from typing import NoReturn
 
-from casid.campaign.counting import counted
-from casid.campaign.digest import ENGINE, source_digest
-from casid.campaign.run import run_campaign
-from casid.campaign.store import open_store
 from casid.errors import InputError, unknown
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
+from problems.campaign.run import counted, run_campaign
+from problems.campaign.store import ENGINE, open_store, source_digest
 from problems.paper.cases import parse_cases, parse_manoeuvres
 from problems.paper.estimation import METHODS
 from problems.paper.pages.table import write_table_page

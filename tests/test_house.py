@@ -32,7 +32,7 @@ _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
 _STANDARDS = {"frequency", "acceptance"}
-_USERS = _ENGINE | _STANDARDS | {"diagnosis", "campaign", "report", "formats", "cli", "casid"}
+_USERS = _ENGINE | _STANDARDS | {"diagnosis", "report", "formats", "cli", "casid"}
 LAYERS: dict[str, set[str]] = {
     "errors": set(),
     "arguments": {"errors"},
@@ -50,9 +50,8 @@ LAYERS: dict[str, set[str]] = {
     "diagnosis": _ENGINE,
     "frequency": _ENGINE,
     "acceptance": _ENGINE | {"frequency", "diagnosis"},
-    "campaign": _ENGINE | {"diagnosis"},
     "report": _ENGINE | _STANDARDS | {"diagnosis"},
-    "cli": _ENGINE | _STANDARDS | {"diagnosis", "campaign", "report", "formats"},
+    "cli": _ENGINE | _STANDARDS | {"diagnosis", "report", "formats"},
     "casid": _USERS - {"casid"},
     "__main__": {"cli"},
     "problems": _USERS,

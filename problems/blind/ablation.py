@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from casid.campaign.store import open_store
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import NOT_TRIED, Decision, Gate
 from problems.blind.table import markdown
+from problems.campaign.store import open_store
 
 
 @dataclass(frozen=True, kw_only=True)

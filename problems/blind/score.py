@@ -50,7 +50,7 @@ class Score:
 
 
 def score(answer: Answer, found: Found) -> Score:
-    """Score a shortened diagnosis (`casid.campaign.blind.solve`)."""
+    """Score a shortened diagnosis (`problems.blind.solve.solve`)."""
     if "failed" in found:
         return Score(
             answer=answer,

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from casid.campaign.blind import solve
 from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.model.terms import parse_term
@@ -30,6 +29,7 @@ from problems.blind.outside import SIGNALS, Outside, along
 from problems.blind.scene import Scene, even_products
 from problems.blind.score import ELSEWHERE, NOTHING, UNEXPLAINED, score
 from problems.blind.sets import CASES, REPORTING_FROM, Set, fly_set, generate, hide, set_name
+from problems.blind.solve import solve
 from problems.blind.table import by_kind, columns, confusion, power, rows, summary
 from problems.jsbsim.airframe import RATE_HZ
 from problems.jsbsim.apriori import coefficients, geometry, regress, regressors_of

@@ -1,15 +1,37 @@
-"""Finished work on disk: one SQLite file that survives Ctrl-C and kill -9."""
+"""Finished work on disk, in an SQLite file that survives Ctrl-C and kill -9, and a fingerprint of the source files."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from casid.errors import InputError
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+# what an estimation is computed with
+ENGINE = tuple(f"casid/{room}/**/*" for room in ("estimation", "native", "filtering", "analysis", "model", "records"))
+
+
+def source_digest(*patterns: str) -> str:
+    """Fingerprint of the files below the folder of the packages that match the globs, e.g. "casid/model/**/*.py"."""
+    digest = hashlib.sha256()
+    for path in _files(patterns):
+        digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _files(patterns: Iterable[str]) -> list[Path]:
+    return sorted(
+        path
+        for path in {path for pattern in patterns for path in ROOT.glob(pattern)}
+        if path.is_file() and "__pycache__" not in path.parts
+    )
+
 
 FILE = "campaign.sqlite"
 

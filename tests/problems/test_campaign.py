@@ -14,9 +14,9 @@ from pathlib import Path
 import campaign_work
 import pytest
 
-from casid.campaign.run import run_campaign
-from casid.campaign.store import FILE, open_store
 from casid.errors import InputError
+from problems.campaign.run import run_campaign
+from problems.campaign.store import FILE, open_store
 
 REPO = Path(__file__).resolve().parents[2]
 PATHS = os.pathsep.join([str(REPO), str(REPO / "tests")])
@@ -24,8 +24,8 @@ COUNT = 24
 # a campaign of its own process: folder, log of what was done, seconds per task, jobs
 PROGRAM = """
 import sys
-from casid.campaign.run import run_campaign
-from casid.campaign.store import open_store
+from problems.campaign.run import run_campaign
+from problems.campaign.store import open_store
 from campaign_work import square
 
 if __name__ == "__main__":
@@ -196,7 +196,7 @@ def test_a_store_is_plain_sqlite(tmp_path: Path) -> None:
 
 
 def test_no_cluster_and_bad_jobs_are_one_line_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("casid.campaign.run._ANSWERS", 0.5)
+    monkeypatch.setattr("problems.campaign.run._ANSWERS", 0.5)
     with open_store(tmp_path, {}) as store:
         with pytest.raises(InputError, match="expected a number of processes"):
             run_campaign({"a": {"x": 1}}, campaign_work.square, store, jobs=-1)
@@ -205,7 +205,7 @@ def test_no_cluster_and_bad_jobs_are_one_line_errors(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra casid[dask]")
+@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed")
 @pytest.mark.filterwarnings("ignore")
 def test_dask_cluster_with_a_worker_killed_in_mid_run(tmp_path: Path) -> None:
     """A scheduler and two workers on loopback, each a process of its own; one is killed with work in hand."""

@@ -1,4 +1,4 @@
-"""Many independent tasks: on local processes, or on a running Dask cluster; what is finished is kept as it finishes."""
+"""Many independent tasks on local processes or a Dask cluster. Each result is stored as it finishes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,29 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
 
-from casid.campaign.store import Store
 from casid.errors import InputError
+from problems.campaign.store import Store
+
+_STEP_S = 2.0
+
+
+def counted(stage: Callable[[str], None], what: str) -> Callable[[int, int], None]:
+    """A `report` for `run_campaign` that tells `stage` how far the work is and how long it will take."""
+    start, last, first = time.perf_counter(), [0.0], list[int]()
+
+    def report(done: int, total: int) -> None:
+        now = time.perf_counter()
+        first.append(done)
+        if done < total and now - last[0] < _STEP_S:
+            return
+        last[0] = now
+        own = done - first[0]
+        ahead = f", about {(now - start) / own * (total - done):.0f} s to go" if own and done < total else ""
+        found = f" ({first[0]} found finished)" if first[0] else ""
+        stage(f"{what} {done} of {total}{found}{ahead}")
+
+    return report
+
 
 Task = Mapping[str, Any]
 Work = Callable[[Task], Any]
@@ -165,7 +186,9 @@ def _dask(tasks: Mapping[str, Task], work: Work, scheduler: str) -> Iterator[Fin
     try:
         from distributed import Client, as_completed  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise InputError("--scheduler needs the package distributed; install casid[dask]") from None
+        raise InputError(
+            "--scheduler needs the package distributed; install it with: pip install distributed"
+        ) from None
     try:
         client = Client(scheduler, timeout=_ANSWERS, set_as_default=False)
     except (OSError, ValueError) as error:
