@@ -61,4 +61,4 @@ lock:
 # Leaves the environment alone: `rm -rf .venv` for a fresh one.
 clean:
 	rm -rf out build dist docs/_build docs/gallery docs/reference .pytest_cache .hypothesis .ruff_cache
-	find casid problems scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find casid problems scripts benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,6 +1,6 @@
 """Fly the embedded demonstration records, casid/cli/demo.
 
-Question     none: this makes the data that `scripts/diagnose.py` runs on when it is given no record.
+Question     none: this makes the data that `casid demo` runs on when it is given no record.
 Set-up       a Fokker 50 of JSBSim, four manoeuvres of 26 s at 50 Hz with the noise of ordinary instruments, an aircraft
              file whose derivatives are 10 to 20 per cent off; the elevator follows its command with a lag of 0.12 s,
              of which records and aircraft file know nothing.

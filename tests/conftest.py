@@ -109,13 +109,19 @@ def published_data(regression_data: Path) -> Path:
     return folder
 
 
+def script_file(name: str) -> Path:
+    """The file of a script, a benchmark or a tool of the tests."""
+    places = (REPO / folder / f"{name}.py" for folder in ("scripts", "benchmarks", "tests"))
+    return next(place for place in places if place.exists())
+
+
 @pytest.fixture(scope="session")
 def load_script() -> Callable[[str], ModuleType]:
-    """`load_script("estimate")` imports scripts/estimate.py as a module."""
+    """`load_script("table5")` imports the file of that name in scripts, benchmarks or tests as a module."""
 
     def load(name: str) -> ModuleType:
         qualified = f"casid_script_{name}"
-        spec = importlib.util.spec_from_file_location(qualified, REPO / "scripts" / f"{name}.py")
+        spec = importlib.util.spec_from_file_location(qualified, script_file(name))
         assert spec is not None and spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[qualified] = module  # dataclasses look their module up there
@@ -127,7 +133,7 @@ def load_script() -> Callable[[str], ModuleType]:
 
 @pytest.fixture(scope="session")
 def run_script() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """`run_script("estimate", "a.csv", "--out", tmp_path)` runs scripts/estimate.py as a user does.
+    """`run_script("table5", "--cases", "J")` runs scripts/table5.py as a user does, or a command of casid.
 
     Returns the finished process with `returncode`, `stdout` and `stderr`; the status is the test's to judge.
     `timeout` in seconds, `cwd` the folder to run in (the checkout's root).
@@ -136,7 +142,10 @@ def run_script() -> Callable[..., subprocess.CompletedProcess[str]]:
     def run(
         name: str, *arguments: object, timeout: float = 300.0, cwd: Path = REPO
     ) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, str(REPO / "scripts" / f"{name}.py"), *map(str, arguments)]
+        from casid.cli.app import COMMANDS
+
+        program = ["-m", "casid", name] if name in COMMANDS else [str(script_file(name))]
+        command = [sys.executable, *program, *map(str, arguments)]
         return subprocess.run(
             command, capture_output=True, text=True, timeout=timeout, cwd=cwd, stdin=subprocess.DEVNULL, check=False
         )

@@ -1,4 +1,4 @@
-"""A small flight with a known cause, for the tests of the report and of scripts/diagnose.py."""
+"""A small flight with a known cause, for the tests of the report and of `casid diagnose`."""
 
 from __future__ import annotations
 

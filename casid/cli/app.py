@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from casid.cli.start import begin, leave, outcome
+from casid.cli.start import begin, leave
 
 COMMANDS = {
     "diagnose": "casid.cli.diagnose:diagnose",
@@ -56,13 +56,3 @@ def _first_line(where: str) -> str:
     source = files("casid.cli").joinpath(f"{module.rpartition('.')[2]}.py").read_text(encoding="utf-8")
     found = next(n for n in ast.parse(source).body if isinstance(n, ast.FunctionDef) and n.name == function)
     return (ast.get_docstring(found) or "").split("\n\n")[0]
-
-
-def run_as_script(command: str) -> None:
-    """One command as a script of its own."""
-    begin()
-    from pkgutil import resolve_name
-
-    from casid.cli.run import call, script
-
-    leave(outcome(lambda: call(script(resolve_name(COMMANDS[command])))))

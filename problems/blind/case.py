@@ -12,7 +12,7 @@ from typing import Any
 from casid.model.terms import COEFFICIENTS
 from casid.model.vocabulary import KINDS, effect_unit
 
-RECORDS: tuple[str, ...] = ("m1", "m2", "m3", "m4")  # the last is what `scripts/diagnose.py` holds back
+RECORDS: tuple[str, ...] = ("m1", "m2", "m3", "m4")  # the last is what `casid diagnose` holds back
 # effects that no entry of the vocabulary describes; a diagnosis must not name anything for them
 OUTSIDE: Mapping[str, str] = MappingProxyType(
     {

@@ -1,6 +1,6 @@
 """Truth: IPOPT on the problem as a nonlinear programme, with derivatives of CasADi's own, started where ours starts.
 
-`scripts/compare_solvers.py` does the same for every problem in full; here records are cut short.
+`benchmarks/compare_solvers.py` does the same for every problem in full; here records are cut short.
 """
 
 from __future__ import annotations

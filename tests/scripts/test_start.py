@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 REPO = Path(__file__).resolve().parents[2]
-SLOW = [path.name for path in sorted((REPO / "scripts").glob("*.py")) if path.name != "first_hour.py"]
+SCRIPTS = sorted(path for folder in ("scripts", "benchmarks") for path in (REPO / folder).glob("*.py"))
+SLOW = [str(path.relative_to(REPO)) for path in SCRIPTS if path.name != "first_hour.py"]
 
 
 @pytest.mark.parametrize("name", SLOW)
@@ -20,7 +21,7 @@ def test_ctrl_c_while_a_script_is_imported(tmp_path: Path, name: str) -> None:
     for package in ("numpy", "casadi", "scipy", "matplotlib"):
         (tmp_path / f"{package}.py").write_text(stopped)
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{REPO}"}
-    command = [sys.executable, str(REPO / "scripts" / name), "--help"]
+    command = [sys.executable, str(REPO / name), "--help"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 130 and done.stdout == ""
     assert done.stderr == "interrupted; nothing had begun\n"

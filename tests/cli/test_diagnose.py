@@ -1,4 +1,4 @@
-"""scripts/diagnose.py as a user runs it. Truth: the published interface; what each broken input has wrong with it."""
+"""`casid diagnose` as a user runs it. Truth: the published interface; what each broken input has wrong with it."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ Set-up       Three records of 26 s at 50 Hz: a short period with a delay of 0.1 
              of scipy's transform with the longest window. Seconds: the least of the repetitions, processor time.
 Expectation  Less than 0.1 s, and an error as low as that of the best single length, which nobody knows before.
 
-    python scripts/bench_response.py [--repeats 40] [--json FILE]
+    python benchmarks/bench_response.py [--repeats 40] [--json FILE]
 """
 
 from __future__ import annotations

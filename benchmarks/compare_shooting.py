@@ -6,8 +6,8 @@ Set-up       one noisy record each of the stable and the destabilised Do 328, op
 Expectation  single shooting fails from most random starts, and always on the unstable aircraft; multiple shooting up to
              25 samples finds the optimum nearly always. DIR/compare_shooting.html and .csv. The same command resumes.
 
-    python scripts/compare_shooting.py [--starts 100] [--method NAME ...] [--no-basin] [--jobs N | --scheduler ADDRESS]
-        [--resume] [--out DIR]
+    python benchmarks/compare_shooting.py [--starts 100] [--method NAME ...] [--no-basin]
+        [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
 """
 
 from __future__ import annotations

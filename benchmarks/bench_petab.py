@@ -9,7 +9,7 @@ Set-up       problems of the PEtab benchmark collection by `read_petab`; all par
 Expectation  nothing ends below its start, and nothing is said to have converged that LSODA contradicts by more than
              0.01.
 
-    python scripts/bench_petab.py [--data DIR] [--only TEXT ...] [--factor F ...] [--starts N] [--json FILE]
+    python benchmarks/bench_petab.py [--data DIR] [--only TEXT ...] [--factor F ...] [--starts N] [--json FILE]
 
 DIR: folder with the folder `petab` of the collection, CASID_DATA by default.
 """

@@ -9,7 +9,7 @@ Set-up       problems/references: 27 regressions from two starts each; seven sys
 Expectation  54 of 54 starts to six digits; every published optimum to within the error that the integration may make,
              a tenth of a standard deviation of any estimate.
 
-    python scripts/bench_references.py [--data DIR] [--only TEXT ...] [--json FILE]
+    python benchmarks/bench_references.py [--data DIR] [--only TEXT ...] [--json FILE]
 
 DIR: folder with the folders `strd` (NIST/ITL StRD) and `references` (COPS, PEtab), CASID_DATA by default; what is not
 there is said and left out.

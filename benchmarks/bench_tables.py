@@ -7,7 +7,7 @@ Set-up       The Do 328 in a record of 20 s (problems/bench/long_flight.py), and
              25 samples. Median processor seconds of one iteration, compiled before.
 Expectation  At most three times the seconds of the linear aircraft.
 
-    python scripts/bench_tables.py [--repeats 5] [--json FILE]
+    python benchmarks/bench_tables.py [--repeats 5] [--json FILE]
 """
 
 from __future__ import annotations

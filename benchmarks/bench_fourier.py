@@ -9,7 +9,7 @@ Set-up       20 s of a short period at 50 Hz, driven by 12 sines from 1 to 6 rad
              least of the repetitions, processor time.
 Expectation  Errors within 5 %, intervals that hold as often, and times of the same order.
 
-    python scripts/bench_fourier.py [--repeats 60] [--json FILE]
+    python benchmarks/bench_fourier.py [--repeats 60] [--json FILE]
 """
 
 from __future__ import annotations

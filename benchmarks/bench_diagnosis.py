@@ -9,7 +9,8 @@ Set-up       Do 328 flown with one effect at a time (and none), derivatives of i
              that only the first row has its own; `saved_mb` the file of `Diagnosis.save`.
 Expectation  the hidden effect is the only cause named, or none; anything else is an error, whatever the time.
 
-    python scripts/bench_diagnosis.py [--hidden demo clean lag gust turbulence two] [--seconds 14 28 56] [--json FILE]
+    python benchmarks/bench_diagnosis.py [--hidden demo clean lag gust turbulence two] [--seconds 14 28 56]
+        [--json FILE]
 
 The effects are timed at 28 s; the growth is that of the first of them behind the demonstration.
 """

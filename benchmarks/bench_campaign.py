@@ -6,7 +6,7 @@ Set-up       Monte Carlo of the paper's noisy cases: every task simulates a reco
              the cache of compiled code.
 Expectation  nearly as many times as there are processors: estimations do not know each other.
 
-    python scripts/bench_campaign.py [--jobs 1 2] [--cases B,D,F,H] [--tasks N] [--json FILE]
+    python benchmarks/bench_campaign.py [--jobs 1 2] [--cases B,D,F,H] [--tasks N] [--json FILE]
 """
 
 from __future__ import annotations

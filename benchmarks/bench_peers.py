@@ -8,7 +8,7 @@ Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 
-    python scripts/bench_peers.py [--peers NAME ...] [--repeats 3] [--json FILE]
+    python benchmarks/bench_peers.py [--peers NAME ...] [--repeats 3] [--json FILE]
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Truth: what scripts/witness.py calls the same, by the definition of its tolerance; files changed by hand."""
+"""Truth: what tests/witness.py calls the same, by the definition of its tolerance; files changed by hand."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ Set-up       stable Do 328 in long flights (problems/bench/long_flight.py), 16 m
 Expectation  exponent of seconds per iteration over samples at most 1.1; below 1 GB. At each size the estimate is right:
              `away` is the largest distance from the truth in standard deviations.
 
-    python scripts/bench_scaling.py [--samples 250 ... 64000] [--records 1 ... 100] [--repeats 3] [--json FILE]
+    python benchmarks/bench_scaling.py [--samples 250 ... 64000] [--records 1 ... 100] [--repeats 3] [--json FILE]
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Expectation  estimates equal to 1e-8 of their value or standard deviation (1e-10
              IPOPT stopped short from the problem's start it must agree that ours is an optimum. A problem of which
              none of this holds is an error.
 
-    python scripts/compare_solvers.py [--data DIR] [--only TEXT ...] [--whole] [--json FILE]
+    python benchmarks/compare_solvers.py [--data DIR] [--only TEXT ...] [--whole] [--json FILE]
 
 DIR: folder with hfb320_1_10.asc, fAttasElv1.mat ... (see README); without it, those are left out
 """

@@ -6,7 +6,7 @@ Set-up       stable and destabilised Do 328, one noisy record each; starts U(0,2
              the optimum that is found from the truth.
 Expectation  multiple shooting over 10 samples nearly always, single shooting seldom, and hardly ever when unstable.
 
-    python scripts/bench_basins.py [--starts 20] [--method NAME ...] [--json FILE]
+    python benchmarks/bench_basins.py [--starts 20] [--method NAME ...] [--json FILE]
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ Expectation  none differs. A number may differ by --tolerance of its scale: of i
              it has one and that is larger; of 1 for likelihoods, probabilities and correlations, whose unit is 1.
              Seconds are kept and not compared, nor what is zero but for rounding. Status 1 when any number differs.
 
-    python scripts/witness.py --out FILE [--only GLOB ...] [--quick]
-    python scripts/witness.py --against FILE [--out FILE] [--only GLOB ...] [--quick] [--tolerance 1e-6]
+    python tests/witness.py --out FILE [--only GLOB ...] [--quick]
+    python tests/witness.py --against FILE [--out FILE] [--only GLOB ...] [--quick] [--tolerance 1e-6]
 
 FILE is JSON and is written again when a case is finished. --quick: the demo and the estimations only.
 """
@@ -32,10 +32,9 @@ from typing import Any, NoReturn, TypeGuard
 import casid as cs
 
 # isort: split
-from casid.cli.start import run_script
-
 import numpy as np
 
+from casid.cli.start import run_script
 from casid.report.folder import provenance
 from problems.blind.sets import fly_set
 from problems.every_problem import DEMO, demo_problem

@@ -6,7 +6,7 @@ Set-up       stable Do 328, 1001 samples, 40 segments of 25 samples and one more
              a sine, a root or a division as one operation; lanes that only fill up the last vector do not count.
 Expectation  about a fifth to a third of the peak; best of many calls, since another process can only take time away.
 
-    python scripts/bench_peak.py [--calls 300] [--json FILE]
+    python benchmarks/bench_peak.py [--calls 300] [--json FILE]
 """
 
 from __future__ import annotations
