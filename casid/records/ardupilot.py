@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError
-from casid.records.foreign import Series, euler_angles, joined, library
-from casid.records.named_arrays import loaded
+from casid.records.foreign import Series, euler_angles, joined, library, loaded
 from casid.records.table import RawTable
 
 _WANTED = ("IMU", "ATT", "XKQ", "NKQ", "ARSP", "BARO", "GPS", "XKF2", "NKF2", "AOA", "AETR", "RCOU", "PARM")

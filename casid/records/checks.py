@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
 
 import numpy as np
 
-from casid.errors import InputError, nearest
+from casid.errors import InputError
+from casid.records.clock import from_first, on_one_clock
+from casid.records.column_map import ColumnMap
+from casid.records.columns import channels_of
 from casid.records.noise import time_scale
-from casid.records.record import Record
-from casid.signals import DEGREE, FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, label_of, unit_of
+from casid.records.table import RawTable, rows_of
+from casid.signals import CHANNELS, DEGREE, FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, label_of, unit_of
 
 INPUTS = (*SURFACES, "thrust", "rho")
 MIN_SAMPLES = 50
@@ -26,19 +30,6 @@ _JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
 _SLOW = 0.5  # s
 
 Place = Callable[[int], str]  # sample -> file and row, for a message
-
-
-def require(record: Record, channels: Iterable[str], why: str) -> None:
-    """Raise InputError, naming `why` they are needed, unless the record has all the channels."""
-    missing = [name for name in channels if name not in record and name != "t"]
-    if not missing:
-        return
-    near = {name: nearest(name, record.channels) for name in missing}
-    hint = "; ".join(f"is '{n}' meant to be '{name}'?" for name, n in near.items() if n and unit_of(n) == "")
-    raise InputError(
-        f"record '{record.name}': needs {', '.join(f'{name} ({label_of(name)})' for name in missing)} for {why}; "
-        f"add the columns or map them with --map {missing[0]}=COLUMN:unit" + (f"; {hint}" if hint else "")
-    )
 
 
 def check_time(t: np.ndarray, place: Place, column: str, source: str, *, aircraft: bool = True) -> None:
@@ -182,3 +173,64 @@ def channel_notes(name: str, values: np.ndarray) -> list[str]:
     if name == "az" and middle > 5.0:
         notes.append(f"az: about {middle:+.3g} m/s2; z points down, so that level flight has -9.81")
     return [note for note in notes if note]
+
+
+def checked_fields(
+    table: RawTable,
+    record_name: str,
+    column_map: ColumnMap,
+    own: Collection[str] = (),
+    between: tuple[float, float] | None = None,
+) -> dict[str, Any]:
+    """The fields of a `Record` of a table, checked: InputError for values that cannot be used, notes for remarks."""
+    columns = channels_of(table, column_map, own)
+    channels = dict(columns.channels)
+    notes = [*table.notes, *columns.notes]
+    if "t" not in channels:
+        raise InputError(
+            f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
+        )
+    t, counted = from_first(channels.pop("t"))
+    if between is not None:
+        table, t, channels = _part(table, t, channels, between)
+    channels, slower = on_one_clock(t, channels, INPUTS)
+    notes += [counted, *slower] if counted else slower
+    check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
+    empty: list[str] = []
+    for name in list(channels):
+        if name in CHANNELS and name not in own:
+            check_channel(name, channels[name], table.place, columns.places[name])
+        if np.isnan(channels[name]).all():
+            notes.append(f"{name}: has no sample at all and is left out")
+            empty.append(name)
+            del channels[name]
+    if not own:
+        check_length(t, channels, table.source)
+        check_surfaces(channels, table.source)
+    notes += time_notes(t)
+    for name, values in channels.items():
+        if name in own:
+            continue
+        notes += channel_notes(name, values)
+    return {
+        "name": record_name,
+        "t": t,
+        "channels": channels,
+        "hold": table.hold or "linear",
+        "source": table.source,
+        "notes": tuple(notes),
+        "empty": tuple(empty),
+    }
+
+
+def _part(
+    table: RawTable, t: np.ndarray, channels: Mapping[str, np.ndarray], between: tuple[float, float]
+) -> tuple[RawTable, np.ndarray, dict[str, np.ndarray]]:
+    """The rows from one time to another; InputError where there are none."""
+    begin, end = between
+    rows = np.flatnonzero((t >= begin) & (t < end))
+    if not len(rows):
+        span = f"{np.nanmin(t):g} to {np.nanmax(t):g} s" if np.isfinite(t).any() else "no time at all"
+        raise InputError(f"{table.source}: no row from {begin:g} to {end:g} s; the file has {span}")
+    kept = rows_of(table, rows)
+    return kept, t[rows], {name: values[rows] for name, values in channels.items()}

@@ -1,8 +1,8 @@
-"""Tables in files of other programs, each behind an extra: HDF5 and MATLAB 7.3, Excel, MDF4, PX4 ULog."""
+"""Tables in files of other programs: MATLAB, numpy, HDF5, Parquet, Excel, MDF4, PX4 ULog."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,67 @@ import numpy as np
 from casid.errors import InputError, unknown
 from casid.records.checks import INPUTS
 from casid.records.clock import seconds_of
-from casid.records.named_arrays import loaded, table_of
 from casid.records.table import RawTable
 from casid.signals import CHANNELS
+
+
+def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What `load` returns; whatever it raises becomes an InputError."""
+    if not path.is_file():
+        raise InputError(f"{path}: cannot be read: no such file")
+    try:
+        return load()
+    except NotImplementedError:
+        raise
+    except Exception as error:  # a damaged file makes these libraries raise some twenty unrelated types
+        fault = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(f"{path}: not a readable {path.suffix} file: {fault[:120]}") from None
+
+
+def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> RawTable:
+    """The table of named arrays: its one matrix, or one vector per channel; fields of structs count as arrays."""
+    arrays = dict(_fields(arrays))
+    numeric = {k: v for k, v in arrays.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.size > 1}
+    if variable is not None:
+        if variable not in numeric:
+            raise unknown("variable", variable, numeric, str(path))
+        numeric = {variable: numeric[variable]}
+    vectors = {name: v.ravel() for name, v in numeric.items() if max(v.shape) == v.size}
+    matrices = {name: v for name, v in numeric.items() if v.ndim == 2 and name not in vectors}
+    if vectors and (time in vectors or not matrices):
+        return _vectors(path, vectors, time)
+    if len(matrices) != 1:
+        held = ", ".join(matrices) or "none"
+        raise InputError(
+            f"{path}: expected one matrix, or one vector per channel with '{time}' among them; matrices in the file: "
+            f"{held}; name one as 'variable' in a column map"
+        )
+    name, matrix = next(iter(matrices.items()))
+    if matrix.shape[0] < matrix.shape[1]:
+        raise InputError(f"{path}: '{name}' has shape {matrix.shape}; expected samples in rows: transpose it")
+    return RawTable(source=str(path), names=None, values=matrix.astype(float))
+
+
+def _fields(arrays: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Arrays by name, structs of MATLAB taken apart."""
+    for name, value in arrays.items():
+        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+            yield from _fields({field: value.reshape(-1)[0][field] for field in value.dtype.names})
+        else:
+            yield name, value
+
+
+def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> RawTable:
+    reference = time if time in vectors else next(iter(vectors))
+    for name, values in vectors.items():
+        if len(values) != len(vectors[reference]):
+            raise InputError(
+                f"{path}: variable '{name}' has {len(values)} samples, '{reference}' has {len(vectors[reference])}; "
+                "all channels need the same"
+            )
+    values = np.stack([v.astype(float) for v in vectors.values()], axis=1)
+    return RawTable(source=str(path), names=tuple(vectors), values=values)
+
 
 # Channel -> (topic, field, factor) of a PX4 fixed wing; the attitude is a quaternion of its own topic.
 PX4 = {
@@ -233,3 +291,44 @@ def library(module: str, path: Path, extra: str) -> Any:
         raise InputError(
             f"{path}: reading it needs {module}; install it with: pip install 'casid[{extra}]', or save it as CSV"
         ) from None
+
+
+def read_mat(path: Path, variable: str | None, time: str) -> RawTable:
+    """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct.
+
+    scipy reads it; with some forged flags in the header scipy itself crashes, so that no error can be raised.
+    """
+    from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
+
+    try:
+        content = loaded(path, lambda: loadmat(str(path)))
+    except NotImplementedError:  # version 7.3 is HDF5
+        return read_hdf5(path, variable, time)
+    return table_of(path, {k: v for k, v in content.items() if not k.startswith("__")}, variable, time)
+
+
+def read_npz(path: Path, variable: str | None, time: str) -> RawTable:
+    """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are refused."""
+
+    def load() -> dict[str, Any]:
+        # opened here: numpy leaves a damaged file open
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return dict(archive)
+
+    return table_of(path, loaded(path, load), variable, time)
+
+
+def read_parquet(path: Path, variable: str | None, time: str) -> RawTable:
+    """Table of a .parquet file; needs the extra `parquet`."""
+    try:
+        parquet = import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError(
+            f"{path}: reading .parquet needs pyarrow; install it with: pip install 'casid[parquet]', or save as CSV"
+        ) from None
+
+    def load() -> dict[str, Any]:
+        content = parquet.read_table(path)
+        return {name: content.column(name).to_numpy() for name in content.column_names}
+
+    return table_of(path, loaded(path, load), variable, time)

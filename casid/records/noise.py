@@ -1,27 +1,18 @@
-"""Noise of a measured channel, judged without any model: from the band above the motion.
+"""Noise of a series of readings, judged without any model: its level, outliers, quiet windows, the update rate.
 
-Evidence for or against a model comes from the band of the motion, so what counts is the noise's spectral density there.
-It is that of the high band when the noise is white. A channel that was low-pass filtered before it was sampled, or is
-held, or is quantised coarsely against its noise, shows less than that at the top of its spectrum. `high_band_holds`
-tells, and `density_sigma` reads the density from another band, as the 1-sigma of white noise of equal density.
+The level is that of the highest frequencies, above the motion. `casid.records.noise_spectrum` tells whether it holds at
+all frequencies.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage, signal
 
-from casid.records.record import Record
-
 _ORDER = 4
 _LEVELS = 30
-_ROLL_OFF = 1.2  # ratio of densities in power above which a spectrum is not flat, beside 3 sigmas of its scatter
-_CLIFF = 16.0  # amplitude ratio of neighbouring octaves above that of any motion: fourth order
-_COARSE = 2.0  # high band over quantisation noise below which the latter may be all that it shows
-_SCATTER = 1.5  # relative variance of the mean of Hann-windowed bins, times their number
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _UPDATES = 8  # updates from which a beat is judged
 _HELD = 3.0  # readings per update from which a channel is held
@@ -33,8 +24,6 @@ _CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours o
 _BESIDE = 12  # readings on either side that tell what scatter is usual
 _ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
 _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
-_OUTLYING = 5.0  # scatters from which a reading is none of the noise whose spectrum is read
-_MOTION_SHARE = 0.9  # of the power of angular acceleration
 
 
 def high_band_sigma(values: np.ndarray) -> float:
@@ -185,67 +174,6 @@ def isolated(values: np.ndarray, sigmas: float) -> np.ndarray:
     return at
 
 
-def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
-    """Whether the high-band noise of a channel may stand for its noise at all frequencies.
-
-    Not when the upper half of its spectrum falls (a gentle filter). Nor when somewhere beyond twice the frequency
-    `edge_hz`, the end of the motion, it falls more steeply from one octave to the next than motion does. That is
-    a sharp filter, with what came in behind it as floor. Nor when the high band shows little more than the
-    quantisation. Short records, and few levels, do not tell; they are taken as good.
-    """
-    series = [record[channel] for record in records]
-    sigma = pooled_sigma(series)
-    if not np.isfinite(sigma) or min(np.isfinite(values).sum() for values in series) < _FEWEST:
-        return True
-    step = float(np.median([resolution(values) for values in series]))
-    if sigma < _COARSE * step / math.sqrt(12.0):
-        return False
-    nyquist = 0.5 * min(1.0 / _own_step(record, channel) for record in records)
-    share, power = _spectrum(records, channel, 0.5 / nyquist)
-    middle, top = power[(share >= 0.5) & (share < 0.75)], power[share >= 0.75]
-    scatter = math.sqrt(_SCATTER / len(middle) + _SCATTER / len(top))
-    if middle.mean() > _ROLL_OFF * math.exp(3.0 * scatter) * min(sigma**2, top.mean()):
-        return False
-    return edge_hz == 0.0 or not _falls_off(share, power, 2.0 * edge_hz / nyquist)
-
-
-def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float, float]) -> float:
-    """1-sigma of the white noise, at the channel's own rate, that has its density in a band.
-
-    The median over the band's frequencies, so that a line or a structural mode in it does not count. Of a band that
-    reaches beyond half the sampling rate, as many octaves below that are taken.
-    """
-    nyquist = 0.5 * min(1.0 / _own_step(record, channel) for record in records)
-    highest = min(band_hz[1], nyquist)
-    low, high = (edge * highest / (band_hz[1] * nyquist) for edge in band_hz)
-    share, power = _spectrum(records, channel, 0.5 / nyquist)
-    return math.sqrt(_median_level(power[(share >= low) & (share <= high)]))
-
-
-def motion_edge(records: Sequence[Record]) -> float:
-    """Frequency [Hz] below which 90 % of the power of angular acceleration lies; 0 when no rate is measured or moves.
-
-    Angular acceleration, here the slope of p, q and r with their noise taken off, is the quickest part of the motion.
-    """
-    frequency, power = [], []
-    for name in ("p", "q", "r"):
-        if not all(name in record and np.isfinite(record[name]).sum() >= _FEWEST for record in records):
-            continue
-        noise = np.nan_to_num(pooled_sigma([record[name] for record in records]))
-        for record in records:
-            share, spectrum = _periodogram(record, name)
-            step = _own_step(record, name)
-            frequency.append(share / (2.0 * step))
-            power.append((spectrum - noise**2) * (np.sin(0.5 * np.pi * share) / step) ** 2)
-    if not power:
-        return 0.0
-    order = np.argsort(np.concatenate(frequency), kind="stable")
-    below = np.cumsum(np.concatenate(power)[order])
-    if below[-1] <= 0.0:
-        return 0.0
-    return float(np.concatenate(frequency)[order][np.argmax(below >= _MOTION_SHARE * below[-1])])
-
-
 def time_scale(t: np.ndarray, values: np.ndarray) -> float:
     """Time scale [s] of a motion (N,): 1-sigma of the signal over that of its rate, 1/omega of a sine. White noise is
     taken off both; NaN where nothing but noise is left."""
@@ -258,48 +186,3 @@ def time_scale(t: np.ndarray, values: np.ndarray) -> float:
     moves = float(np.var(series)) - sigma**2
     quick = float(np.mean(((series[2:] - series[:-2]) / (2.0 * step)) ** 2)) - 0.5 * (sigma / step) ** 2
     return math.sqrt(moves / quick) if moves > sigma**2 and quick > 0.0 else math.nan
-
-
-def _own_step(record: Record, channel: str) -> float:
-    """Mean time [s] between the samples that a channel has."""
-    t = record.t[np.isfinite(record[channel])]
-    return float((t[-1] - t[0]) / (len(t) - 1)) if len(t) > 1 else record.dt
-
-
-def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
-    """(frequency over half the channel's own sampling rate, power); white noise of 1-sigma s has power s^2 throughout.
-
-    Samples that are missing are left out, as of a channel recorded at a lower rate than the others. So are
-    outliers.
-    """
-    values = record[channel]
-    values = values[np.isfinite(values)]
-    values = values[~isolated(values, _OUTLYING)]
-    frequency, power = signal.periodogram(values, 2.0, "hann", detrend="linear")
-    return frequency[1:], power[1:]
-
-
-def _spectrum(records: Sequence[Record], channel: str, step: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Periodograms of all records as one; with `step` [s] over half of that rate, power as of samples at that rate."""
-    shares, powers = [], []
-    for record in records:
-        share, power = _periodogram(record, channel)
-        ratio = 1.0 if step is None else step / _own_step(record, channel)
-        shares.append(share * ratio)
-        powers.append(power / ratio)
-    return np.concatenate(shares), np.concatenate(powers)
-
-
-def _falls_off(share: np.ndarray, power: np.ndarray, edge: float) -> bool:
-    """Whether above `edge`, a share of half the sampling rate, an octave is that much denser than the next one."""
-    while 2.0 * edge < 1.0:
-        octave, next_one = (power[(share >= low) & (share < 2.0 * low)] for low in (edge, 2.0 * edge))
-        if len(next_one) >= _FEWEST // 8 and _median_level(octave) > _CLIFF**2 * _median_level(next_one):
-            return True
-        edge *= math.sqrt(2.0)
-    return False
-
-
-def _median_level(power: np.ndarray) -> float:
-    """Mean power of noise from the median of its periodogram, whose bins are chi-square with two degrees of freedom."""
-    return float(np.median(power)) / math.log(2.0) if len(power) else 0.0

@@ -15,23 +15,14 @@ from casid.arguments import a_path, an, given, is_path
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
 from casid.records.ardupilot import read_ardupilot
-from casid.records.arrays import read_mat, read_npz, read_parquet
 from casid.records.checks import (
-    INPUTS,
-    channel_notes,
-    check_channel,
-    check_length,
-    check_surfaces,
-    check_time,
-    time_notes,
+    checked_fields,
 )
-from casid.records.clock import from_first, on_one_clock
 from casid.records.column_map import ColumnMap
-from casid.records.columns import channels_of, split_header
-from casid.records.foreign import read_excel, read_hdf5, read_mdf, read_ulog
+from casid.records.columns import split_header
+from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet, read_ulog
 from casid.records.record import Record
-from casid.records.table import RawTable, read_columns, read_csv, rows_of
-from casid.signals import CHANNELS
+from casid.records.table import RawTable, read_columns, read_csv
 
 _TEXT: Mapping[str, Callable[[Path], RawTable]] = MappingProxyType(
     {".csv": read_csv, ".tsv": read_csv, ".asc": read_columns, ".txt": read_columns, ".dat": read_columns}
@@ -105,7 +96,7 @@ def read_record(
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
     path, column_map = Path(path), ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
-        return record_of_table(_read_table(path, column_map), _stem(path), column_map, own, a_span(between))
+        return Record(**checked_fields(_read_table(path, column_map), _stem(path), column_map, own, a_span(between)))
 
 
 def read_records(
@@ -268,64 +259,3 @@ def a_span(value: Any) -> tuple[float, float] | None:
     except (TypeError, ValueError):
         pass
     raise InputError(f"between is {given(value)}; expected two times in s, the first one earlier, like (10.0, 40.0)")
-
-
-def _part(
-    table: RawTable, t: np.ndarray, channels: Mapping[str, np.ndarray], between: tuple[float, float]
-) -> tuple[RawTable, np.ndarray, dict[str, np.ndarray]]:
-    """The rows from one time to another; InputError where there are none."""
-    begin, end = between
-    rows = np.flatnonzero((t >= begin) & (t < end))
-    if not len(rows):
-        span = f"{np.nanmin(t):g} to {np.nanmax(t):g} s" if np.isfinite(t).any() else "no time at all"
-        raise InputError(f"{table.source}: no row from {begin:g} to {end:g} s; the file has {span}")
-    kept = rows_of(table, rows)
-    return kept, t[rows], {name: values[rows] for name, values in channels.items()}
-
-
-def record_of_table(
-    table: RawTable,
-    record_name: str,
-    column_map: ColumnMap,
-    own: Collection[str] = (),
-    between: tuple[float, float] | None = None,
-) -> Record:
-    """The record of a table, checked: InputError for what cannot be used, notes for what a person should know."""
-    columns = channels_of(table, column_map, own)
-    channels = dict(columns.channels)
-    notes = [*table.notes, *columns.notes]
-    if "t" not in channels:
-        raise InputError(
-            f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
-        )
-    t, counted = from_first(channels.pop("t"))
-    if between is not None:
-        table, t, channels = _part(table, t, channels, between)
-    channels, slower = on_one_clock(t, channels, INPUTS)
-    notes += [counted, *slower] if counted else slower
-    check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
-    empty: list[str] = []
-    for name in list(channels):
-        if name in CHANNELS and name not in own:
-            check_channel(name, channels[name], table.place, columns.places[name])
-        if np.isnan(channels[name]).all():
-            notes.append(f"{name}: has no sample at all and is left out")
-            empty.append(name)
-            del channels[name]
-    if not own:
-        check_length(t, channels, table.source)
-        check_surfaces(channels, table.source)
-    notes += time_notes(t)
-    for name, values in channels.items():
-        if name in own:
-            continue
-        notes += channel_notes(name, values)
-    return Record(
-        name=record_name,
-        t=t,
-        channels=channels,
-        hold=table.hold or "linear",
-        source=table.source,
-        notes=tuple(notes),
-        empty=tuple(empty),
-    )

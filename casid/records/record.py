@@ -12,8 +12,12 @@ import numpy as np
 
 from casid.arguments import an, given, listed
 from casid.arguments import names as argument_names
-from casid.errors import InputError, unknown
-from casid.signals import RADIAN_LIMITS, label_of, unit_of
+from casid.errors import InputError, nearest, unknown
+from casid.records.checks import checked_fields
+from casid.records.column_map import ColumnMap
+from casid.records.columns import split_header
+from casid.records.table import RawTable
+from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, label_of, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -103,8 +107,6 @@ class Record:
         InputError
             As `read_record`.
         """
-        from casid.records.from_memory import record_of_arrays  # here, as that makes records
-
         return record_of_arrays(name, t, channels, units or {}, hold)
 
     @classmethod
@@ -120,8 +122,6 @@ class Record:
 
         All else as in `from_arrays`.
         """
-        from casid.records.from_memory import record_of_frame
-
         return record_of_frame(name, frame, units or {}, hold)
 
     def __getitem__(self, channel: str) -> np.ndarray:
@@ -295,3 +295,85 @@ def check_radians(record: Record, least: float = 0.0) -> None:
                 f"{limit:.3g}; np.radians converts it, or Record.from_arrays(..., units={{'{name}': '{degrees}'}}); "
                 "or give it another name if it is another thing"
             )
+
+
+def require(record: Record, channels: Iterable[str], why: str) -> None:
+    """Raise InputError, naming `why` they are needed, unless the record has all the channels."""
+    missing = [name for name in channels if name not in record and name != "t"]
+    if not missing:
+        return
+    near = {name: nearest(name, record.channels) for name in missing}
+    hint = "; ".join(f"is '{n}' meant to be '{name}'?" for name, n in near.items() if n and unit_of(n) == "")
+    raise InputError(
+        f"record '{record.name}': needs {', '.join(f'{name} ({label_of(name)})' for name in missing)} for {why}; "
+        f"add the columns or map them with --map {missing[0]}=COLUMN:unit" + (f"; {hint}" if hint else "")
+    )
+
+
+Hold = str | Mapping[str, str]
+
+
+def record_of_arrays(name: str, t: Any, channels: Mapping[str, Any], units: Mapping[str, str], hold: Hold) -> Record:
+    """The record of a time and of channels, (N,) each; see `Record.from_arrays`."""
+    where = f"record '{name}'"
+    if not isinstance(channels, Mapping):
+        raise InputError(f"{where}: channels is {given(channels)}; expected a table like {{'alpha': alpha}}")
+    if "t" in channels:
+        raise InputError(f"{where}: 't' is given twice, as the time and as a channel; leave one out")
+    plain = Record(name=name, t=t, channels={f"_{k}": v for k, v in channels.items()})  # shapes and kinds
+    columns = {"t": plain.t} | {k: plain[f"_{k}"] for k in channels}
+    return _checked(name, columns, units, hold)
+
+
+def record_of_frame(name: str, frame: DataFrame, units: Mapping[str, str], hold: Hold) -> Record:
+    """The record of a data frame; see `Record.from_frame`."""
+    where = f"record '{name}'"
+    if not hasattr(frame, "columns") or not hasattr(frame, "index"):
+        raise InputError(f"{where}: from_frame takes a pandas DataFrame, got {given(frame)}")
+    if frame.index.name is not None and split_header(str(frame.index.name))[0] == "t":
+        frame = frame.reset_index()
+    columns = {}
+    for header in frame.columns:
+        column = frame[header]
+        if getattr(column, "ndim", 1) != 1:
+            raise InputError(f"{where}: two columns are called '{header}'; rename or remove one")
+        try:
+            columns[str(header)] = column.to_numpy(dtype=float, na_value=np.nan)
+        except (TypeError, ValueError):
+            raise InputError(f"{where}: column '{header}' is of {column.dtype}; expected numbers") from None
+    if not len(frame):
+        raise InputError(f"{where}: the data frame has no rows")
+    return _checked(name, columns, units, hold)
+
+
+def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], hold: Hold) -> Record:
+    where = f"record '{name}'"
+    if not isinstance(units, Mapping):
+        raise InputError(f"{where}: units is {given(units)}; expected a table like {{'alpha': 'deg'}}")
+    bare = {header: split_header(header) for header in columns}
+    for channel, unit in units.items():
+        if channel not in {n for n, _ in bare.values()}:
+            raise unknown("channel", str(channel), [n for n, _ in bare.values()], f"{where}: units")
+        if not isinstance(unit, str):
+            raise InputError(f"{where}: units: '{channel}' is {given(unit)}; expected a unit in quotes, like 'deg'")
+    headers = [_header(*bare[header], units, where) for header in columns]
+    table = RawTable(source=where, names=tuple(headers), values=np.stack(list(columns.values()), axis=1), hold=hold)
+    names = [name for name, _ in bare.values()]
+    # without a control surface it is no aircraft's record: names mean what the user's own model says
+    own = () if any(name in SURFACES for name in names) else tuple(n for n in names if n != "t")
+    record = Record(**checked_fields(table, name, ColumnMap(), own))
+    familiar = [n for n in own if n in CHANNELS]
+    if not familiar:
+        return record
+    return record.with_notes(
+        f"no control surface: taken as the record of a system other than an aircraft, with {', '.join(familiar)} of "
+        "its own"
+    )
+
+
+def _header(name: str, written: str, units: Mapping[str, str], where: str) -> str:
+    """Name and unit of a column, as a file has them."""
+    unit = units.get(name, written)
+    if written and unit != written:
+        raise InputError(f"{where}: the unit of '{name}' is [{written}] in its name and '{unit}' in units; remove one")
+    return f"{name} [{unit}]" if unit else name

@@ -18,8 +18,8 @@ from casid.errors import InputError
 from casid.records.clock import seconds_of, stride_of
 from casid.records.column_map import ColumnMap
 from casid.records.foreign import euler_angles
-from casid.records.plain_numbers import plain_numbers
 from casid.records.readers import read_record
+from casid.records.table import plain_numbers
 
 N = 200
 T = np.arange(N) * 0.02

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casid.records.noise import high_band_holds, pooled_sigma, real_updates, resolution
+from casid.records.noise import pooled_sigma, real_updates, resolution
+from casid.records.noise_spectrum import high_band_holds
 from casid.records.record import Record
 from casid.records.thinning import spaced
 

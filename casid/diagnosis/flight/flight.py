@@ -25,7 +25,8 @@ from casid.model.station import Station, control
 from casid.model.system import Model
 from casid.model.terms import IN_PLANE, OUT_OF_PLANE, Term, parse_term
 from casid.native.compiler import BUILDING
-from casid.records.noise import density_sigma, high_band_holds, motion_edge, pooled_sigma
+from casid.records.noise import pooled_sigma
+from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
 from casid.records.thinning import spaced
 from casid.signals import SURFACES

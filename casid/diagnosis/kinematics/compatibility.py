@@ -33,9 +33,8 @@ from casid.model.causes import sensor_bias
 from casid.model.vocabulary import effect_title
 from casid.native.memory import kept_memory
 from casid.native.threads import single_threaded
-from casid.records.checks import require
 from casid.records.given import given_records
-from casid.records.record import Record
+from casid.records.record import Record, require
 from casid.signals import SURFACES, for_a_person
 
 _TRIED = ("sensor_scale", "sensor_delay", "vane_position", "accelerometer_position")

@@ -19,7 +19,8 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise_level import with_noise_level
 from casid.model.causes.controls import actuator_lag
-from casid.records.noise import density_sigma, high_band_holds, mean_over, motion_edge, quiet_windows
+from casid.records.noise import mean_over, quiet_windows
+from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
 from casid.signals import SURFACES
 from problems.do328 import do328
