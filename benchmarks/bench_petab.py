@@ -64,7 +64,7 @@ def one(file: Path, published: float, factor: float, starts: int) -> Row:
     """A problem from one start."""
     problem = cs.read_petab(file)
     posed = times(problem, factor)
-    likelihood = Likelihood(problem, 1e-8)
+    likelihood = Likelihood(problem)
     begin = time.perf_counter()
     fit = cs.solve(posed, starts=starts if factor != 1.0 else 1)
     seconds = time.perf_counter() - begin

@@ -24,11 +24,13 @@ _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attempt:
-    """Where a solver ended, with the objective and the transcription that it took."""
+    """Where a solver ended, with the objective and the transcription that it took; `fine`: with half the steps of
+    integration the solution is the same."""
 
     objective: Objective
     outcome: Outcome
     method: Transcription
+    fine: bool = False
 
     @property
     def found(self) -> bool:
@@ -82,11 +84,12 @@ def timed(solver: Solver) -> Timed:
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
     objective = build_objective(problem, method)
-    outcome = solver.minimise(objective)
+    outcome, fine = solver.minimise(objective), False
     if isinstance(method, Stepping):
-        objective, outcome, method = integrated(objective, outcome, method, solver)
+        end = integrated(objective, outcome, method, solver)
+        objective, outcome, method, fine = end.objective, end.outcome, end.method, end.fine
     outcome = to_second_order(objective, outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
-    return Attempt(objective=objective, outcome=outcome, method=method)
+    return Attempt(objective=objective, outcome=outcome, method=method, fine=fine)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:

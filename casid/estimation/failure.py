@@ -10,6 +10,7 @@ import numpy as np
 from casid.estimation.problem import Problem
 from casid.estimation.results import ANOTHER_MINIMUM
 from casid.estimation.solvers.full_noise import FullNoise
+from casid.estimation.solvers.newton import FLAT_MINIMUM
 from casid.estimation.solvers.point import Point
 from casid.estimation.uncertainty import Uncertainty
 from casid.model.expressions import origin
@@ -25,6 +26,9 @@ def status_in_words(problem: Problem, status: str, point: Point, errors: Uncerta
         return _not_identifiable(problem, point, errors)
     if status.startswith(("stopped", ANOTHER_MINIMUM)):
         return status
+    if status == FLAT_MINIMUM:
+        names = ", ".join(errors.confused or errors.weakest) or "every parameter"
+        return f"not identifiable: at the maximum of the likelihood the data hardly tell {names}; fix or give a prior"
     cause = _no_number_at_start(problem)
     if cause:
         return f"failed: {cause}"

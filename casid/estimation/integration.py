@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,23 +38,28 @@ _GROWTH = 1.3  # more steps than the order asks for
 _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviations, and the solution by no more
 
 
-def integrated(
-    objective: Objective, outcome: Outcome, method: Stepping, solver: Solver
-) -> tuple[Objective, Outcome, Transcription]:
-    """The solution on a motion that is integrated well enough, with its objective and the transcription that it took:
-    with more steps where the data are worth them."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Integrated:
+    """An end with its objective and the transcription that it took; `fine`: half steps change nothing that counts."""
+
+    objective: Objective
+    outcome: Outcome
+    method: Stepping
+    fine: bool = False
+
+
+def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Solver) -> Integrated:
+    """The solution on a motion that is integrated well enough: with more steps where the data are worth them."""
     if method.substeps is not None or objective.problem.model.period is not None:
-        return objective, outcome, method
+        return Integrated(objective=objective, outcome=outcome, method=method)
     found = _finely(objective, outcome, method, solver)
-    if found[1].status == "converged" or not isinstance(found[2], Collocation):
+    if found.outcome.status == "converged" or not isinstance(found.method, Collocation):
         return found
     other = _by_implicit_shooting(objective, method, solver)
     return other if _is_lower(other, found) else found
 
 
-def _by_implicit_shooting(
-    objective: Objective, method: Stepping, solver: Solver
-) -> tuple[Objective, Outcome, Transcription]:
+def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Solver) -> Integrated:
     """Where collocation finds no solution: it may lead states out of the range in which the model has numbers, which
     the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
@@ -63,43 +68,45 @@ def _by_implicit_shooting(
     return _finely(objective, solver.minimise(objective), implicit, solver)
 
 
-def _is_lower(one: tuple[Objective, Outcome, Transcription], other: tuple[Objective, Outcome, Transcription]) -> bool:
+def _is_lower(one: Integrated, other: Integrated) -> bool:
     """Whether the first of two ends is a solution, or more likely and a motion of the model."""
-    (first, ours, _), (second, theirs, _) = one, other
-    if ours.status == "converged" or theirs.status == "converged":
-        return ours.status == "converged"
-    costs = [o.misfit(e.value) + e.value.violation() for o, e in ((first, ours), (second, theirs))]
+    if "converged" in (one.outcome.status, other.outcome.status):
+        return one.outcome.status == "converged"
+    ends = (one, other)
+    costs = [e.objective.misfit(e.outcome.value) + e.outcome.value.violation() for e in ends]
     return bool(costs[0] < costs[1] or not np.isfinite(costs[1]))
 
 
-def _finely(
-    objective: Objective, outcome: Outcome, method: Stepping, solver: Solver
-) -> tuple[Objective, Outcome, Transcription]:
+def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Solver) -> Integrated:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
-    problem = objective.problem
-    if objective.dynamics is None or problem.feedback is not None or objective.soft:
-        return objective, outcome, method
+    problem, end = objective.problem, Integrated(objective=objective, outcome=outcome, method=method)
+    if not _is_judged(objective):
+        return end
     steps = objective.layout.substeps
     for _ in range(_REFINEMENTS):
-        needed = _needed_steps(objective, outcome, replace(method, substeps=2 * steps))
+        needed = _needed_steps(end.objective, end.outcome, replace(method, substeps=2 * steps))
         if needed <= steps:
-            break
-        near = _is_motion(outcome) and needed <= _NEAR * steps
+            return replace(end, fine=_is_motion(end.outcome))
+        near = _is_motion(end.outcome) and needed <= _NEAR * steps
         steps = needed
         if steps > _MOST_STEPS:
             if is_implicit(method):
                 break
-            method, steps, near = Collocation(), _steps_at_start(objective), False
-        coarse = objective.dynamics
+            near, steps = end.outcome.status == "converged", _steps_at_start(end.objective)
+            method = replace(method, implicit=True) if near else Collocation()
+        coarse = end.objective.dynamics
         method = replace(method, substeps=steps)
         dynamics = method.dynamics(problem)
-        begin = _begin(outcome.point, coarse, dynamics) if near else None
-        objective = Objective(problem, dynamics, begin)
-        outcome = solver.minimise(objective)
-        if near and not _is_motion(outcome):
-            objective = Objective(problem, dynamics)
-            outcome = solver.minimise(objective)
-    return objective, outcome, method
+        begin = _begin(end.outcome.point, coarse, dynamics) if near else None
+        end = _solved(Objective(problem, dynamics, begin), method, solver)
+        if near and end.outcome.status != "converged":
+            anew = _solved(Objective(problem, dynamics), method, solver)
+            end = anew if _is_lower(anew, end) else end
+    return end
+
+
+def _solved(objective: Objective, method: Stepping, solver: Solver) -> Integrated:
+    return Integrated(objective=objective, outcome=solver.minimise(objective), method=method)
 
 
 def _begin(point: Point, coarse: Dynamics | None, fine: Dynamics) -> Point:
@@ -113,43 +120,24 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> in
     steps = objective.layout.substeps
     if not _is_motion(outcome):  # where it gave up is no place to judge the motion of the solution
         if not is_implicit(finer):
-            return max(_stable_steps(objective), steps)
+            return max(_stable_steps(objective), _finite_steps(objective, replace(finer, substeps=None)))
         return max(_steps_at_start(objective), steps if np.isfinite(outcome.value.cost) else 2 * steps)
     if outcome.status != "converged" and not is_implicit(finer) and _stable_steps(objective) > steps:
         return _stable_steps(objective)
-    if _is_plain(objective, outcome):
-        return steps
     linear = outcome.linear
     if linear is None:
         with suppress(np.linalg.LinAlgError):
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
         return steps if is_implicit(finer) else max(_stable_steps(objective), steps)
-    excess = _integration_error(objective, outcome, linear, finer)
+    excess = _excess(*_integration_error(objective, outcome, linear, finer))
     if not np.isfinite(excess) and is_implicit(finer):
         return 2 * steps
     return steps if excess < 1.0 else max(_steps_for(excess, steps, _order(finer)), steps + 1)
 
 
-def _is_plain(objective: Objective, outcome: Outcome) -> bool:
-    """Whether the rates of the motion alone say that the error is small enough, with no look at the motion.
-
-    A step h of the method errs by (rate h)^4/120 of what moves in the signal over the time 1/rate.
-    """
-    layout, value = objective.layout, outcome.value
-    assert value.trajectory is not None
-    rate = np.float64(_fastest(objective, value.trajectory.states, value.parameters))
-    with np.errstate(over="ignore"):  # a motion that departs may have any rate
-        worst = float((rate * layout.dt.max()) ** _ORDER / 120.0)
-    mean = (layout.z * layout.present).sum(axis=(0, 1)) / np.maximum(layout.present.sum(axis=(0, 1)), 1.0)
-    moves = (layout.z - mean) * layout.present / value.noise.levels.sigma[: len(mean)]
-    off = worst * float(np.linalg.norm(moves))
-    return bool(off < _TOLERANCE and off * np.sqrt(2.0 * value.cost) < _COST)
-
-
-def _fastest(objective: Objective, states: np.ndarray, parameters: np.ndarray, decaying: bool = False) -> float:
-    """Largest magnitude of an eigenvalue of df/dx [1/s] at some samples of states (K, L, n), or of the decaying ones
-    alone."""
+def _fastest_decay(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> float:
+    """Largest magnitude of a decaying eigenvalue of df/dx [1/s] at some samples of states (K, L, n)."""
     model, layout = objective.problem.model, objective.layout
     count, length, n = states.shape
     which, scale = np.linspace(0, count * length - 1, _SAMPLES).astype(int), objective.scale
@@ -159,10 +147,10 @@ def _fastest(objective: Objective, states: np.ndarray, parameters: np.ndarray, d
     )[0]
     found = found.reshape(_SAMPLES, n, n)
     if not np.isfinite(found).all():
-        return 0.0 if decaying else math.inf
+        return 0.0
     largest = np.argsort(np.square(found * scale[:, None] / scale).sum(axis=(1, 2)))[-_CHECKED:]
     eigenvalues = np.linalg.eigvals(found[largest])
-    return float(np.abs(eigenvalues[eigenvalues.real < 0.0] if decaying else eigenvalues).max(initial=0.0))
+    return float(np.abs(eigenvalues[eigenvalues.real < 0.0]).max(initial=0.0))
 
 
 def _is_motion(outcome: Outcome) -> bool:
@@ -188,7 +176,7 @@ def _stable_steps(objective: Objective) -> int:
     """Steps per sample interval with which a decaying motion at the start does not grow by the method alone."""
     interval, start = float(objective.layout.dt.max()) * objective.layout.substeps, objective.start()
     parameters = objective.problem.model_parameters(start.theta)
-    rate = _fastest(objective, start.nodes[:, None], parameters, decaying=True)
+    rate = _fastest_decay(objective, start.nodes[:, None], parameters)
     return math.ceil(min(rate * interval / _STABLE, 1e6))
 
 
@@ -213,6 +201,21 @@ def _steps_at_start(objective: Objective) -> int:
     return steps
 
 
+def _finite_steps(objective: Objective, method: Stepping) -> int:
+    """Steps per sample interval with which the motion at the start is finite: as they are where no number makes it
+    so."""
+    steps = objective.layout.substeps
+    if np.isfinite(objective.value(objective.start()).cost):
+        return steps
+    more = 2 * steps
+    while more <= _MOST_STEPS:
+        finer = Objective(objective.problem, replace(method, substeps=more).dynamics(objective.problem))
+        if np.isfinite(finer.value(finer.start()).cost):
+            return more
+        more *= 2
+    return steps
+
+
 def _collocated(problem: Problem, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As of `LiftedCollocation.after_samples`, at the start."""
     layout = build_layout(problem, CONDENSED, steps)
@@ -227,9 +230,47 @@ def _held_by_data(carried: np.ndarray, alone: np.ndarray, scale: np.ndarray) -> 
     return carried if most <= len(alone) ** 2 * made else alone
 
 
-def _integration_error(objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription) -> float:
-    """How many times too large |e| is, or what it makes of the cost, if that is worse. By the motion with twice as many
-    steps from the same nodes; `method` is the transcription with these."""
+def doubt_of_steps(objective: Objective, outcome: Outcome, method: Transcription) -> str:
+    """What to say of a solution whose steps are longer than the data are worth; "" where they are not, or where that
+    cannot be told."""
+    if not isinstance(method, Stepping) or not _is_judged(objective) or not _is_motion(outcome):
+        return ""
+    steps, linear = objective.layout.substeps, outcome.linear
+    if linear is None:
+        with suppress(np.linalg.LinAlgError):
+            linear = objective.linearise(outcome.point, outcome.value)
+    if linear is None:
+        return ""
+    off, cost = _integration_error(objective, outcome, linear, replace(method, substeps=2 * steps))
+    if _excess(off, cost) < 1.0:
+        return ""
+    far = f"ln(likelihood) by {abs(cost):.2g} and estimates by up to {off:.2g} standard errors"
+    if not np.isfinite(off + cost):
+        far = "the solution by more than can be told"
+    return (
+        f"integration with {steps} step{'s' * (steps > 1)} per sample interval changes {far}: give a larger substeps=, "
+        "or leave it out"
+    )
+
+
+def _is_judged(objective: Objective) -> bool:
+    """Whether half steps say how large the error is: not in discrete time, with a control law in the loop, or with
+    random defects."""
+    problem = objective.problem
+    stepless = problem.feedback is not None or problem.model.period is not None
+    return objective.dynamics is not None and not stepless and not objective.soft
+
+
+def _excess(off: float, cost: float) -> float:
+    """How many times too large an error is, see `_integration_error`."""
+    return max(off / _TOLERANCE, abs(cost) / _COST)
+
+
+def _integration_error(
+    objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription
+) -> tuple[float, float]:
+    """|e|, and what e makes of the cost. By the motion with twice as many steps from the same nodes; `method` is the
+    transcription with these."""
     value, nodes = outcome.value, outcome.point.nodes
     trajectory, finer = value.trajectory, method.dynamics(objective.problem)
     assert trajectory is not None and linear.blocks is not None
@@ -249,7 +290,7 @@ def _integration_error(objective: Objective, outcome: Outcome, linear: Linearise
     off, cost = np.sqrt(direct + by_node.sum()), along + (linear.blocks.gradient[:, :n] * shift).sum()
     # where the model misses its data the likelihood is worth less, by how much larger than noise the residuals are
     worth = max(2.0 * value.cost / value.noise.levels.count, 1.0)
-    return float(np.maximum(off / _TOLERANCE, np.abs(cost) / (worth * _COST)))
+    return float(off), float(cost / worth)
 
 
 def _with_halves(objective: Objective, outcome: Outcome, halves: LiftedCollocation) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.attempt import Attempt, Timed, as_motion, attempted, build_objective, timed
-from casid.estimation.integration import Stepping, is_implicit
+from casid.estimation.integration import Stepping, doubt_of_steps, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.results import ANOTHER_MINIMUM
 from casid.estimation.second_opinion import by_stretches, doubtful
@@ -40,7 +40,14 @@ class Ending:
 
 
 def ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
-    """The solution of a problem, see above. Raises as the solver does."""
+    """The solution of a problem, see above, with its integration checked. Raises as the solver does."""
+    end = _ending(problem, method, solver)
+    attempt = end.attempt
+    doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
+    return replace(end, remark="; ".join(filter(None, (end.remark, doubt)))) if doubt else end
+
+
+def _ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
     clock = timed(solver)
     if not isinstance(method, SingleShooting | MultipleShooting | Collocation) or not problem.simulated:
         return Ending(attempt=attempted(problem, method, clock))

@@ -101,7 +101,7 @@ class Likelihood:
                 Dfun=slopes,
                 rtol=self.tolerance,
                 atol=close,
-                mxstep=20000,
+                mxstep=200000,
                 full_output=True,
             )
             if said["message"] != "Integration successful." or not np.isfinite(after[-1]).all():

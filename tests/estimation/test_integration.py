@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import casid as cs
@@ -64,6 +66,31 @@ def test_steps_are_chosen_for_samples_far_apart():
         assert abs(chosen[name].value - truth) < 4.0 * chosen[name].std
     off = max(abs(once[name].value - many[name].value) / many[name].std for name in RATES)
     assert off > 1.0 and chosen.states["m1"].trajectory.shape == (9, 5)
+    assert any("integration" in remark for remark in once.remarks)
+    assert not any("integration" in remark for fit in (chosen, many) for remark in fit.remarks)
+
+
+def test_a_start_that_only_short_steps_follow() -> None:
+    """x'' = -4 x - 0.4 |x'| x', samples 6 s apart: with one step of Runge and Kutta per sample the start at 40 has no
+    end, while the motion, by LSODA, is calm. The damping is that which made the data."""
+    model = cs.define_model(
+        "drag",
+        states=["x", "v"],
+        inputs=[],
+        parameters={"d": 0.3},
+        outputs=["x"],
+        dynamics=lambda s: {"x": s.v, "v": -4.0 * s.x - s.d * ca.fabs(s.v) * s.v},
+        output=lambda s: {"x": s.x},
+    )
+    t = 6.0 * np.arange(12.0)
+    true = solve_ivp(
+        lambda _, x: [x[1], -4.0 * x[0] - 0.4 * abs(x[1]) * x[1]], (0.0, t[-1]), [40.0, 0.0], "LSODA", t, rtol=1e-10
+    )
+    record = cs.Record(name="m1", t=t, channels={"x": true.y[0] + 0.01 * np.random.default_rng(0).standard_normal(12)})
+    begin = cs.InitialState(value={"x": 40.0, "v": 0.0}, std={"x": 0.0, "v": 0.0})
+    posed = cs.Problem(model, [record], free=["d"], noise={"x": 0.01}, initial_state=begin)
+    fit = cs.solve(posed, cs.SingleShooting())
+    assert fit.converged and abs(fit["d"].value - 0.4) < 4.0 * fit["d"].std
 
 
 @pytest.mark.parametrize("samples, noise, seed", [(SAMPLES, 0.3, 6), (np.linspace(0.0, 36000.0, 25), 0.1, 3)])

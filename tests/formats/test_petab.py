@@ -129,6 +129,23 @@ def test_the_likelihood_at_the_published_parameters_is_the_published_one(name: s
     assert Likelihood(problem, tolerance)(start) == pytest.approx(PUBLISHED[name], abs=6e-4)
 
 
+@pytest.mark.parametrize(
+    "name, converged",
+    [
+        ("Rahman_MBS2016", False),  # three of nine parameters change nothing
+        pytest.param("Crauste_CellSystems2017", True, marks=pytest.mark.slow),
+    ],
+)
+def test_a_published_optimum_is_confirmed_and_its_status_is_right(name, converged, petab_data: Path) -> None:
+    if not (petab_data / name).is_dir():
+        pytest.skip(f"no {name} among the PEtab problems")
+    problem = cs.read_petab(petab_data / name / f"{name}.yaml")
+    fit = cs.solve(problem)
+    assert -fit.log_likelihood == pytest.approx(PUBLISHED[name], abs=0.01)
+    assert Likelihood(problem, 1e-10)(fit.values) == pytest.approx(-fit.log_likelihood, abs=0.01)
+    assert fit.result is (cs.Results.CONVERGED if converged else cs.Results.NOT_IDENTIFIABLE)
+
+
 def test_conditions_doses_switches_and_noise_are_those_of_the_formula_on_paper(tmp_path: Path) -> None:
     problem = cs.read_petab(write(tmp_path))
     assert [record.name for record in problem.records] == ["plain", "fed", "other"]

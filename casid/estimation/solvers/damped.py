@@ -34,6 +34,7 @@ class DampedIteration:
         self.largest = np.zeros(len(self.point.theta))
         self.stationarity = np.inf
         self.linear: Linearised | None = None
+        self.multipliers = np.zeros(len(objective.limits))
 
     def run(self) -> Outcome:
         """Until a solution, the end of descent, or too many steps; a bad course is said in the status."""
@@ -51,7 +52,7 @@ class DampedIteration:
             status=status,
             iterations=iteration,
             stationarity=self.stationarity,
-            limit_multipliers=np.zeros(len(self.objective.limits)),
+            limit_multipliers=self.multipliers,
             linear=self.linear,
         )
 
@@ -67,7 +68,7 @@ class DampedIteration:
         settled = change < 10 * self.tolerance and self.value.worst() < _DEFECT
         undamped = self._step(linear, 0.0)
         if undamped is not None:
-            self.stationarity = objective.length(undamped, self.value)
+            self.stationarity, self.multipliers = objective.length(undamped, self.value), undamped.limit_multipliers
             if settled and objective.negligible(undamped, self.value, self.tolerance):
                 return "converged"
         while self.damping < _MOST:
@@ -79,6 +80,8 @@ class DampedIteration:
             self.damping, self.raise_by = self.damping * self.raise_by, 2.0 * self.raise_by
         last = undamped or self._step(linear, _SINGULAR)
         rounding = last is not None and objective.negligible(last, self.value, _ROUNDED)
+        if last is not None:
+            self.stationarity, self.multipliers = objective.length(last, self.value), last.limit_multipliers
         return "converged" if rounding and self.value.worst() < _DEFECT else "failed: no descent"
 
     def _step(self, linear: Linearised, damping: float) -> SolverStep | None:

@@ -29,10 +29,11 @@ _EXACT = 1e-9
 _DAMPED = 10  # times as many steps of the methods whose steps are short
 _INNER = 50  # steps of the other unknowns
 _FLAT = 1e-6  # of the curvature of Gauss-Newton: less is no minimum
+_BENT = 1e-3  # of it: less curvature downwards changes ln(likelihood) by less than its integration does
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _LEAST, _MOST = 1e-3, 1e8  # damping
 _ROUNDING = 1e-15  # of the largest eigenvalue
-TOLD_APART = "failed: the parameters cannot be told apart"
+FLAT_MINIMUM = "not identifiable: a minimum that is flat"
 _NO_MINIMUM = "failed: a stationary point that is no minimum"
 _NO_MOTION = "failed: the model has no motion next to the present one"
 
@@ -167,7 +168,7 @@ class _Newton:
 
     def _iterate(self, at: _Settled) -> tuple[_Settled, str]:
         """One step; a status when that ends the iteration."""
-        root = _inverse_root(at.linear.hessian)
+        root = self._root(at)
         exact = self._curvature(at, root)
         if exact is None:
             late = time.perf_counter() > self.deadline
@@ -191,6 +192,13 @@ class _Newton:
             return at, self._judged(at, root, exact, first)
         return at, "failed: no descent from a point that is not stationary"
 
+    def _root(self, at: _Settled) -> np.ndarray:
+        """Directions of unit curvature of Gauss-Newton, each no longer than moves a parameter by its own size."""
+        root = _inverse_root(at.linear.hessian)
+        size = np.maximum(np.abs(at.point.theta), np.abs(self.objective.problem.start_vector))
+        moved_by = np.abs(root) / np.where(size > 0.0, size, np.inf)[:, None]
+        return root / np.maximum(moved_by.max(axis=0, initial=0.0), 1.0)
+
     def _step(self, at: _Settled, root: np.ndarray, exact: np.ndarray, damping: float) -> SolverStep:
         """Downhill also where the curvature is negative: its absolute value, plus `damping` times Gauss-Newton's."""
         objective = self.objective
@@ -209,7 +217,7 @@ class _Newton:
         least = float(np.linalg.eigvalsh(basis.T @ exact @ basis).min(initial=np.inf))
         if least > _FLAT:
             return "converged"
-        return _NO_MINIMUM if least < -_FLAT else TOLD_APART
+        return _NO_MINIMUM if least < -_BENT else FLAT_MINIMUM
 
     def _tried(self, at: _Settled, step: SolverStep) -> _Settled | None:
         """The point after the step, when it is lower or the first within the limits."""
