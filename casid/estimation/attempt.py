@@ -16,6 +16,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import is_found, to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
 
 _MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
@@ -116,7 +117,20 @@ def as_motion(attempt: Attempt) -> Attempt:
     layout = objective.layout
     method = SingleShooting(substeps=layout.substeps, implicit=is_implicit(attempt.method))
     whole = Objective(objective.problem, method.dynamics(objective.problem))
-    begin = replace(point, nodes=point.nodes[layout.first], noise=np.zeros((0, point.nodes.shape[1])), points=None)
+    assert whole.dynamics is not None
+    parameters = objective.problem.model_parameters(point.theta)[whole.layout.record]
+    nodes = _continued(whole.dynamics, point.nodes[layout.first], parameters)
+    begin = replace(point, nodes=nodes, noise=np.zeros((len(whole.layout.tied), nodes.shape[1])), points=None)
     value, _ = whole.relaxed(begin, whole.value(begin))
     outcome = replace(attempt.outcome, point=begin, value=value, linear=None, attracted=False)
     return Attempt(objective=whole, outcome=outcome, method=method)
+
+
+def _continued(dynamics: Dynamics, first: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """(K, n) start states of all segments of one motion, from those (records, n) of the first of each record: a record
+    is one segment, or several where the motion jumps."""
+    layout = dynamics.layout
+    nodes = first[layout.record]
+    for _ in range(int(np.bincount(layout.record).max()) - 1):
+        nodes[layout.tied + 1] = dynamics.trajectory(nodes, parameters).end[layout.tied]
+    return nodes

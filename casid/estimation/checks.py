@@ -20,6 +20,7 @@ from casid.model.expressions import Symbols, expressions
 from casid.model.feedback import SampledFeedback
 from casid.model.path import INPUTS, STATES
 from casid.model.system import Model, check_continuous, check_period
+from casid.model.timeline import check_events
 from casid.records.record import Record
 
 
@@ -40,6 +41,7 @@ def check_records(model: Model, records: tuple[Record, ...], simulated: bool) ->
     own = [record.name for record in records]
     if len(set(own)) != len(own):
         raise InputError(f"Problem: names of records are not unique: {own}")
+    check_events(model, records, "Problem")
     for record in records:
         if len(record) < 2:
             raise InputError(f"record '{record.name}': {len(record)} time stamps; expected at least two")

@@ -111,7 +111,7 @@ def _ran_off(problem: Problem, point: Point) -> list[str]:
 def _idle(problem: Problem) -> list[str]:
     """Free parameters that stand in no equation."""
     model = problem.model
-    parts = [model.f, model.h]
+    parts = [model.f, model.h, *model.events.values()]
     if model.equation is not None:
         parts.append(model.equation.prediction)
     used = ca.which_depends(ca.vertcat(*parts), model.p, 1, False)

@@ -42,7 +42,9 @@ def _initial_states(objective: Objective) -> int:
 def shown_states(model: Model) -> np.ndarray:
     """(states,) whether any output depends on the state, at once or by way of other states."""
     shown = np.array([ca.depends_on(model.h, model.x[i]) for i in range(len(model.states))], dtype=bool)
-    moved_by = np.array(ca.DM(ca.jacobian_sparsity(model.f, model.x), 1.0).full(), dtype=bool)
+    moved_by = np.zeros((len(model.states),) * 2, dtype=bool)
+    for motion in (model.f, *model.events.values()):
+        moved_by |= np.array(ca.DM(ca.jacobian_sparsity(motion, model.x), 1.0).full(), dtype=bool)
     for _ in model.states:
         shown = shown | (shown @ moved_by)
     return shown

@@ -18,10 +18,9 @@ from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.transcriptions.transcription import MultipleShooting
-from casid.model.simulate import cvodes_step
+from casid.model.simulate import cvodes_step, flown, steps_of
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -102,19 +101,11 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
     if model.period is not None:
         return None
     step = cached(model, ("implicit step",), lambda: cvodes_step(model, _RELATIVE, _ABSOLUTE))
-    calm = np.zeros(len(model.disturbances))
-    known = problem.initial_knowledge[0]
-    layout = build_layout(problem, None)
+    known, run = problem.initial_knowledge[0], steps_of(step)
     found = {}
     for r, (record, p) in enumerate(zip(problem.records, problem.start_parameters, strict=True)):
-        rows = [np.where(np.isnan(known[r]), model.guess(record)[0], known[r])]
-        try:
-            for k in range(len(record) - 1):
-                given = np.concatenate([layout.u0[r, k], calm, layout.u1[r, k], calm, [layout.dt[r, k]], p])
-                rows.append(step(x0=rows[-1], p=given)["xf"].full()[:, 0])
-        except RuntimeError:  # CVODES gives up
-            return None
-        found[record.name] = np.array(rows)
+        start = np.where(np.isnan(known[r]), model.guess(record)[0], known[r])
+        found[record.name] = flown(model, record, start, p, np.zeros((len(record), len(model.disturbances))), run)
     return found if all(np.isfinite(x).all() for x in found.values()) else None
 
 

@@ -206,6 +206,11 @@ class Problem:
         return frozenset(name.split("[")[0] for name in self.fixed)
 
     @cached_property
+    def events(self) -> tuple[str, ...]:
+        """Events of the model that happen in some record."""
+        return tuple(name for name in self.model.events if any(record.events.get(name) for record in self.records))
+
+    @cached_property
     def logarithmic(self) -> tuple[str, ...]:
         """Parameters of the model whose logarithm is estimated, in its order."""
         chosen = chosen_parameters(self.log, self.model, "Problem: log")
@@ -357,6 +362,7 @@ def check_plain(problem: Problem, what: str) -> None:
         (problem.logarithmic, "parameters by their logarithm"),
         (problem.model.initial, "initial states by formula"),
         (problem.sigma_channels, "noise per sample"),
+        (problem.events, "events"),
     ):
         if found:
             raise EstimationError(f"{what}: {words} ({', '.join(found)}) is not taken here; pose the problem without")
@@ -388,6 +394,11 @@ def _check_logarithmic(problem: Problem) -> None:
 def _check_combination(problem: Problem) -> None:
     """Raise EstimationError for initial states by formula and noise per sample where they have no meaning."""
     model, both = problem.model, all(w > 0.0 for w in problem.weights)
+    if problem.events and (problem.feedback is not None or problem.weights[1] > 0.0):
+        raise EstimationError(
+            f"Problem: events ({', '.join(problem.events)}) are those of a simulation, without a control law in the "
+            "loop; use OutputError()"
+        )
     if problem.feedback is not None and (model.initial or problem.sigma_channels or problem.logarithmic):
         raise EstimationError(
             "Problem: a control law in the loop was made for the model as it is; it takes no `initial` of the model, "

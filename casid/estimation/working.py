@@ -183,6 +183,9 @@ def _transformed(model: Model, logarithmic: tuple[str, ...], with_initial: bool,
     f, h = ca.substitute([model.f, model.h], [model.x, model.p], [x, p]) if model.parameters else (model.f, model.h)
     if with_initial and model.period is not None:
         f -= ca.substitute(_offset(model, model.p), model.p, p)
+    after = [ca.substitute(g, ca.vertcat(model.x, model.p), ca.vertcat(x, p)) for g in model.events.values()]
+    if with_initial:
+        after = [g - ca.substitute(_offset(model, model.p), model.p, p) for g in after]
     further = [channel for channel in dict.fromkeys(sigma.values()) if channel not in model.inputs]
     u = ca.vertcat(model.u, ca.SX.sym("sigma", len(further)))
     inputs = (*model.inputs, *further)
@@ -204,6 +207,7 @@ def _transformed(model: Model, logarithmic: tuple[str, ...], with_initial: bool,
         prior_std=prior,
         equation=equation,
         initial={},
+        events=dict(zip(model.events, after, strict=True)),
     )
 
 

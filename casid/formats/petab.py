@@ -29,7 +29,6 @@ from casid.records.record import Record
 
 Row = Mapping[str, str]
 _TIME = "t"
-_PULSE = 1e-6  # of the shortest interval: how long a dose takes
 _KINDS = ("observable", "noise")
 
 
@@ -46,7 +45,7 @@ def read_petab(path: str | Path) -> Problem:
     Problem
         A record for every condition and, where a time was read more than once, for every replicate. It starts at the
         nominal values of the parameter table; bounds are constraints, scales are logarithms. Noise formulas, log-normal
-        noise, conditions on time and doses at known times are taken as they are.
+        noise, conditions on time and events at known times are taken as they are.
 
     Raises
     ------
@@ -203,12 +202,11 @@ class _Reading:
         return Scope(where=self.where, known=symbols, rules=rules, inputs=inputs)
 
     def _rates(self, s: Any) -> dict[str, ca.SX]:
-        scope = self.scope(vars(s))
-        found = dict(self.tables.sbml.rates(scope))
-        for name, (_, sets) in self.tables.sbml.doses.items():
-            for state, formula in sets.items():
-                found[state] += getattr(s, f"dose {name}") * (translated(formula, scope) - scope.lookup(state))
-        return found
+        return dict(self.tables.sbml.rates(self.scope(vars(s))))
+
+    def _events(self, s: Any) -> dict[str, dict[str, ca.SX]]:
+        scope, doses = self.scope(vars(s)), self.tables.sbml.doses
+        return {n: {state: translated(f, scope) for state, f in sets.items()} for n, (_, sets) in doses.items()}
 
     def _outputs(self, s: Any) -> dict[str, ca.SX]:
         scope = self.scope(vars(s))
@@ -229,8 +227,7 @@ class _Reading:
     def _discover(self) -> None:
         """The conditions on time of the model, and whether time stands anywhere else."""
         sbml = self.tables.sbml
-        inputs = [*self._sample_channels(), *(f"dose {name}" for name in sbml.doses)]
-        names = (*self.values, *sbml.states, *inputs, _TIME)
+        names = (*self.values, *sbml.states, *self._sample_channels(), _TIME)
         symbols = {name: ca.SX.sym(name) for name in names}
         free = ca.vertcat(*(symbols[n] for n in (*self.free, *sbml.states)))
 
@@ -239,15 +236,9 @@ class _Reading:
                 self.__dict__.update(symbols)
 
         scope = self.scope(symbols)
-        states = ca.vertcat(*(symbols[n] for n in sbml.states))
-        for event, (trigger, sets) in sbml.doses.items():
-            translated(trigger, scope)
-            added = ca.vertcat(*(translated(formula, scope) - symbols[state] for state, formula in sets.items()))
-            if ca.sparsify(ca.jacobian(added, states)).nnz():
-                raise InputError(
-                    f"{self.where}: event '{event}' sets a state to what depends on states; only doses at known times, "
-                    "which add to one, are taken"
-                )
+        for trigger, sets in sbml.doses.values():
+            for formula in (trigger, *sets.values()):
+                translated(formula, scope)
         sbml.rates(scope)
         self.switches = {n: s for n, s in scope.switches.items() if not ca.depends_on(s.margin, free)}
         symbols |= {name: ca.SX.sym(name) for name in self.switches}
@@ -302,25 +293,20 @@ class _Reading:
         changes = {n: self._time_of(n, values) for n in self._margins}
         doses = {n: self._time_of(self._trigger(n), values) for n in self.tables.sbml.doses}
         last = float(times.max())
-        within = [t for t in (*changes.values(), *doses.values()) if 0.0 < t < last]
+        within = [t for t in changes.values() if 0.0 < t < last]
         grid = np.unique(np.concatenate([[0.0], times, within]))
         if len(grid) < 2:
             grid = np.array([0.0, 1.0])
-        pulse = _PULSE * float(np.diff(grid).min())
-        grid = np.unique(np.concatenate([grid, [t - pulse for t in doses.values() if 0.0 < t <= last]]))
         channels: dict[str, np.ndarray] = {n: np.full(len(grid), np.nan) for n in self.observables}
         for row, k in zip(rows, np.searchsorted(grid, times), strict=True):
             channels[row["observableId"]][k] = _value(row, "measurement", self.where)
         middle = 0.5 * (grid + np.append(grid[1:], 2.0 * grid[-1] - grid[-2]))
         for switch, margin in self._margins.items():
             channels[switch] = np.array([float(margin(t, *values)) >= 0.0 for t in middle], dtype=float)
-        for dose, t in doses.items():
-            channels[f"dose {dose}"] = np.where(
-                np.isclose(grid, t - pulse, rtol=0.0, atol=0.1 * pulse), 1.0 / pulse, 0.0
-            )
         channels |= self._samples(grid, rows)
         held = {n: "held" for n in channels if n not in self.observables}
-        return Record(name=name, t=grid, channels=channels, hold=held or "linear", source=self.where)
+        events = {dose: [t] for dose, t in doses.items() if 0.0 < t <= last}
+        return Record(name=name, t=grid, channels=channels, hold=held or "linear", source=self.where, events=events)
 
     def _trigger(self, event: str) -> str:
         """The switch that is the trigger of an event."""
@@ -362,7 +348,7 @@ class _Reading:
     def problem(self) -> Problem:
         """All of it."""
         records, sbml = self._records(), self.tables.sbml
-        inputs = [*self._sample_channels(), *self.switches, *(f"dose {name}" for name in sbml.doses)]
+        inputs = [*self._sample_channels(), *self.switches]
         model = define_model(
             sbml.name,
             states=sbml.states,
@@ -373,6 +359,7 @@ class _Reading:
             output=self._outputs,
             initial=self._initial,
             prior_std=self._priors(),
+            events=self._events,
         )
         conditions = [record.name.partition(", ")[0] for record in records]
         fixed = {

@@ -57,7 +57,7 @@ class SbmlModel:
     initial
         State -> formula of its initial value, or a number.
     doses
-        Event -> (time formula, state -> formula of what is added).
+        Event -> (trigger, state -> formula of its value after the event).
     """
 
     name: str

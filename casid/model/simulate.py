@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,9 +14,12 @@ from casid.errors import InputError, unknown
 from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, check_continuous, check_period
+from casid.model.timeline import between_samples, check_events, timeline
 from casid.records.given import given_record
 from casid.records.record import Record
 
+# (state, inputs and disturbances before and after each step, durations, parameters) -> states after each step
+Run = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 INTEGRATORS = ("runge-kutta", "cvodes")
 _CLOSE = 1e-11  # relative tolerance of CVODES in a step, and absolute in sizes of the smallest state
 _MOST_STEPS = 100_000  # of CVODES between two samples
@@ -142,19 +145,14 @@ def simulate(
         inner, along = with_splines(model, curved), splined(record, curved)
         found = simulate(inner, along, start, values, disturbances, substeps, integrator)
         return Simulation(model=model, record=record, states=found.states, outputs=found.outputs)
-    U = record.matrix(model.inputs)
     W = np.zeros((n, len(model.disturbances)))
     for name, series in table_of(disturbances or {}, "simulate: disturbances", "{'gust_z': series}").items():
         W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)
     p = model.nominal_vector(numbers_by_name(values or {}, "simulate: values"))
+    check_events(model, [record], "simulate")
+    states = flown(model, record, start, p, W, _by_cvodes(model) if by_cvodes else _by_runge_kutta(model, substeps))
+    U = record.matrix(model.inputs)
     UW = np.hstack([U, W])
-    held = [record.hold_of(name) == "held" for name in (*model.inputs, *model.disturbances)]
-    after = np.where(np.array(held, dtype=bool), UW[:-1], UW[1:])
-    if by_cvodes:
-        states = _by_cvodes(model, start, np.hstack([UW[:-1], after, np.diff(record.t)[:, None]]), p)
-    else:
-        states = _accumulate(model, substeps, n - 1)(start, UW[:-1].T, after.T, np.diff(record.t)[None], p).full().T
-        states = np.vstack([start[None], states])
     if not np.isfinite(states).all():
         raise InputError(_why_it_diverged(model, record, states, UW, p))
     output = ca.Function("output", [model.x, model.u, model.p, model.w], [model.h])
@@ -227,17 +225,51 @@ def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.nd
     return f"{head}: '{model.states[largest]}' had grown to {x[largest]:.3g}; check start, parameters and their units"
 
 
-def _by_cvodes(model: Model, start: np.ndarray, steps: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """(N, states) along steps (N - 1, inputs and disturbances before, after, duration); NaN from where it gives up."""
-    advance = cvodes_step(model, _CLOSE, _CLOSE * float(model.scale_vector().min(initial=1.0)))
-    states = np.full((len(steps) + 1, len(start)), np.nan)
-    states[0] = start
-    for k, step in enumerate(steps):
-        try:
-            states[k + 1] = advance(x0=states[k], p=np.concatenate([step, p]))["xf"].full()[:, 0]
-        except RuntimeError:
-            break
-    return states
+def flown(model: Model, record: Record, start: np.ndarray, p: np.ndarray, W: np.ndarray, run: Run) -> np.ndarray:
+    """(N, states) at the samples, from a start (states,) with parameters p and disturbances W (N, disturbances); not
+    finite from where the motion ends."""
+    line, names = timeline(model, record), (*model.inputs, *model.disturbances)
+    held = np.array([record.hold_of(name) == "held" for name in names], dtype=bool)
+    before = between_samples(record, line, np.hstack([record.matrix(model.inputs), W]), held)
+    after, dt = np.where(held, before[:-1], before[1:]), np.diff(line.t)
+    states, state, at = np.full((len(line.t), len(start)), np.nan), start, 0
+    states[0] = state
+    for row, event in (*line.jumps, (len(line.t) - 1, None)):
+        if row > at:
+            steps = slice(at, row)
+            states[at + 1 : row + 1] = run(state, before[steps], after[steps], dt[steps], p)
+            state, at = states[row], row
+        if event is not None:
+            jump = ca.Function("jump", [model.x, model.u, model.p], [model.events[event]])
+            state = states[row] = jump(state, before[row, : len(model.inputs)], p).full()[:, 0]
+    return states[line.sample]
+
+
+def _by_runge_kutta(model: Model, substeps: int) -> Run:
+    def run(state: np.ndarray, before: np.ndarray, after: np.ndarray, dt: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return _accumulate(model, substeps, len(dt))(state, before.T, after.T, dt[None], p).full().T
+
+    return run
+
+
+def _by_cvodes(model: Model) -> Run:
+    return steps_of(cvodes_step(model, _CLOSE, _CLOSE * float(model.scale_vector().min(initial=1.0))))
+
+
+def steps_of(advance: ca.Function) -> Run:
+    """The steps of a `cvodes_step`, not finite from where it gives up."""
+
+    def run(state: np.ndarray, before: np.ndarray, after: np.ndarray, dt: np.ndarray, p: np.ndarray) -> np.ndarray:
+        states = np.full((len(dt), len(state)), np.nan)
+        for k in range(len(dt)):
+            try:
+                state = advance(x0=state, p=np.concatenate([before[k], after[k], [dt[k]], p]))["xf"].full()[:, 0]
+            except RuntimeError:
+                break
+            states[k] = state
+        return states
+
+    return run
 
 
 def cvodes_step(model: Model, relative: float, absolute: float) -> ca.Function:

@@ -35,8 +35,8 @@ def with_splines(model: Model, names: Sequence[str]) -> Model:
     for name in names:
         c1, c2, c3 = (at[_coefficient(name, k)] for k in _DEGREES)
         run[model.inputs.index(name)] += since * (c1 + since * (c2 + since * c3))
-    f, h = ca.substitute([model.f, model.h], [model.u], [run])
-    return replace(model, inputs=inputs, u=u, f=f, h=h)
+    f, h, *after = ca.substitute([model.f, model.h, *model.events.values()], [model.u], [run])
+    return replace(model, inputs=inputs, u=u, f=f, h=h, events=dict(zip(model.events, after, strict=True)))
 
 
 def splined(record: Record, names: Sequence[str]) -> Record:

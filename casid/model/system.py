@@ -64,6 +64,8 @@ class Model:
         problem.
     period
         Time from one sample to the next [s] of a model in discrete time; None in continuous time.
+    events
+        Event -> (states,) state after it, an expression of the state before it, of u and p; records say when.
 
     Examples
     --------
@@ -98,6 +100,7 @@ class Model:
     units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     initial: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
     period: float | None = None
+    events: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         for what, own, symbol in (
@@ -113,6 +116,11 @@ class Model:
                 raise InputError(f"model '{self.name}': {len(own)} {what} but an expression of {rows} rows")
             if len(set(own)) != len(own):
                 raise InputError(f"model '{self.name}': {what} are not unique: {own}")
+        if self.events and self.period is not None:
+            raise InputError(
+                f"model '{self.name}': events are of models in continuous time; in discrete time make a jump part of "
+                "the dynamics, with an input that says when"
+            )
         missing = set(self.parameters) - set(self.nominal)
         if missing:
             raise InputError(f"model '{self.name}': no nominal value for {sorted(missing)}")
@@ -136,6 +144,8 @@ class Model:
             )
         begin = state.pop("initial")
         state["begin"] = (tuple(begin), ca.Function("initial", [self.p], [ca.vertcat(*begin.values())]))
+        jumps = state.pop("events")
+        state["jumps"] = (tuple(jumps), ca.Function("jumps", vectors[:3], [ca.vertcat(*jumps.values())]))
         if self.equation is not None:
             inside = [self.equation.m, self.p]
             form = ca.Function("form", inside, [self.equation.target, self.equation.prediction])
@@ -149,6 +159,9 @@ class Model:
         state |= dict(zip("xupw", vectors, strict=True)) | {"f": f, "h": h}
         begin, function = state.pop("begin", ((), None))
         state["initial"] = dict(zip(begin, ca.vertsplit(function(state["p"])), strict=True)) if begin else {}
+        jumps, function = state.pop("jumps", ((), None))
+        after = ca.vertsplit(function(*vectors[:3]), len(state["states"])) if jumps else []
+        state["events"] = dict(zip(jumps, after, strict=True))
         if state["equation"] is not None:
             names, channels, form = state["equation"]
             m = ca.SX.sym("m", len(channels))
@@ -303,6 +316,7 @@ def define_model(
     equation: Callable[[Any], EquationForm] | None = None,
     initial: Callable[[Any], Mapping[str, Any]] | None = None,
     period: float | None = None,
+    events: Callable[[Any], Mapping[str, Mapping[str, Any]]] | None = None,
 ) -> Model:
     """A Model from two functions that take a namespace of symbols and return expressions by name.
 
@@ -342,6 +356,9 @@ def define_model(
     period
         Makes it a model in discrete time, x[k+1] = f(x[k], u[k], p): the time from one sample to the next [s], which
         the records must have. Process noise of such a model is given by its standard deviation at each sample.
+    events
+        Takes the namespace and returns {event: {state: its value after the event}}, of the values before it, inputs
+        and parameters; other states stay. `Record(events=...)` has the times. Steps of integration end there.
 
     Returns
     -------
@@ -409,6 +426,7 @@ def define_model(
         equation=equation(space) if equation else None,
         initial=_initial(initial, groups, vectors, where) if initial is not None else MappingProxyType({}),
         period=None if period is None else number(period, f"{where}: period", positive=True),
+        events=_events(events, vectors, where) if events is not None else MappingProxyType({}),
     )
 
 
@@ -424,6 +442,27 @@ def _initial(
     chosen = [name for name in groups["x"] if isinstance(found, Mapping) and name in found] or groups["x"]
     column = expressions(lambda _: found, known, chosen, "initial", where)
     return MappingProxyType(dict(zip(chosen, ca.vertsplit(column), strict=True)))
+
+
+def _events(
+    function: Callable[[Any], Mapping[str, Mapping[str, Any]]], vectors: Vectors, where: str
+) -> Mapping[str, ca.SX]:
+    """States after the events that a user's function gives, checked."""
+    what = f"{where}: events"
+    if not callable(function):
+        raise InputError(f"{what} is {given(function)}; expected a function of the symbols, like lambda s: ...")
+    known = {n: vectors[letter][0][i] for letter in "xup" for i, n in enumerate(vectors[letter][1])}
+    space, states = Symbols(f"{what}: symbols", known), vectors["x"][1]
+    found = function(space)
+    if not isinstance(found, Mapping) or not all(isinstance(sets, Mapping) for sets in found.values()):
+        raise InputError(f"{what} returned {given(found)}; expected a table {{'dose': {{'x': ...}}}}")
+    after = {}
+    for event, sets in found.items():
+        whole = {name: known[name] for name in states} | dict(sets)
+        after[str(event)] = expressions(lambda _, whole=whole: whole, space, states, f"event '{event}'", where)
+    if after:
+        check_symbols(ca.vertcat(*after.values()), vectors, where)
+    return MappingProxyType(after)
 
 
 def _sizes(given_sizes: Mapping[str, float] | None, valid: Sequence[str], what: str, where: str) -> dict[str, float]:

@@ -188,7 +188,8 @@ def write_record(record: Record, path: str | Path) -> None:
     Raises
     ------
     InputError
-        When `path` is not .csv or cannot be written, or a channel's name cannot stand in a header.
+        When `path` is not .csv or cannot be written, a channel's name cannot stand in a header, or the record has
+        events.
 
     Examples
     --------
@@ -205,6 +206,11 @@ def write_record(record: Record, path: str | Path) -> None:
     path = a_path(path, "write_record")
     if path.suffix.lower() != ".csv":
         raise InputError(f"{path}: records are written as .csv; got '{path.suffix}'")
+    if any(record.events.values()):
+        raise InputError(
+            f"record '{record.name}': a file cannot hold its events ({', '.join(record.events)}); keep them apart and "
+            "give them with dataclasses.replace(record, events=...) when it is read"
+        )
     for name in record.channels:
         if name in ("", "t") or split_header(name) != (name, "") or not name.isprintable():
             raise InputError(f"record '{record.name}': channel '{name}' cannot stand in a header; rename it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from numbers import Real
 from types import MappingProxyType
@@ -49,6 +49,9 @@ class Record:
         Remarks of whoever read it.
     empty
         Channels that the file names and of which it has no sample; they are left out.
+    events
+        Name -> times [s] of what a model declares as an event, such as a dose, {"dose": [0.0, 3.7]}: at samples or
+        between them. A reading at the time of an event is one after it.
 
     Raises
     ------
@@ -71,6 +74,7 @@ class Record:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     empty: tuple[str, ...] = ()
+    events: Mapping[str, Sequence[float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -82,6 +86,7 @@ class Record:
             raise InputError(f"{where}: channels is {given(self.channels)}; expected a table like {{'alpha': alpha}}")
         channels = {name: _channel(name, values, t, where) for name, values in self.channels.items()}
         object.__setattr__(self, "hold", _checked_hold(self.hold, channels, where))
+        object.__setattr__(self, "events", _checked_events(self.events, t, where))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "channels", MappingProxyType(channels))
         check_radians(self, least=2.0 * np.pi)  # of any system; `flight_inputs` knows that it is an aircraft
@@ -141,16 +146,19 @@ class Record:
         span = f"{len(self)} samples, {self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no samples"
         held = "" if self.hold == "linear" else f"; inputs {self.hold_in_words}"
         notes = f"; {len(self.notes)} notes" if self.notes else ""
-        return f"<Record '{self.name}': {span}{held}{notes}; channels {listed(self.channels, 25)}>"
+        happens = f"; events {listed(self.events)}" if self.events else ""
+        return f"<Record '{self.name}': {span}{held}{happens}{notes}; channels {listed(self.channels, 25)}>"
 
     def __getstate__(self) -> dict[str, Any]:
         # a read-only view cannot be pickled
-        return self.__dict__ | {"channels": dict(self.channels), "hold": _unlocked(self.hold)}
+        unlocked = {"channels": dict(self.channels), "hold": _unlocked(self.hold), "events": dict(self.events)}
+        return self.__dict__ | unlocked
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         hold = state["hold"]
         hold = hold if isinstance(hold, str) else MappingProxyType(hold)
-        self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold)
+        events = MappingProxyType(dict(state.get("events", {})))
+        self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold, events=events)
 
     def hold_of(self, channel: str) -> str:
         """How a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
@@ -215,8 +223,9 @@ class Record:
             span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no time at all"
             raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {span}")
         keep = (self.t >= start) & (self.t < stop)
-        channels = {k: v[keep] for k, v in self.channels.items()}
-        return self._with(name=name or self.name, t=self.t[keep], channels=channels)
+        channels, t = {k: v[keep] for k, v in self.channels.items()}, self.t[keep]
+        events = {k: tuple(one for one in times if t[0] <= one <= t[-1]) for k, times in self.events.items()}
+        return self._with(name=name or self.name, t=t, channels=channels, events=events)
 
     def _with(self, **changes: Any) -> Record:
         """Another record with these fields. Its values are not judged: a motion that departs may have any."""
@@ -240,6 +249,22 @@ def _hold_word(how: Any, where: str) -> str:
     if word not in _HOLDS:
         raise unknown("hold", str(how), (*_HOLDS, *_ALSO), where)
     return word
+
+
+def _checked_events(events: Any, t: np.ndarray, where: str) -> Mapping[str, tuple[float, ...]]:
+    """Times of events by name, in their order, read-only."""
+    if not isinstance(events, Mapping):
+        raise InputError(f"{where}: events is {given(events)}; expected a table like {{'dose': [0.0, 3.7]}}")
+    found = {}
+    for name, times in events.items():
+        what = f"{where}: times of event '{name}'"
+        own = _samples(times if np.ndim(times) else [times], what)
+        for one in own.tolist():
+            if not (len(t) and t[0] <= one <= t[-1]):
+                span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time at all"
+                raise InputError(f"{what}: {one:g} s is outside the record, which has {span}")
+        found[name] = tuple(sorted(own.tolist()))
+    return MappingProxyType(found)
 
 
 def _unlocked(hold: str | Mapping[str, str]) -> str | dict[str, str]:

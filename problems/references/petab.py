@@ -1,7 +1,7 @@
 """The likelihood of a problem by LSODA, independent of how casid integrates, and scipy's minimum of it.
 
 For problems whose initial states are formulas, with any noise that `Problem` takes: PEtab's are such. The motion is
-integrated from sample to sample, so that no step crosses the jump of an input.
+integrated from sample to sample and from event to event, so that no step crosses a jump.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class Likelihood:
         given = [model.x, model.u, model.p]
         self._slope = ca.Function("f", given, [model.f])
         self._slopes = ca.Function("j", given, [ca.densify(ca.jacobian(model.f, model.x))])
+        self._jump = {name: ca.Function("g", given, [after]) for name, after in model.events.items()}
         assert isinstance(problem.noise, Mapping)
         sigmas = [_sigma(problem, name) for name in model.outputs]
         channels = [symbol for _, symbol in sigmas if symbol is not None]
@@ -62,7 +63,8 @@ class Likelihood:
         for record, p, begin in zip(problem.records, problem.model_parameters(theta), begins, strict=True):
             inputs = record.matrix(problem.model.inputs)
             following = np.where(self._held(record), inputs, np.vstack([inputs[1:], inputs[-1:]]))
-            states = self._motion(record.t, begin, inputs, following, p)
+            jumps = sorted((t, name) for name, times in record.events.items() for t in times)
+            states = self._motion(record.t, begin, inputs, following, p, jumps)
             extra = (
                 np.stack([record[c] for c in self._channels], axis=1) if self._channels else np.zeros((len(record), 0))
             )
@@ -82,7 +84,15 @@ class Likelihood:
     def _held(self, record) -> np.ndarray:
         return np.array([record.hold_of(name) == "held" and name != "t" for name in self.problem.model.inputs])
 
-    def _motion(self, t: np.ndarray, begin: np.ndarray, u0: np.ndarray, u1: np.ndarray, p: np.ndarray) -> np.ndarray:
+    def _motion(
+        self,
+        t: np.ndarray,
+        begin: np.ndarray,
+        u0: np.ndarray,
+        u1: np.ndarray,
+        p: np.ndarray,
+        jumps: list[tuple[float, str]],
+    ) -> np.ndarray:
         states = np.full((len(t), len(begin)), np.nan)
         states[0] = begin
         close = self.tolerance * self.problem.model.scale_vector()
@@ -94,19 +104,26 @@ class Likelihood:
             def slopes(x: np.ndarray, share: float, k: int = k, dt: float = dt) -> np.ndarray:
                 return dt * self._slopes(x, u0[k] + share * (u1[k] - u0[k]), p).full()
 
-            after, said = odeint(
-                slope,
-                states[k],
-                [0.0, 1.0],
-                Dfun=slopes,
-                rtol=self.tolerance,
-                atol=close,
-                mxstep=200000,
-                full_output=True,
-            )
-            if said["message"] != "Integration successful." or not np.isfinite(after[-1]).all():
-                break
-            states[k + 1] = after[-1]
+            state, share = states[k], 0.0
+            for at, event in [*((a, e) for a, e in jumps if t[k] < a <= t[k + 1]), (t[k + 1], "")]:
+                until = (at - t[k]) / dt
+                if until > share:
+                    after, said = odeint(
+                        slope,
+                        state,
+                        [share, until],
+                        Dfun=slopes,
+                        rtol=self.tolerance,
+                        atol=close,
+                        mxstep=200000,
+                        full_output=True,
+                    )
+                    if said["message"] != "Integration successful." or not np.isfinite(after[-1]).all():
+                        return states
+                    state, share = after[-1], until
+                if event:
+                    state = self._jump[event](state, u0[k + 1] if at == t[k + 1] else u0[k], p).full()[:, 0]
+            states[k + 1] = state
         return states
 
 

@@ -170,6 +170,17 @@ def test_the_fit_is_the_minimum_on_paper(tmp_path: Path) -> None:
         assert fit[name].value == pytest.approx(truth[name], abs=5.0 * fit[name].std)
 
 
+def test_an_event_that_multiplies_a_state_is_taken(tmp_path: Path) -> None:
+    """At t = 2 A becomes dose times A: exact, as no step of integration crosses it."""
+    times = SBML.replace("<plus/><ci>A</ci>", "<times/><ci>A</ci>").replace(
+        '<parameter id="k"', A0 + '<parameter id="k"', 1
+    )
+    problem = cs.read_petab(write(tmp_path, **{"model.xml": times}))
+    record, values = problem.records[0], dict(problem.fixed_in("plain")) | {"k": 0.7}
+    found = cs.simulate(problem.model, record, [3.0], values, integrator="cvodes").state("A")
+    assert found == pytest.approx(3.0 * np.exp(-0.7 * record.t) * np.where(record.t >= 2.0, 1.5, 1.0), rel=1e-8)
+
+
 def test_a_repeated_measurement_is_a_record_of_its_own(tmp_path: Path) -> None:
     path = write(tmp_path)
     table = tmp_path / "measurements.tsv"
@@ -191,8 +202,7 @@ def test_what_is_not_taken_is_said(tmp_path: Path) -> None:
         cs.read_petab(write(tmp_path, noise="sigmo * noiseParameter1_y"))
     with pytest.raises(InputError, match="is no formula"):
         cs.read_petab(write(tmp_path, noise="sigma * * 2"))
-    broken = SBML.replace("<plus/><ci>A</ci>", "<times/><ci>A</ci>").replace(
-        '<parameter id="k"', A0 + '<parameter id="k"', 1
-    )
+    clock = '<csymbol encoding="text" definitionURL="http://www.sbml.org/sbml/symbols/time">t</csymbol><ci>t_dose</ci>'
+    broken = SBML.replace(clock, "<ci>A</ci><ci>t_dose</ci>").replace('<parameter id="k"', A0 + '<parameter id="k"', 1)
     with pytest.raises(InputError, match="known time"):
         cs.read_petab(write(tmp_path, **{"model.xml": broken}))

@@ -78,6 +78,8 @@ def diagnose_system(
     criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")
     library = an(library or Library(), Library, "diagnose: library", "cs.Library(...)")
     check_continuous(model, "diagnose")
+    if model.events:
+        raise InputError(f"diagnose: model '{model.name}' has events, which are not taken here; give one without")
     report("reading the records")
     own = (*model.inputs, *model.outputs)
     records = given_records(records, "diagnose", own)

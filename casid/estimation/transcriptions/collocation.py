@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -21,6 +21,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.transcriptions.collocation_kernel import CollocationKernel, LiftedBlocks, collocation_offer
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
+from casid.estimation.transcriptions.jumps import Jumps
 from casid.estimation.transcriptions.kernel import Packed, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
 from casid.estimation.transcriptions.steps import cached, compiled, dynamics_function, output_function, quiet
@@ -96,6 +97,7 @@ class LiftedCollocation:
         self.layout, self.degree, self._model, self._free, self._lifted = layout, degree, model, free, lifted
         self.tau, self.c = radau(degree)
         self.shape = (layout.segments, layout.length, degree, len(model.states))
+        self._jumps = Jumps(model, free, layout)
         self._packed: Packed | None = None
         key = tuple(int(i) for i in free)
         self._offer = cached(
@@ -130,7 +132,7 @@ class LiftedCollocation:
         if kernel is not None:
             y, gap, squares = kernel.gaps(self._packed_for(kernel), nodes, interior, parameters)
             kept = gap if self._lifted else None
-            return Trajectory(states=states, y=y, end=interior[:, -1], squares=squares, points=interior, gap=kept)
+            return self._trajectory(states, y, interior, parameters, kept, squares)
         begin = time.perf_counter()
         count, length, d, n = self.shape
         slope, outputs = compiled(self._model, dynamics_function), compiled(self._model, output_function)
@@ -143,7 +145,20 @@ class LiftedCollocation:
         y = outputs.mapped(count * length)(states, self.layout.u0, repeated)[0].reshape(count, length, -1)
         self._offer.spent += time.perf_counter() - begin
         kept = gap.reshape(interior.shape) if self._lifted else None
-        return Trajectory(states=states, y=y.copy(), end=interior[:, -1], points=interior, gap=kept)
+        return self._trajectory(states, y.copy(), interior, parameters, kept)
+
+    def _trajectory(
+        self,
+        states: np.ndarray,
+        y: np.ndarray,
+        interior: np.ndarray,
+        parameters: np.ndarray,
+        gap: np.ndarray | None,
+        squares: np.ndarray | None = None,
+    ) -> Trajectory:
+        arrived = interior[:, -1]
+        end = self._jumps.end(arrived, parameters)
+        return Trajectory(states=states, y=y, arrived=arrived, end=end, squares=squares, points=interior, gap=gap)
 
     def _motion(self, nodes: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(K, L d, n) interior states of the motion from the nodes; not finite from where there is none."""
@@ -172,7 +187,7 @@ class LiftedCollocation:
             begin = time.perf_counter()
             found, lift = self._plain(trajectory, parameters, weights, slice(None))
             self._offer.spent += time.perf_counter() - begin
-        return Blocks(
+        blocks = Blocks(
             hessian=found.hessian,
             channel_gradient=found.channel_gradient,
             gradient=found.channel_gradient.sum(axis=1),
@@ -181,6 +196,7 @@ class LiftedCollocation:
             covariance=None,
             lift=lift if self._lifted else None,
         )
+        return self._jumps.blocks(blocks, trajectory.arrived, parameters)
 
     def slabs(
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
@@ -213,7 +229,8 @@ class LiftedCollocation:
                 "solve: implicit shooting solves its steps one by one, which a nonlinear programme does not represent; "
                 "use GaussNewton(), or Collocation()"
             )
-        return collocated(self._model, self._free, self.layout, self.tau, self.c, at)
+        found = collocated(self._model, self._free, self.layout, self.tau, self.c, at)
+        return replace(found, end=self._jumps.symbolic(found.end, at))
 
     def refined(self, coarse: LiftedCollocation, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(K, L d, n) interior states on the polynomials of a coarser one of the same segments and samples."""
@@ -278,7 +295,7 @@ class LiftedCollocation:
         repeated = np.repeat(parameters, length, axis=0)
         outputs = compiled(self._model, output_function).mapped(count * length)
         y = outputs(states, self.layout.u0, repeated)[0].reshape(trajectory.y.shape)
-        return y.copy(), trajectory.end + off
+        return y.copy(), self._jumps.shifted(trajectory, off, parameters)
 
     def solved(
         self, which: np.ndarray, before: np.ndarray, guess: np.ndarray, parameters: np.ndarray

@@ -18,12 +18,14 @@ from casid.estimation.transcriptions.layout import Layout
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples. `end` (K, n) state after the last
-    step, squares (K, o) sums of squared residuals where they were gathered on the way. `points`, `gap` are only those
-    of collocation: (K, L d, n) interior states and what they leave unsatisfied."""
+    """Simulated from nodes: states (K, L, n) and outputs y (K, L, o) at the samples. `arrived` (K, n) state after the
+    last step and `end` (K, n) the same after an event there, squares (K, o) sums of squared residuals where they were
+    gathered on the way. `points`, `gap` are only those of collocation: (K, L d, n) interior states and what they leave
+    unsatisfied."""
 
     states: np.ndarray
     y: np.ndarray
+    arrived: np.ndarray
     end: np.ndarray
     squares: np.ndarray | None = None
     points: np.ndarray | None = None

@@ -80,11 +80,7 @@ def pack(layout: Layout, sizes: Sizes, lanes: int) -> Packed:
     for first, values in parts:
         last = first + values.shape[2]
         packed[:, :, first:last] = values[which].transpose(0, 2, 3, 1)
-    used = np.zeros(count, dtype=ctypes.c_long)
-    for record, times in enumerate(layout.times):
-        own = layout.segments_of(record)
-        used[own] = layout.length
-        used[own.stop - 1] = len(times) - (own.stop - 1 - own.start) * layout.length
+    used = layout.live.astype(ctypes.c_long)
     return Packed(data=packed, live=used[which].max(axis=1), seen=layout.seen)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.steps import cached
 from casid.model.system import Model
+from casid.model.timeline import Timeline, between_samples, timeline
 from casid.records.record import Record
 
 
@@ -33,7 +34,9 @@ class Layout:
     present    (K, L, o) 1 where measured, else 0
     pattern    (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
     sample     per record (N,) flat index into (K*L) of each of its own samples
-    times      per record the time stamps [s] of its samples and of the points between them
+    times      per record the time [s] at each of its segments' samples, padding included
+    live       (K,) samples of each segment after which there is nothing but padding
+    jump       (K,) number of the event at the end of each segment, -1 where there is none
     substeps   steps per sample interval
     """
 
@@ -53,6 +56,8 @@ class Layout:
     seen: np.ndarray
     sample: tuple[np.ndarray, ...]
     times: tuple[np.ndarray, ...]
+    live: np.ndarray
+    jump: np.ndarray
 
     @property
     def segments(self) -> int:
@@ -77,46 +82,70 @@ def watched(model: Model, layout: Layout, names: tuple[str, ...]) -> tuple[Model
     return cached(model, ("watched", names), build), replace(layout, **everywhere, seen=np.ones((1, len(names))))
 
 
-def _padded(values: np.ndarray, count: int, last: bool) -> np.ndarray:
-    """Rows appended up to `count`: the last one repeated, or zeros."""
-    extra = count - len(values)
-    tail = np.repeat(values[-1:], extra, axis=0) if last else np.zeros((extra, *values.shape[1:]))
-    return np.concatenate([values, tail])
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Cut:
+    """A record's rows in segments: `row` (samples,) of each sample of them, `live` (segments,) as in `Layout`, `jump`
+    (segments,) the event at the end."""
+
+    row: np.ndarray
+    live: np.ndarray
+    jump: np.ndarray
+
+
+def _cut(rows: int, jumps: list[tuple[int, int]], interval: int) -> _Cut:
+    """Segments of `interval` rows, new ones at every jump (row, event); padding repeats the row that comes next."""
+    row, live, jump, first = [], [], [], 0
+    for last, event in (*jumps, (rows, -1)):
+        count = max(-(-(last - first) // interval), 1)
+        own = np.minimum(first + np.arange(count * interval), min(last, rows - 1))
+        row.append(own)
+        live += [interval] * (count - 1) + [last - first - (count - 1) * interval]
+        jump += [-1] * (count - 1) + [event]
+        first = last
+    return _Cut(row=np.concatenate(row), live=np.array(live), jump=np.array(jump))
 
 
 def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> Layout:
-    """Segments of `interval` samples, None: one segment per record, with `substeps` steps between two samples."""
-    model = problem.model
-    length = (interval or max(len(record) for record in problem.records)) * substeps
+    """Segments of `interval` samples, None: one segment per record, with `substeps` steps between two samples. Events
+    are points between samples too, and begin a segment."""
+    model, order = problem.model, list(problem.model.events)
+    lines = [timeline(model, record) for record in problem.records]
+    length = (interval or max(_longest(line) for line in lines)) * substeps
     parts: dict[str, list[np.ndarray]] = {k: [] for k in ("u0", "u1", "dt", "z", "present", "guess")}
-    record_of, first, tied, sample, times = [], [], [], [], []
+    per_segment: dict[str, list[np.ndarray]] = {k: [] for k in ("record", "live", "jump")}
+    first, tied, sample, times = [], [], [], []
     count = 0
-    for r, record in enumerate(problem.records):
-        t = _refined(record.t, substeps)
-        segments = -(-len(t) // length)
-        total = segments * length
-        u, following = _inputs(model, record, substeps)
+    for r, (record, line) in enumerate(zip(problem.records, lines, strict=True)):
+        t = _refined(line.t, substeps)
+        cut = _cut(len(t), [(row * substeps, order.index(event)) for row, event in line.jumps], length)
+        segments = len(cut.live)
+        is_live = (np.arange(length) < cut.live[:, None]).ravel()
+        u, following = _inputs(model, record, line, substeps)
         z = np.full((len(t), len(model.outputs)), np.nan)
-        z[::substeps] = problem.outputs_of(record)
-        parts["u0"].append(_padded(u, total, last=True))
-        parts["u1"].append(_padded(following, total, last=True))
-        parts["dt"].append(_padded(np.append(np.diff(t), 0.0), total, last=False))
-        parts["z"].append(_padded(np.nan_to_num(z), total, last=False))
-        parts["present"].append(_padded(np.isfinite(z).astype(float), total, last=False))
-        guess = _refined(np.asarray(model.guess(record), dtype=float), substeps)
-        parts["guess"].append(_padded(guess, total, last=True))
-        record_of += [r] * segments
+        z[substeps * line.sample] = problem.outputs_of(record)
+        z = np.where(is_live[:, None], z[cut.row], np.nan)
+        parts["u0"].append(u[cut.row])
+        parts["u1"].append(following[cut.row])
+        parts["dt"].append(np.where(is_live, np.append(np.diff(t), 0.0)[cut.row], 0.0))
+        parts["z"].append(np.nan_to_num(z))
+        parts["present"].append(np.isfinite(z).astype(float))
+        guess = between_samples(record, line, np.asarray(model.guess(record), dtype=float))
+        parts["guess"].append(_refined(guess, substeps)[cut.row])
+        per_segment["record"].append(np.full(segments, r))
+        per_segment["live"].append(cut.live)
+        per_segment["jump"].append(cut.jump)
         first.append(count)
         tied += range(count, count + segments - 1)
-        sample.append(count * length + substeps * np.arange(len(record)))
-        times.append(t)
+        at = np.empty(len(t), dtype=int)
+        at[cut.row[is_live]] = np.flatnonzero(is_live)
+        sample.append(count * length + at[substeps * line.sample])
+        times.append(t[cut.row])
         count += segments
     arrays = {k: np.concatenate(v).reshape(count, length, *v[0].shape[1:]) for k, v in parts.items()}
     pattern, seen = _patterns(arrays["present"])
     return Layout(
         length=length,
         substeps=substeps,
-        record=np.array(record_of),
         first=np.array(first),
         tied=np.array(tied, dtype=int),
         sample=tuple(sample),
@@ -124,8 +153,14 @@ def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> L
         start=arrays["guess"][:, 0].copy(),
         pattern=pattern,
         seen=seen,
+        **{k: np.concatenate(v) for k, v in per_segment.items()},
         **arrays,
     )
+
+
+def _longest(line: Timeline) -> int:
+    """Rows of the longest stretch without an event."""
+    return int(np.diff([0, *(row for row, _ in line.jumps), len(line.t)]).max())
 
 
 def _refined(values: np.ndarray, substeps: int) -> np.ndarray:
@@ -137,12 +172,12 @@ def _refined(values: np.ndarray, substeps: int) -> np.ndarray:
     return np.concatenate([between.reshape(substeps * (len(values) - 1), *values.shape[1:]), values[-1:]])
 
 
-def _inputs(model: Model, record: Record, substeps: int) -> tuple[np.ndarray, np.ndarray]:
+def _inputs(model: Model, record: Record, line: Timeline, substeps: int) -> tuple[np.ndarray, np.ndarray]:
     """Inputs at the start and at the end of every step; time itself never stands still."""
-    u = record.matrix(model.inputs)
+    is_held = np.array([record.hold_of(name) == "held" for name in model.inputs], dtype=bool)
+    u = between_samples(record, line, record.matrix(model.inputs), is_held)
     straight = _refined(u, substeps)
     held = np.concatenate([np.repeat(u[:-1], substeps, axis=0), u[-1:]])
-    is_held = np.array([record.hold_of(name) == "held" for name in model.inputs], dtype=bool)
     following = np.concatenate([straight[1:], straight[-1:]])
     return np.where(is_held, held, straight), np.where(is_held, held, following)
 

@@ -18,6 +18,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.transcriptions.curvature import shot_derivatives
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
+from casid.estimation.transcriptions.jumps import Jumps
 from casid.estimation.transcriptions.kernel import Kernel, Packed, shooting_offer, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
 from casid.estimation.transcriptions.steps import (
@@ -55,6 +56,7 @@ class Shooting:
     ) -> None:
         self.layout, self._model, self._free, self._feedback = layout, model, free, feedback
         self.shape = (layout.segments, layout.length)
+        self._jumps = Jumps(model, free, layout)
         self.noise_names = tuple(noise)
         self.intensity = np.array(list(noise.values()))
         self._packed: Packed | None = None
@@ -92,7 +94,8 @@ class Shooting:
         kernel = self.kernel
         if kernel is not None:
             states, y, end, squares = kernel.simulate(self._packed_for(kernel), nodes, parameters)
-            return Trajectory(states=states, y=y, end=end, squares=squares)
+            after_jump = self._jumps.end(end, parameters)
+            return Trajectory(states=states, y=y, arrived=end, end=after_jump, squares=squares)
         begin, data = time.perf_counter(), self.layout
         simulate, outputs, _ = self._mapped
         repeated = np.repeat(parameters, data.length, axis=0)
@@ -100,7 +103,8 @@ class Shooting:
         states = np.concatenate([nodes[:, None], after[:, :-1]], axis=1)
         y = outputs(states, data.u0, repeated)[0].reshape(*self.shape, -1)
         self._offer.spent += time.perf_counter() - begin
-        return Trajectory(states=states, y=y.copy(), end=after[:, -1].copy())
+        end = after[:, -1].copy()
+        return Trajectory(states=states, y=y.copy(), arrived=end, end=self._jumps.end(end, parameters))
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
         """Linearised along a trajectory; weights (patterns, o, o): the lower triangle that whitens the residuals of
@@ -109,7 +113,7 @@ class Shooting:
         if kernel is not None:
             nodes, packed = trajectory.states[:, 0], self._packed_for(kernel)
             found = kernel.linearise(packed, nodes, parameters, weights, self.intensity)
-            return Blocks(
+            blocks = Blocks(
                 hessian=found.hessian,
                 channel_gradient=found.channel_gradient,
                 gradient=found.channel_gradient.sum(axis=1),
@@ -117,10 +121,11 @@ class Shooting:
                 end=found.end,
                 covariance=found.covariance,
             )
-        begin = time.perf_counter()
-        blocks = self._mapped_blocks(trajectory, parameters, weights)
-        self._offer.spent += time.perf_counter() - begin
-        return blocks
+        else:
+            begin = time.perf_counter()
+            blocks = self._mapped_blocks(trajectory, parameters, weights)
+            self._offer.spent += time.perf_counter() - begin
+        return self._jumps.blocks(blocks, trajectory.arrived, parameters)
 
     def slabs(
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
@@ -165,8 +170,8 @@ class Shooting:
                 "represent; use GaussNewton()"
             )
         found = shot(self._model, self._free, self.layout, at)
-        if self._model.period is not None:
-            return found
+        if self._model.period is not None or self._jumps:
+            return replace(found, end=self._jumps.symbolic(found.end, at))
         count, length = self.shape
         return replace(found, derivatives=shot_derivatives(self._model, self._free, length, count))
 
@@ -197,7 +202,7 @@ class Shooting:
             channel_gradient=channel_gradient,
             gradient=channel_gradient.sum(axis=1),
             transition=transition,
-            end=trajectory.end,
+            end=trajectory.arrived,
             covariance=covariance,
         )
 
