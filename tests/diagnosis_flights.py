@@ -12,7 +12,7 @@ from casid.diagnosis.decision import at_least
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.kinematics.check import KinematicCheck
-from casid.diagnosis.naming.round import Gain, Trial
+from casid.diagnosis.engine.trial import Gain, Trial
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.operators import TURNING, turned

@@ -26,13 +26,13 @@ from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
 from casid.arguments import an, names, numbers_by_name
 from casid.design.level_flight import TYPICAL_NOISE
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import responses
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.naming.size import meaningful_share
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of

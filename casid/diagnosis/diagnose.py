@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from casid.arguments import an
+from casid.diagnosis.causes import causes_of, trace_of_search, verdict_of
+from casid.diagnosis.conclusion import concluded, named_in_errors
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.check import check
-from casid.diagnosis.flight.colour import in_colour, is_far, unread
-from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.input_timing import as_inputs_run
+from casid.diagnosis.engine.baseline import baseline_of
+from casid.diagnosis.engine.comparison import tempered
+from casid.diagnosis.engine.held_out import keep, split
+from casid.diagnosis.engine.probability import believed
+from casid.diagnosis.engine.search import State, search
+from casid.diagnosis.engine.unexplained import beside_slow_noise, what_is_left
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import missing_inputs
+from casid.diagnosis.extension import extended_aircraft
 from casid.diagnosis.flight.noise_level import with_noise_level
-from casid.diagnosis.flight.outliers import without_outliers
+from casid.diagnosis.flight.view import view_of
 from casid.diagnosis.given.as_given import AsGiven, attached_effects, fly_as_given, fly_recorded
+from casid.diagnosis.given.budget import budget_of
+from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.given.reach import reach_of
-from casid.diagnosis.judging.by_rules import by_rules
-from casid.diagnosis.judging.conclusion import concluded, named_in_errors
-from casid.diagnosis.judging.held_out import split
-from casid.diagnosis.kinematics.stage import comes_near, judge_kinematics
-from casid.diagnosis.naming.baseline import baseline
-from casid.diagnosis.naming.structure import demanded_offsets
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.stages import Stages
 from casid.model.aircraft import Aircraft, given_aircraft
@@ -93,35 +95,63 @@ def diagnose(
         given = fly_as_given(flight, reach.held, known)
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
-        case = _Case(aircraft=aircraft, given=given, held=reach.held, known=known)
-        found = _attempt(case, flight, stages)
-        if is_far(found.extended.fit, criteria.noise.far_from_causes):
-            found = _attempt(case, unread(flight), stages)
+        state = search(baseline_of(flight, known, stages.begin), stages.begin)
+        found = _judged(aircraft, state, given, reach.held, stages)
         return concluded(found, reach, checked.findings, checked.doubts)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Case:
-    """What every attempt begins with: the file, how it flies as given, the held-out records, its own effects."""
-
-    aircraft: Aircraft
-    given: AsGiven
-    held: Sequence[Record]
-    known: Sequence[Attached]
-
-
-def _attempt(case: _Case, flight: Flight, stages: Stages) -> Diagnosis:
-    """The diagnosis of a flight whose noise is believed as read, unless its baseline and kinematics are far from it."""
-    stages.begin("refit of the file")
-    calm = fit(flight, case.known, flight.noise(), iterations=20)
-    if is_far(calm, flight.criteria.noise.far_from_data) and not comes_near(flight, case.known):
-        flight = unread(flight)
-        calm = fit(flight, case.known, flight.noise(), iterations=20)
-    calm = as_inputs_run(in_colour(without_outliers(calm)))
-    flight, offsets = calm.flight, demanded_offsets(calm)
-    stages.begin("kinematics")
-    found = judge_kinematics(flight, case.known, offsets, calm)
-    stages.begin("refit of the file")
-    begun = baseline(calm, found.turbulence, found.nuisance)
-    stages.begin("naming")
-    return by_rules(case.aircraft, begun, found, case.given, case.held, stages)
+def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Record], stages: Stages) -> Diagnosis:
+    """What a search found, judged on the held-out records."""
+    begun, criteria = state.baseline, state.criteria
+    state = replace(state, rounds=tempered(state.rounds, state.evidence))
+    stages.begin("held-out records")
+    kept = keep(held, state)
+    stages.begin("missing inputs")
+    left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
+    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
+    stages.begin("verdict")
+    causes, minor = beside_slow_noise(kept, state, *causes_of(state, kept, left))
+    minor, unexplained = what_is_left(kept, state, left, (causes, minor))
+    belief = believed(causes, unexplained, state, left)
+    causes = belief.causes
+    verdict, sentence, remark = verdict_of(causes, minor, unexplained, state, kept.fit)
+    bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
+    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
+    refitted, extended, held_refitted, held_extended = map(
+        view_of, (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
+    )
+    extended_file = extended_aircraft(begun.flight.aircraft, kept.fit, causes, minor)
+    stages.end()
+    return Diagnosis(
+        verdict=verdict,
+        headline=sentence,
+        sentence=sentence,
+        remark=remark,
+        aircraft=aircraft,
+        extended_aircraft=extended_file,
+        causes=causes,
+        minor=minor,
+        ranking=state.rounds[0].candidates[: criteria.numerics.naming.ranking],
+        rounds=state.rounds,
+        as_given=given.fitted,
+        refitted=refitted,
+        extended=extended,
+        held_out_as_given=given.held,
+        held_out_refitted=held_refitted,
+        held_out_extended=held_extended,
+        budget=budget_of(given, held_refitted, held_extended),
+        flight=flight_values(kept.evidence),
+        bare=bare,
+        missing_before=tuple(first),
+        missing_after=tuple(exact),
+        unexplained=tuple(unexplained),
+        kinematic=tuple(begun.kinematics.ranked),
+        turbulence=begun.turbulence,
+        detectable=state.rounds[0].detectable,
+        seconds=stages.seconds,
+        explanations=belief.explanations,
+        believed=belief.there,
+        entered=belief.entered,
+        nothing=belief.nothing,
+        trace=trace_of_search(state, causes, minor),
+    )

@@ -14,6 +14,8 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.decision import Trace
 from casid.diagnosis.document import cause_entry, plain, rank_entry
+from casid.diagnosis.engine.size import missing_share
+from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -25,8 +27,6 @@ from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.naming.round import Round
-from casid.diagnosis.naming.size import missing_share
 from casid.diagnosis.parameter import Parameter
 from casid.keeping import save, whole_file
 from casid.model.aircraft import Aircraft

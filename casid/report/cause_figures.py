@@ -13,6 +13,7 @@ from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, response
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import without
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.view import View
 from casid.diagnosis.kinematics.kinematics import WIND
@@ -296,7 +297,7 @@ _MAX_ONSETS = 4
 
 def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     """Statistic of the cause over its time of onset, record by record, from the model that did not have it yet."""
-    found = _before_naming(diagnosis, cause)
+    found = _without(diagnosis, cause)
     if not cause.onset_s or found is None:
         return None
     base, attached = found
@@ -328,17 +329,12 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     )
 
 
-def _before_naming(diagnosis: Diagnosis, cause: Cause) -> tuple[FlightFit, Attached] | None:
-    """The fit that did not have the cause yet, and the cause as it was named; None for one that was not named."""
-    base = diagnosis.bare
-    for round_ in diagnosis.rounds:
-        if not round_.named:
-            break
-        winner = round_.leader
-        one = winner.candidate.attached
-        if one.effect.key == (cause.kind, cause.target, cause.term):
-            return base, one
-        base = round_.fitted
+def _without(diagnosis: Diagnosis, cause: Cause) -> tuple[FlightFit, Attached] | None:
+    """The extended model without a cause, and the cause in it; None for one that it does not have."""
+    fitted = diagnosis.extended.fit
+    for one in fitted.attached:
+        if one.effect.key == cause.key:
+            return without(fitted, {one.name}), one
     return None
 
 

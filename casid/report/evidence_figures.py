@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.flight.statistics import band_energy
-from casid.diagnosis.naming.round import Trial
 from casid.diagnosis.result import Diagnosis
 from casid.report.cause_figures import Reconstruction
 from casid.report.style import ALERT, BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.naming.round import Trial
+from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
 from casid.model.aircraft import Aircraft

@@ -17,7 +17,7 @@ from casid.diagnosis.judging import left
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics import stage as kinematic_stage
 from casid.diagnosis.naming import naming
-from casid.diagnosis.naming.structure import demanded_offsets
+from casid.diagnosis.engine.structure import demanded_offsets
 from casid.model import operators
 from casid.model.causes import (
     actuator_lag,

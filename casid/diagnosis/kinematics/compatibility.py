@@ -18,6 +18,7 @@ import numpy as np
 from scipy import special
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.size import plausible
 from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
 from casid.diagnosis.evidence.screening import Candidate, screen
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -26,7 +27,6 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.kinematics import NEEDED, Turbulence, still_air
 from casid.diagnosis.kinematics.steady_wind import SteadyWind, steady_wind
-from casid.diagnosis.naming.size import plausible
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias

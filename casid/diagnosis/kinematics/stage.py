@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from casid.diagnosis.engine.onsets import at_peak
+from casid.diagnosis.engine.size import plausible
+from casid.diagnosis.engine.structure import SKEWED, demanded_skews
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import drifts
 from casid.diagnosis.evidence.screening import Candidate, screen
@@ -15,9 +18,6 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.aircraft_in_air import moves_the_aircraft
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.naming.events import at_peak
-from casid.diagnosis.naming.size import plausible
-from casid.diagnosis.naming.structure import SKEWED, demanded_skews
 from casid.model.effect import Effect
 
 

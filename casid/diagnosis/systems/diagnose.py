@@ -14,9 +14,9 @@ import numpy as np
 from casid.arguments import an
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import IN_A_SET, MINOR, NAMED, REFUSED, Decision, Gate, Trace, at_least
+from casid.diagnosis.engine.held_out import split
 from casid.diagnosis.given.account import account_of, account_sentence, failure_sentence
 from casid.diagnosis.given.budget import Budget, BudgetSteps
-from casid.diagnosis.judging.held_out import split
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown, Question, change_of_outputs, fly, motions, noise_of

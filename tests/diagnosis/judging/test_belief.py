@@ -16,8 +16,8 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import at_least, at_most
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.belief import believed
-from casid.diagnosis.naming.round import Round, Trial
+from casid.diagnosis.engine.probability import believed
+from casid.diagnosis.engine.trial import Round, Trial
 from casid.model.causes import actuator_lag, gust, input_delay, sensor_bias, turbulence
 
 CRITERIA = Criteria()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from casid.diagnosis.data.finding import Finding
-from casid.diagnosis.judging.conclusion import named_in_errors
+from casid.diagnosis.conclusion import named_in_errors
 from casid.errors import InputError
 
 

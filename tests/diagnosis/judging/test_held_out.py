@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from casid.diagnosis.judging import held_out
-from casid.diagnosis.judging.held_out import best_on_held, held_gains, steps_to_keep
+from casid.diagnosis.engine.held_out import best_on_held, held_gains, steps_to_keep
 
 
 @pytest.mark.parametrize(

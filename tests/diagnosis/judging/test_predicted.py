@@ -8,8 +8,8 @@ from diagnosis_flights import flights, rough_file
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
-from casid.diagnosis.judging.held_out import judge_on
-from casid.diagnosis.judging.predicted import predicted
+from casid.diagnosis.engine.held_out import judge_on
+from casid.diagnosis.engine.held_out import predicted
 
 
 def _marginal(evidence: Evidence) -> float:
@@ -20,7 +20,7 @@ def _marginal(evidence: Evidence) -> float:
 def test_it_is_what_the_records_add_to_the_evidence_of_all(monkeypatch) -> None:
     """Only the beginning of a record is fitted, so that little is known of the rudder, and another is held out. By the
     values of the fit alone that is less likely, for they are not known as well as that takes them to be."""
-    monkeypatch.setattr("casid.diagnosis.judging.predicted.weigh", lambda fit: weigh(fit, discrepancy=False))
+    monkeypatch.setattr("casid.diagnosis.engine.held_out.weigh", lambda fit: weigh(fit, discrepancy=False))
     whole, held_out = flights(seed=5, count=2)
     seen = [whole.between(0.0, 9.0)]
     noise = prepare(rough_file(), [whole, held_out]).noise()

@@ -9,7 +9,7 @@ from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.verdict import onset_intervals
+from casid.diagnosis.causes import onset_intervals
 from casid.model.causes import (
     effectiveness_change,
     gust,

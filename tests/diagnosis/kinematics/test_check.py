@@ -14,11 +14,11 @@ from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.held_out import gains_by_kinematics, kinematic_gain
+from casid.diagnosis.engine.held_out import gains_by_kinematics, kinematic_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
-from casid.diagnosis.naming.comparing import in_order
-from casid.diagnosis.naming.round import Trial
+from casid.diagnosis.engine.comparison import in_order
+from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.naming.trials import worth_trying
 from casid.model.causes import (
     accelerometer_position,

@@ -18,7 +18,7 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
 from casid.diagnosis.kinematics.stage import without_turbulence
-from casid.diagnosis.naming.events import at_peak
+from casid.diagnosis.engine.onsets import at_peak
 from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect

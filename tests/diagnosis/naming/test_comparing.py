@@ -17,13 +17,13 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.verdict import minor_trials
+from casid.diagnosis.causes import minor_trials
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
 from casid.diagnosis.naming import naming
-from casid.diagnosis.naming.comparing import can_be_named, equivalents_of, gains_enough, small_first
+from casid.diagnosis.engine.comparison import can_be_named, equivalents_of, gains_enough, small_first
 from casid.diagnosis.naming.naming import Naming
-from casid.diagnosis.naming.round import Round, Trial
+from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.naming.trials import try_cause
 from casid.model.causes import (
     actuator_lag,

@@ -13,7 +13,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming import events, trials
-from casid.diagnosis.naming.events import sudden
+from casid.diagnosis.engine.onsets import sudden
 from casid.model.causes import configuration_change, effectiveness_change, wind_shear
 from problems.do328 import do328
 

@@ -12,7 +12,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import all_passed
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming import explaining
-from casid.diagnosis.naming.explaining import explains as gates_of
+from casid.diagnosis.engine.acceptance import explains as gates_of
 from casid.model.causes import (
     aero_term,
     effectiveness_change,

@@ -14,9 +14,9 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.naming import naming
-from casid.diagnosis.naming.comparing import gains_enough, in_order
+from casid.diagnosis.engine.comparison import gains_enough, in_order
 from casid.diagnosis.naming.naming import without_superseded
-from casid.diagnosis.naming.round import Round, Trial
+from casid.diagnosis.engine.trial import Round, Trial
 from casid.errors import InputError
 from casid.model.causes import (
     actuator_lag,

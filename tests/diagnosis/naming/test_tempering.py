@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.naming.comparing import distance
-from casid.diagnosis.naming.round import Gain, Trial
+from casid.diagnosis.engine.comparison import distance
+from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.naming.tempering import _Left
 
 N, R, RATE = 4000, 3, 25.0

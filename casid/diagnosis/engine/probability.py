@@ -19,12 +19,12 @@ from scipy.special import expit, logit
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.acceptance import required_gain
+from casid.diagnosis.engine.comparison import distance, possible_rivals
+from casid.diagnosis.engine.search import State
+from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
-from casid.diagnosis.naming.comparing import distance, possible_rivals
-from casid.diagnosis.naming.naming import Naming
-from casid.diagnosis.naming.round import Round, Trial
-from casid.diagnosis.naming.trials import required_gain
 from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
@@ -50,25 +50,25 @@ class Believed:
 
 
 def believed(
-    causes: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, left: Sequence[MissingInput]
+    causes: Sequence[Cause], unexplained: Sequence[MissingInput], state: State, left: Sequence[MissingInput]
 ) -> Believed:
     """Probabilities of the named `causes`, of what is `unexplained`, and of what was not clear enough for either.
 
     left  every missing input of the model that is told
     """
-    scale = _Scale(criteria=naming.criteria)
-    rounds = {round_.leader.effect.key: round_ for round_ in naming.named}
+    scale = _Scale(criteria=state.criteria)
+    rounds = {round_.leader.effect.key: round_ for round_ in state.named}
     places = [_place(one, rounds.get((one.kind, one.target, one.term)), scale) for one in causes]
-    faint = _not_named(naming, {effect.key for place in places for effect in place.effects}, scale)
+    faint = _not_named(state, {effect.key for place in places for effect in place.effects}, scale)
     entered = {one.station: scale.of_missing(one) for one in unexplained}
     further = max([scale.of_missing(one) for one in left] if not unexplained else entered.values(), default=0.0)
     there = {name: p for place in places for name, p in place.probabilities.items()} | faint
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
-    tempered, least = naming.criteria.priors.tempered, naming.criteria.priors.numerics.least
+    tempered, least = state.criteria.priors.tempered, state.criteria.priors.numerics.least
     return Believed(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
         explanations=tuple(
-            (names, tempered(p)) for names, p in _explanations(places, faint, naming.criteria.priors.numerics)
+            (names, tempered(p)) for names, p in _explanations(places, faint, state.criteria.priors.numerics)
         ),
         there={name: tempered(p) for name, p in there.items() if p > least},
         entered={name: tempered(p) for name, p in entered.items()},
@@ -171,10 +171,10 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
     )
 
 
-def _not_named(naming: Naming, seen: Collection[tuple[str, str, str | None]], scale: _Scale) -> dict[str, float]:
+def _not_named(state: State, seen: Collection[tuple[str, str, str | None]], scale: _Scale) -> dict[str, float]:
     """Name -> probability of the clearest cause that was not clear enough for a name, where one was tried: no surer
     than a name must be. What was refused for what it left missing was clear enough, and is not there."""
-    trials = [t for round_ in naming.rounds if not (round_.named or round_.doubt) for t in round_.trials]
+    trials = [t for round_ in state.rounds if not (round_.named or round_.doubt) for t in round_.trials]
     possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in seen]
     if not possible:
         return {}

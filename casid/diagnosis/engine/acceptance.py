@@ -1,7 +1,9 @@
-"""Does a cause explain what was missing, or does it imitate it?
+"""What a cause must pass, by itself and in a set: all gates of a search.
 
-An effect outside the catalogue can be imitated in part by something in it. A cause that leaves most of what an
-anonymous input at the same station gains is such an imitation; and a wrong name distorts what it is put beside.
+By itself: its gain is enough, its size matters, is clear and possible, and kinematics do not refute it. In a set: it is
+sure, it makes nothing worse, and what was missing where it enters is gone. An effect outside the catalogue can be
+imitated in part by something in it. A cause that leaves most of what an anonymous input at the same station gains is
+such an imitation; and a wrong name distorts what it is put beside.
 """
 
 from __future__ import annotations
@@ -12,12 +14,82 @@ from functools import cached_property
 
 from casid.diagnosis.criteria import Criteria, DoubtCriteria
 from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
+from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
+from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure, weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
-from casid.diagnosis.naming.round import Trial
-from casid.diagnosis.naming.size import meaningful_share, missing_share
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
 from casid.model.station import Station, coefficient, reading
+
+
+def required_gain(effect: Effect, criteria: Criteria) -> float:
+    """Net drop of the deviance that a cause must reach to be named."""
+    return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
+
+
+def clear_gain(base: FlightFit) -> float:
+    """Gain at which a cause that just matters is clear: misfit of the structure, where it is not in the noise, makes
+    many sigmas of nothing."""
+    by = base.criteria.naming
+    return by.clear_of_misfit if base.flight.noise_by_fit else by.clear
+
+
+def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
+    """What the gain of a trial must pass, beside `earlier` causes.
+
+    What the rough shape of an earlier cause, or of turbulence (`required`), leaves is no evidence for another cause.
+    What kinematics find is: they include turbulence and know no aerodynamics.
+    """
+    gained = trial.gain.total if trial.effect.regressor else trial.gain.net
+    of_a_name = "naming.gain_of_an_instrument" if trial.effect.of_an_instrument else "naming.gain"
+    leave = [one.gain.raw for one in earlier if one.effect.kinematic or not trial.confirmed]
+    prices = {
+        of_a_name: required_gain(trial.effect, criteria),
+        "turbulence.left": 0.0 if trial.confirmed else required,
+        "naming.left_to_others": criteria.naming.left_to_others * max(leave, default=0.0),
+    }
+    highest = max(prices, key=lambda name: prices[name])
+    return at_least("gain", gained, prices[highest], highest)
+
+
+def can_be_named(trial: Trial) -> bool:
+    """Whether a trial gains enough, and matters or is a fault of hardware that does not."""
+    enough = trial.enough is not None and trial.enough.passed
+    return enough and (trial.meaningful or is_small(trial)) and not trial.refuted
+
+
+def is_small(trial: Trial) -> bool:
+    """Whether it is a fault of an instrument, or between a record and its surface, that is too small to matter."""
+    of_hardware = trial.effect.of_an_instrument or trial.effect.of_a_surface
+    return of_hardware and trial.share < 1.0 and plausible(trial.candidate.attached)
+
+
+def size_gates(
+    fitted: FlightFit, one: Attached, share: float, gain: float, clear: float, confirmed: bool
+) -> tuple[Gate, ...]:
+    """What the fitted size of a cause must pass: it matters, is clear, is possible, and an event begins in a record."""
+    alone = confirmed or one.effect.of_an_instrument
+    gates = (*matters(share, gain, clear, fitted.criteria, alone), *plausible_size(one))
+    if not one.onsets:
+        return gates
+    edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
+    first = {record.name: record.t[0] + edge for record in fitted.flight.records}
+    latest = max(onset - first[record] for record, onset in one.onsets.items())
+    return (*gates, at_least("onset after the beginning of a record", latest, within, "events.at_start"))
+
+
+def matters(
+    share: float, gain: float, clear: float, criteria: Criteria, unlike_aerodynamics: bool = False
+) -> tuple[Gate, ...]:
+    """What a size must pass: it is at least the smallest that matters, and clear enough to be believed, unless nothing
+    in the aerodynamics could look like it."""
+    size = at_least("size, of what matters", share, 1.0, "size.share")
+    if unlike_aerodynamics:
+        return (size,)
+    name = "naming.clear" if clear == criteria.naming.clear else "naming.clear_of_misfit"
+    return size, at_least("clearness", share**2 * gain, clear, name)
 
 
 def explains(

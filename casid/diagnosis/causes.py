@@ -8,26 +8,38 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
+from casid.diagnosis.decision import (
+    IN_A_SET,
+    MINOR,
+    NAMED,
+    REFUSED,
+    Decision,
+    Gate,
+    Trace,
+    all_passed,
+    at_least,
+    at_most,
+    merged,
+)
+from casid.diagnosis.engine.acceptance import clear_gain, matters, mostly_gone, required_gain
+from casid.diagnosis.engine.comparison import sine
+from casid.diagnosis.engine.held_out import Kept
+from casid.diagnosis.engine.onsets import Intervals
+from casid.diagnosis.engine.search import State
+from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
+from casid.diagnosis.engine.structure import is_induced_drag, is_usual
+from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, sure
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.kept import Kept
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.naming.comparing import sine
-from casid.diagnosis.naming.events import Intervals
-from casid.diagnosis.naming.explaining import mostly_gone
-from casid.diagnosis.naming.naming import Naming
-from casid.diagnosis.naming.round import Trial
-from casid.diagnosis.naming.size import meaningful_share, missing_share, plausible, plausible_size
-from casid.diagnosis.naming.structure import is_induced_drag, is_usual
-from casid.diagnosis.naming.trials import clear_gain, matters, required_gain
 from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
+from casid.model.effects import effect_of
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence
 
@@ -36,9 +48,7 @@ _LASTING = ("length", "duration")  # values that say how long an event takes
 _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta"))
 
 
-def causes_of(
-    naming: Naming, kept: Kept, turbulence: Turbulence, required: float, left: Sequence[MissingInput]
-) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor), strongest first.
 
     kept      the final fit. What is not in it lost on the held-out records, is not confirmed and minor. So is a cause
@@ -50,20 +60,22 @@ def causes_of(
     What is expected of some aircraft, and was named, is minor unless it is equivalent to another cause; what every
     aircraft has, unless it is unusually large.
     """
-    evidence, held_gains, on_held = kept.evidence, kept.gains, kept.gates
-    named, final = naming.named, evidence.fit
-    there, last = ({one.name for one in fitted.attached} for fitted in (final, naming.evidence.fit))
+    evidence, on_held = kept.evidence, kept.gates
+    named, final = state.named, evidence.fit
+    turbulence, required = state.baseline.turbulence, state.baseline.required
+    there, last = ({one.name for one in fitted.attached} for fitted in (final, state.evidence.fit))
     causes, minor, superseded, expected, small, later = [], [], [], [], [], []
     if turbulence.named:
         (causes if final.noise.coloured else minor).append(
-            turbulence_cause(turbulence, final.flight.aircraft, held_gains[0])
+            turbulence_cause(turbulence, final.flight.aircraft, kept.air_gain)
         )
-    for round_, held in zip(named, held_gains[1:], strict=True):
+    for round_ in named:
         name = round_.leader.candidate.name
+        held = kept.gains.get(name)
         gates = (on_held[name],) if name in on_held else ()
         if name not in there:
             gates = gates if name in last else (*gates, at_least("still in the model beside later causes", 0.0, 1.0))
-            (minor if name in last else superseded).append(_cause(round_.leader, naming, (), held, gates))
+            (minor if name in last else superseded).append(_cause(round_.leader, state, (), held, gates))
             continue
         if is_usual(round_.leader.effect):
             later.append((name, held))
@@ -74,10 +86,10 @@ def causes_of(
         if all_passed(final_gates):
             alone = round_.leader.effect.expected and not round_.equivalents
             group = expected if alone else causes
-            group.append(_cause(_as_in(evidence, round_.leader), naming, round_.equivalents, held, gates))
+            group.append(_cause(_as_in(evidence, round_.leader), state, round_.equivalents, held, gates))
         else:
             group = superseded if round_.leader.meaningful else small
-            group.append(_cause(_as_in(evidence, round_.leader), naming, (), held, gates))
+            group.append(_cause(_as_in(evidence, round_.leader), state, (), held, gates))
     minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
     minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
     minor += [
@@ -99,6 +111,31 @@ def causes_of(
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
 
+def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause]) -> Trace:
+    """The decisions of all rounds, with what the verdict required of the causes that these named."""
+    final, small = {one.key: one for one in causes}, {one.key: one for one in minor}
+    alike = {(o["kind"], o["target"], o["term"]) for one in causes for o in one.indistinguishable_from}
+    found, told = [], set[tuple[str, str, str | None]]()
+    for number, round_ in enumerate(state.rounds, 1):
+        keys = {trial.candidate.name: trial.effect.key for trial in round_.trials}
+        for one in round_.decisions(number):
+            key = keys.get(one.cause)
+            if one.outcome == NAMED and key is not None:
+                cause = final.get(key) or small.get(key)
+                told.add(key)
+                outcome = NAMED if key in final else MINOR if key in small else REFUSED
+                one = replace(one, outcome=outcome, gates=(*one.gates, *(cause.gates if cause else ())))
+            elif one.outcome == IN_A_SET and key not in alike:
+                one = replace(one, outcome=REFUSED)
+            found.append(one)
+    before = [one for one in (*causes, *minor) if one.gates and one.key not in told]
+    put_in = [
+        Decision(cause=effect_of(one).name, round=0, outcome=NAMED if one.key in final else MINOR, gates=one.gates)
+        for one in before
+    ]
+    return Trace(decisions=merged([*put_in, *found]))
+
+
 def _concerned(evidence: Evidence, name: str) -> list[int]:
     """The numbers of the fitted records that a named cause is there in."""
     one = next(a for a in evidence.fit.attached if a.name == name)
@@ -112,32 +149,32 @@ def _still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
     return (*plausible_size(one), size)
 
 
-def too_small(naming: Naming, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
+def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
     """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
     small terms. What is missing distorts small things: while something is, only a cause that gains most of what any
     of the inputs `missing`, of whatever shape, does; then it may be what is missing."""
-    found = [_cause(trial, naming, (), None) for trial in minor_trials(naming, seen)]
+    found = [_cause(trial, state, (), None) for trial in minor_trials(state, seen)]
     if missing:
-        part = naming.criteria.verdict.minor_part
+        part = state.criteria.verdict.minor_part
         return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > part * missing[0].gain)
-    return (*found, *_small_terms(naming.evidence, {(c.target, c.term) for c in (*seen, *found)}))
+    return (*found, *_small_terms(state.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
 
-def minor_trials(naming: Naming, seen: Sequence[Cause]) -> list[Trial]:
+def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
     """Trials of the round that named nothing that gain enough, and are only too small; most gain first, and of those
     that look alike at one place the first."""
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
-    for round_ in [r for r in naming.rounds if not r.named][:1]:
+    for round_ in [r for r in state.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
             if (
-                trial.gain.net > required_gain(effect, naming.criteria)
+                trial.gain.net > required_gain(effect, state.criteria)
                 and not trial.refuted
                 and not trial.meaningful
                 and plausible(trial.candidate.attached)
                 and effect.key not in known
                 and not any(
-                    t.effect.target == effect.target and sine(t, trial) < naming.criteria.naming.alike for t in found
+                    t.effect.target == effect.target and sine(t, trial) < state.criteria.naming.alike for t in found
                 )
             ):
                 found.append(trial)
@@ -155,9 +192,9 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
 
 
 def _cause(
-    trial: Trial, naming: Naming, equivalents: Sequence[Trial], held: float | None, gates: tuple[Gate, ...] = ()
+    trial: Trial, state: State, equivalents: Sequence[Trial], held: float | None, gates: tuple[Gate, ...] = ()
 ) -> Cause:
-    one, names = trial.candidate.attached, naming.evidence.fit.batch.names
+    one, names = trial.candidate.attached, state.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
     dof, value, statistic = len(values), values["value"], trial.gain.raw + trial.gain.spared
     return Cause(
@@ -168,7 +205,7 @@ def _cause(
         std=trial.std,
         unit=effect.unit,
         records=tuple(one.onsets) if effect.timed else one.records or names,
-        onset_s=onset_intervals(naming.evidence, one, naming.intervals.get(one.name, {})) if effect.timed else None,
+        onset_s=onset_intervals(state.evidence, one, state.intervals.get(one.name, {})) if effect.timed else None,
         statistic=statistic,
         dof=dof,
         held_out_gain=held,
@@ -348,7 +385,7 @@ def still_missing(
 
 
 def verdict_of(
-    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], naming: Naming, fit: FlightFit
+    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], state: State, fit: FlightFit
 ) -> tuple[str, str, str]:
     """(verdict, its sentence, a remark besides one that names nothing)."""
     if causes:
@@ -367,13 +404,13 @@ def verdict_of(
             "",
         )
     remark = " What is expected of such an aircraft, or too small to matter, is listed as minor." if minor else ""
-    return "adequate", ADEQUATE, f"{remark}{_hint(naming)}"
+    return "adequate", ADEQUATE, f"{remark}{_hint(state)}"
 
 
-def _hint(naming: Naming) -> str:
+def _hint(state: State) -> str:
     """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
-    trials = [trial for round_ in naming.rounds if not round_.named for trial in round_.trials]
-    part, criteria = naming.criteria.verdict.hint, naming.criteria
+    trials = [trial for round_ in state.rounds if not round_.named for trial in round_.trials]
+    part, criteria = state.criteria.verdict.hint, state.criteria
     near = [
         t for t in trials if t.gain.net > part * required_gain(t.effect, criteria) and not t.refuted and t.meaningful
     ]
@@ -381,7 +418,7 @@ def _hint(naming: Naming) -> str:
         return ""
     most = max(near, key=lambda t: t.gain.net)
     one = most.candidate.attached
-    sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(naming.evidence.fit.batch.names))
+    sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(state.evidence.fit.batch.names))
     stated, gained = sentence[0].lower() + sentence[1:-1], _gain(most.gain.raw)
     return f" Not clear enough to be named, but worth a look: {stated} ({gained})."
 

@@ -8,39 +8,36 @@ from dataclasses import replace
 import numpy as np
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.causes import minor_trials, still_missing, too_small
 from casid.diagnosis.decision import at_least
+from casid.diagnosis.engine.acceptance import required_gain
+from casid.diagnosis.engine.held_out import Kept, judge_on, with_events
+from casid.diagnosis.engine.search import State
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.colour import as_coloured_as_left, as_slow_as_left
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging.held_out import judge_on, with_events
-from casid.diagnosis.judging.kept import Kept
-from casid.diagnosis.judging.verdict import minor_trials, still_missing, too_small
-from casid.diagnosis.naming.naming import Naming
-from casid.diagnosis.naming.trials import required_gain
 
 
 def what_is_left(
     kept: Kept,
-    naming: Naming,
+    state: State,
     left: Sequence[MissingInput],
     judged: tuple[tuple[Cause, ...], tuple[Cause, ...]],
-    required: float,
 ) -> tuple[tuple[Cause, ...], list[MissingInput]]:
     """(minor, unexplained): what no cause explains, unless causes do that are too small to matter.
 
     left      inputs that are missing in the fitted records
     judged    causes and minor ones
-    required  gain that a missing input must exceed where the air is turbulent
     """
-    causes, minor = judged
+    (causes, minor), required = judged, state.baseline.required
     unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, required)
     seen = (*causes, *minor)
-    small = too_small(naming, seen, unexplained)
-    nuisance = [trial.candidate.attached for trial in minor_trials(naming, seen)][:1]
-    if small and (not unexplained or _nothing_left_with(kept, nuisance, naming, causes, required)):
+    small = too_small(state, seen, unexplained)
+    nuisance = [trial.candidate.attached for trial in minor_trials(state, seen)][:1]
+    if small and (not unexplained or _nothing_left_with(kept, nuisance, state, causes, required)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
         unexplained = _missing_on_held(kept, nuisance, causes, required)
@@ -48,7 +45,7 @@ def what_is_left(
 
 
 def beside_slow_noise(
-    kept: Kept, naming: Naming, causes: Sequence[Cause], minor: Sequence[Cause]
+    kept: Kept, state: State, causes: Sequence[Cause], minor: Sequence[Cause]
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """(causes, minor): a cause is minor that gains too little for a name where noise is as slow, and instruments are as
     much off, as the model with all causes leaves them. The weakest first, and again without it."""
@@ -56,7 +53,7 @@ def beside_slow_noise(
         return tuple(causes), tuple(minor)
     slow, left = as_slow_as_left(kept.fit), list(causes)
     while left and slow.noise.slow:
-        gains = [(_share_of_required(slow, naming, cause), i) for i, cause in enumerate(left)]
+        gains = [(_share_of_required(slow, state, cause), i) for i, cause in enumerate(left)]
         share, weakest = min(gains)
         gate = at_least("gain where noise is slow, of that for a name", share, 1.0, "naming.gain")
         one = replace(left[weakest], gates=(*left[weakest].gates, gate))
@@ -70,12 +67,12 @@ def beside_slow_noise(
     return tuple(left), tuple(minor)
 
 
-def _share_of_required(slow: FlightFit, naming: Naming, cause: Cause) -> float:
+def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
     """Gain of a cause, by its 1-sigma, over that for a name; any of what is no number of the fit, as moving air."""
     slots = {slot.name for slot in slow.slots}
     for one in slow.attached:
         if one.effect.key == (cause.kind, cause.target, cause.term) and one.name in slots:
-            return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, naming.criteria)
+            return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, state.criteria)
     return np.inf
 
 
@@ -121,10 +118,10 @@ def _missing_on_held(
 
 
 def _nothing_left_with(
-    kept: Kept, nuisance: Sequence[Attached], naming: Naming, causes: Sequence[Cause], required: float
+    kept: Kept, nuisance: Sequence[Attached], state: State, causes: Sequence[Cause], required: float
 ) -> bool:
     """Whether nothing is missing in the fitted records once a `nuisance` cause stands beside all that were named."""
-    if not kept.has_all(naming):
+    if not kept.has_all(state):
         return False
     evidence = weigh(kept.with_effects(nuisance))
     return not still_missing(evidence, missing_inputs(evidence), causes, required)

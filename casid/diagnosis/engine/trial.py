@@ -1,4 +1,4 @@
-"""What a round of naming found: the candidates, those that were fitted, and what each of them gains."""
+"""What a round of the search found: the candidates, those that were fitted, and what each of them gains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from casid.diagnosis.decision import IN_A_SET, NAMED, NOT_TRIED, REFUSED, Decision, Gate, all_passed
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.effect import Effect
 
@@ -58,8 +57,6 @@ class Trial:
     ----------
     candidate
         With the fitted values; `std` of its value.
-    fit
-        The whole fit, kept of a round's leader only.
     fingerprint
         Its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once.
     gain
@@ -72,7 +69,7 @@ class Trial:
         What its gain had to pass to be named; None when it was not fitted.
     inflation
         Factor by which its gain, or where another leads what it is behind that, counts for less than it seems beside
-        what the last model leaves (`naming.tempering`).
+        what the last model leaves (`comparison.tempered`).
     check
         What kinematics say of it.
     given_up
@@ -81,7 +78,6 @@ class Trial:
 
     candidate: Candidate
     std: float
-    fit: FlightFit | None
     fingerprint: np.ndarray
     gain: Gain
     share: float
@@ -124,7 +120,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Round:
-    """One round of naming.
+    """One round of the search.
 
     Attributes
     ----------
@@ -194,10 +190,3 @@ class Round:
     def rivals(self) -> tuple[Trial, ...]:
         """The other causes that were fitted, best first."""
         return self.trials[1:]
-
-    @property
-    def fitted(self) -> FlightFit:
-        """The fit with the named cause. Raises ValueError for a round that named none."""
-        if self.leader.fit is None:
-            raise ValueError("this round named no cause")
-        return self.leader.fit

@@ -1,0 +1,86 @@
+"""The baseline of a search: noise, outliers and input timing decided, kinematics judged, expected structure put in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.structure import demanded_offsets, demanded_structure
+from casid.diagnosis.flight.colour import in_colour, is_far, unread
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.input_timing import as_inputs_run
+from casid.diagnosis.flight.outliers import without_outliers
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.kinematics.stage import KinematicFindings, comes_near, judge_kinematics
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Baseline:
+    """The model before any cause.
+
+    calm        the file refitted, in calm air
+    structure   terms that every aircraft has and that the data demand, and nuisance errors of instruments
+    structured  the fit with these
+    start       the same in the air as it moves
+    kinematics  what instruments and air say by themselves
+    """
+
+    calm: FlightFit
+    structure: list[Attached]
+    structured: FlightFit
+    start: FlightFit
+    kinematics: KinematicFindings
+
+    @property
+    def flight(self) -> Flight:
+        return self.calm.flight
+
+    @property
+    def criteria(self) -> Criteria:
+        return self.calm.criteria
+
+    @property
+    def turbulence(self) -> Turbulence:
+        return self.kinematics.turbulence
+
+    @property
+    def required(self) -> float:
+        """Gain that the rough model of turbulence leaves to others, and that is no evidence for a cause."""
+        return self.turbulence.criteria.left * self.turbulence.gain if self.turbulence.named else 0.0
+
+    def without_causes(self, named: Collection[tuple[str, str, str | None]]) -> FlightFit:
+        """The model before any cause: a term of the structure may have been `named` as one."""
+        of_structure = any(one.effect.key in named for one in self.structure)
+        return self.calm if of_structure and not self.turbulence.named else self.start
+
+
+def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
+    """The baseline of a flight with the effects that its file has.
+
+    The noise is that which was read from the records, unless neither the refitted file nor kinematics come near the
+    data under it: then it is what the fit leaves.
+    """
+    say("refit of the file")
+    calm = fit(flight, known, flight.noise(), iterations=20)
+    if is_far(calm, flight.criteria.noise.far_from_data) and not comes_near(flight, known):
+        flight = unread(flight)
+        calm = fit(flight, known, flight.noise(), iterations=20)
+    calm = as_inputs_run(in_colour(without_outliers(calm)))
+    say("kinematics")
+    found = judge_kinematics(calm.flight, known, demanded_offsets(calm), calm)
+    say("refit of the file")
+    return baseline_from(calm, found)
+
+
+def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
+    """The baseline of a refitted file and its kinematics."""
+    structure = [*demanded_structure(calm), *found.nuisance]
+    structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm)) if structure else calm
+    moving = found.turbulence
+    start = in_colour(kinematics.in_turbulence(calm.flight, moving, structured)) if moving.named else structured
+    return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)

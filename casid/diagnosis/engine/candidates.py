@@ -1,0 +1,143 @@
+"""Which causes are worth a fit, by what a linearisation promises of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.decision import Gate, all_passed, at_least
+from casid.diagnosis.engine.acceptance import clear_gain
+from casid.diagnosis.engine.comparison import look_alike
+from casid.diagnosis.engine.size import meaningful_share
+from casid.diagnosis.evidence.screening import Candidate, equivalence
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.model.effect import Effect, Values
+
+Screened = Mapping[str, tuple[Gate, ...]]  # name of a candidate that is not tried -> its gates, of which one failed
+
+
+def worth_trying(
+    base: FlightFit, rankings: Sequence[Sequence[Candidate]], switches: Sequence[Candidate], required: float
+) -> tuple[list[Candidate], Screened]:
+    """The best few of each of the `rankings`, most of the first, and why the others are not tried.
+
+    They must promise the `required` gain, unless kinematics may confirm them, and a size that matters at all. A
+    configuration change is scored in one record only, so it cannot be ranked with the others.
+    """
+    criteria = base.criteria
+    trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
+    apart = criteria.events.apart
+    first, *others_ranked = rankings
+    chosen, screened = _best_few(base, first, trials)
+    switching, others = _best_few(base, switches, 1)
+    chosen, screened = [*chosen, *switching], {**others, **screened}
+    for ranking in others_ranked:
+        before = tuple(chosen)
+        further, others = _best_few(base, ranking, few)
+        chosen += [c for c in further if not any(is_same(c.attached, b.attached, apart) for b in before)]
+        screened = {**others, **screened}
+    faint = {c.name: gates for c in chosen if not all_passed(gates := _beside_turbulence(c, required, criteria))}
+    chosen = [c for c in chosen if c.name not in faint]
+    tried = {c.name for c in chosen}
+    return chosen, {name: gates for name, gates in {**screened, **faint}.items() if name not in tried}
+
+
+def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria) -> tuple[Gate, ...]:
+    """What a cause must promise of the gain that the rough model of turbulence leaves to others."""
+    if candidate.attached.effect.kinematic:
+        return ()
+    part = criteria.naming.tried_gain * required
+    return (at_least("promised gain beside turbulence", candidate.net, part, "naming.tried_gain"),)
+
+
+def is_same(one: Attached, other: Attached, apart: float) -> bool:
+    """Whether two candidates are one: an event at another time, `apart` [s] or more, or the other way, is another."""
+    if one.name != other.name or not one.effect.timed:
+        return one.name == other.name
+    near = all(abs(other.onsets.get(record, np.inf) - onset) < apart for record, onset in one.onsets.items())
+    return near and one.values["value"] * other.values["value"] > 0.0
+
+
+def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> tuple[list[Candidate], Screened]:
+    """`count` of them, no more than two terms of one coefficient; and beside these such as promise the same, for
+    they may be one set. And why the others are not tried."""
+    numerics, screened = base.criteria.numerics.naming, dict[str, tuple[Gate, ...]]()
+    chosen: list[Candidate] = []
+    alike: list[Candidate] = []
+    for candidate in candidates:
+        effect, enough = candidate.attached.effect, _promised_gain(candidate, base.criteria)
+        if not enough.passed or len(chosen) == count:
+            rank = at_least("places left among those tried", count - len(chosen), 1.0)
+            screened[candidate.name] = (enough, *((rank,) if enough.passed else ()))
+            continue
+        gates = (enough, *_promised_size(base, candidate))
+        if not all_passed(gates):
+            screened[candidate.name] = gates
+            continue
+        terms = [
+            c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
+        ]
+        if effect.quasi_steady and len(terms) >= numerics.terms:
+            near = terms[0].net - candidate.net < equivalence(terms[0].net, base.criteria)
+            if len(terms) < numerics.equivalent_terms and near:
+                alike.append(candidate)
+            else:
+                rank = at_least("places left among terms of its coefficient", numerics.terms - len(terms), 1.0)
+                screened[candidate.name] = (*gates, rank)
+            continue
+        chosen.append(candidate)
+    names = {one.name for one in (*chosen, *alike)}
+    others = [c for c in candidates if c.name not in names and _promised_gain(c, base.criteria).passed]
+    alike += [c for c in others if any(_promise_the_same(c, one, base.criteria) for one in chosen)]
+    return [*chosen, *alike], screened
+
+
+def _promised_gain(candidate: Candidate, criteria: Criteria) -> Gate:
+    """What a cause must promise to be fitted."""
+    by = criteria.naming
+    return at_least("promised gain", candidate.net, by.tried_gain * by.gain, "naming.tried_gain")
+
+
+def _promised_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
+    """The size that a cause must promise to be fitted, in units of what matters, and how clear that must be."""
+    share, by = meaningful_share(base, candidate.attached), base.criteria.naming
+    gates = (at_least("promised size", share, by.tried_size, "naming.tried_size"),)
+    if candidate.attached.effect.of_an_instrument:
+        return gates
+    clear = share**2 * candidate.statistic / clear_gain(base)
+    return (*gates, at_least("promised clearness", clear, by.tried_clear, "naming.tried_clear"))
+
+
+def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
+    """Whether two causes that are no terms act at the same place, as a lag and a delay do, and neither leads."""
+    effect, second = one.attached.effect, other.attached.effect
+    of_one_place = effect.target == second.target and not (effect.quasi_steady or second.quasi_steady)
+    return of_one_place and abs(one.net - other.net) < equivalence(other.net, criteria)
+
+
+def with_look_alikes(
+    candidates: Sequence[Candidate], effects: Sequence[Effect], records: Sequence[str]
+) -> list[Candidate]:
+    """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
+    screening finds them. A shift of the centre of gravity moves the accelerometers the other way. And what only shows
+    as a difference between records, the other way in all others: beside the difference, the level may show."""
+    found, names = [], {c.name for c in candidates}
+    for candidate in candidates:
+        one = candidate.attached
+        found.append(candidate)
+        if one.effect.relative and one.records:
+            others = tuple(name for name in records if name not in one.records)
+            found.append(replace(candidate, attached=replace(one, records=others, values=_reversed(one.values))))
+        for effect in (e for e in effects if e.name not in names):
+            if look_alike(effect, one.effect):
+                alike = Attached(effect=effect, values=_reversed({"value": one.values["value"]}), records=one.records)
+                found.append(replace(candidate, attached=alike))
+    return found
+
+
+def _reversed(values: Values) -> Values:
+    return {**values, "value": -values["value"]}

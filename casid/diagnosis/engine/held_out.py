@@ -1,0 +1,326 @@
+"""Records that no fit has seen: which causes of a model they bear out.
+
+Only initial states, and onsets of events, are found anew there. What the fitted records leave open of derivatives and
+effects stays open (`predicted`). By the chain rule of probability ln p(held-out | fitted) adds to the evidence of the
+fitted records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from casid.diagnosis.criteria import HeldOutCriteria
+from casid.diagnosis.decision import Gate, at_least
+from casid.diagnosis.engine.acceptance import required_gain
+from casid.diagnosis.engine.baseline import Baseline
+from casid.diagnosis.engine.onsets import at_peak
+from casid.diagnosis.engine.search import State
+from casid.diagnosis.engine.trial import Trial
+from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.colour import in_colour
+from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
+from casid.diagnosis.flight.fit import all_free, fit, without
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.forces import without_aerodynamics
+from casid.diagnosis.kinematics.kinematics import forceless_noise
+from casid.errors import InputError
+from casid.model.applied import with_estimates
+from casid.native.processors import side_by_side
+from casid.records.record import Record
+
+
+def split(
+    records: Sequence[Record], hold_out: Sequence[Record], criteria: HeldOutCriteria
+) -> tuple[list[Record], list[Record]]:
+    """(records to fit, records held back). Without `hold_out` the last record is held back, or of a single one its last
+    third, or what the `criteria` leave of it. Raises InputError when two records share a name."""
+    if not records:
+        raise InputError("no record to diagnose")
+    names = [r.name for r in (*records, *hold_out)]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise InputError(f"two records are named '{twice[0]}'; names must differ")
+    if hold_out:
+        return list(records), list(hold_out)
+    if len(records) > 1:
+        return list(records[:-1]), [records[-1]]
+    only = records[0]
+    cut = only.t[0] + criteria.fitted_part * only.duration
+    part = "last third" if criteria == HeldOutCriteria() else "last part"
+    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
+
+
+def predicted_on(records: Sequence[Record], fitted: FlightFit) -> Predicted:
+    """`judge_on`, and how likely the fitted records make these."""
+    return predicted(judge_on(records, fitted), fitted)
+
+
+def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
+    """The fitted model on other records, derivatives and effects fixed; noise that is what a fit leaves is what it
+    leaves there."""
+    held = fitted.flight.with_records(with_estimates(fitted.flight.aircraft, fitted.derivatives, {}), records)
+    steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
+    base = in_colour(fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0), free="states")
+    for one in fitted.attached:
+        if one.records:
+            without = _states(base, [a for a in base.attached if a.name != one.name])
+            base = min(base, without, key=lambda f: f.deviance)
+    recurring = [a for a in fitted.attached if a.effect.recurring]
+    for one in (*recurring, *recurring[:-1]):  # once more, beside those that were not there yet
+        base = _recurred(base, one)
+    return base
+
+
+def with_events(held: FlightFit, fitted: FlightFit) -> FlightFit:
+    """The fit of held-out records with those events too that need not repeat, where they do."""
+    for one in fitted.attached:
+        if one.effect.timed and not one.effect.recurring:
+            held = _recurred(held, one)
+    return held
+
+
+def _recurred(base: FlightFit, one: Attached) -> FlightFit:
+    """The fit with the event where it helps most, or without it, whichever is better."""
+    others = [a for a in base.attached if a.name != one.name]
+    without = base if len(others) == len(base.attached) else _states(base, others)
+    found = [base, without]
+    if onsets := _onsets(without, one):
+        moved = _states(without, [*others, replace(one, onsets=onsets)])
+        moves = base.criteria.numerics.events.held_out_moves
+        found.append(at_peak(weigh(moved, discrepancy=False), moves, free="states")[0].fit)
+    return min(found, key=lambda f: f.deviance)
+
+
+def _states(base: FlightFit, attached: Sequence[Attached]) -> FlightFit:
+    return fit(base.flight, attached, base.noise, base, free="states", iterations=4, tolerance=1.0)
+
+
+def _everywhere(one: Attached) -> Attached:
+    return replace(one, records=())
+
+
+def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
+    """Where the event, at its known size, helps most in each record; a record that it does not help is left out."""
+    judge, found = Screen(weigh(base, discrepancy=False)), {}
+    size = one.values["value"]
+    further = {k: v for k, v in one.values.items() if k != "value"}
+    effect = replace(one.effect, grid=({**further, "value": size},))
+    step, length = judge.criteria.numerics.events.gust_step, further.get("length", np.inf)
+    prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, step, length))
+    for r, record in enumerate(base.flight.records):
+        drops = [judge.drop(print_, r) for print_ in prints]  # none in records too short for an event
+        if max(drops, default=0.0) > 2.0 * np.log(max(len(prints), 1)):
+            found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
+    return found
+
+
+def kinematic_gain(
+    flight: Flight,
+    held: Sequence[Record],
+    before: FlightFit,
+    after: FlightFit,
+    moving: Mapping[str, tuple[float, float]],
+) -> float:
+    """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
+    is wrong with the aerodynamics of the held-out records cannot refuse it."""
+    there = without_aerodynamics(flight.with_records(flight.aircraft, held))
+    noise = forceless_noise(there, moving)
+    found = []
+    for step in (before, after):
+        faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
+        found.append(fit(there, faults, noise, free="states", iterations=6, tolerance=1.0))
+    return 0.5 * (found[0].data_deviance - found[1].data_deviance) / found[1].readings
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Kept:
+    """The model whose causes the held-out records bear out.
+
+    evidence             of it, in the fitted records
+    held_fit, held_calm  of it and of the refitted file, in the others
+    structure            the terms put in beforehand of which the records are sure, which together gained
+    gains                log likelihood per held-out sample by each cause, and by the `structure` and the moving `air`;
+                         None where there is none, and for an event that the held-out records do not repeat
+    gates                what each cause had to pass on the held-out records, by name
+    """
+
+    evidence: Evidence
+    held_fit: FlightFit
+    held_calm: FlightFit
+    structure: list[Attached]
+    structure_gain: float | None
+    air_gain: float | None
+    gains: Mapping[str, float | None]
+    gates: Mapping[str, Gate]
+
+    @property
+    def fit(self) -> FlightFit:
+        return self.evidence.fit
+
+    def has_all(self, state: State) -> bool:
+        """Whether every cause that stands in the search's last model is in it."""
+        return {one.leader.effect.key for one in state.standing} <= {one.effect.key for one in self.fit.attached}
+
+    def with_effects(self, nuisance: Sequence[Attached]) -> FlightFit:
+        """The fit with further effects."""
+        return fit(self.fit.flight, [*self.fit.attached, *nuisance], self.fit.noise, self.fit)
+
+
+def keep(held: Sequence[Record], state: State) -> Kept:
+    """The causes of a search that `held` records bear out: those that lose are taken out, the one that loses most
+    first, for it may be why another lost. And without terms of the structure of which the records are not sure."""
+    begun, final = state.baseline, state.fit
+    steps = [
+        begun.calm,
+        *([begun.structured] if begun.structure else []),
+        *([begun.start] if begun.turbulence.named else []),
+    ]
+    calm, *others, there = side_by_side(lambda step: predicted_on(held, step), [*steps, final])
+    gates: dict[str, Gate] = {}
+    gains: dict[str, float | None] = {}
+    causes = {one.leader.candidate.name: one.leader for one in state.standing}
+    while causes:
+        left_out = side_by_side(partial(_left_out, final), list(causes))
+        on_held = side_by_side(lambda model: predicted_on(held, model), left_out)
+        tested = {
+            name: _gain_of(one, (model, on_it), (final, there), held, begun)
+            for (name, one), model, on_it in zip(causes.items(), left_out, on_held, strict=True)
+        }
+        gains |= tested
+        gates |= {name: _borne_out(causes[name], gain, there, state) for name, gain in tested.items()}
+        worst = min(causes, key=lambda name: gates[name].value)
+        if gates[worst].passed:
+            break
+        at = list(causes).index(worst)
+        final, there = left_out[at], on_held[at]
+        del causes[worst]
+    evidence = state.evidence if final is state.fit else weigh(final)
+    structure = [*begun.structure, *_put_in_later(begun, final)]
+    unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
+    held_fit = there.fit
+    if unsure:  # a term that these records do not determine takes any size
+        final = without(final, unsure)
+        evidence, held_fit = weigh(final), judge_on(held, final)
+    return Kept(
+        evidence=evidence,
+        held_fit=held_fit,
+        held_calm=calm.fit,
+        structure=[one for one in structure if one.name not in unsure],
+        structure_gain=_per_sample(calm, others[0]) if begun.structure else None,
+        air_gain=_per_sample(([calm, *others])[-2], others[-1]) if begun.turbulence.named else None,
+        gains=gains,
+        gates=gates,
+    )
+
+
+def _left_out(fitted: FlightFit, name: str) -> FlightFit:
+    return without(fitted, {name})
+
+
+def _per_sample(before: Predicted, after: Predicted) -> float:
+    """Log likelihood per held-out sample that one model gains over another."""
+    return 0.5 * (before.deviance - after.deviance) / after.fit.readings
+
+
+def _gain_of(
+    cause: Trial,
+    before: tuple[FlightFit, Predicted],
+    after: tuple[FlightFit, Predicted],
+    held: Sequence[Record],
+    begun: Baseline,
+) -> float | None:
+    """Log likelihood per held-out sample that a cause adds to a model; None for an event that is not repeated there.
+
+    An instrument that kinematics find and that loses is judged by the held-out kinematics, which know no aerodynamics.
+    """
+    (model, without_it), (extended, with_it) = before, after
+    if cause.candidate.name not in {one.name for one in with_it.fit.attached}:
+        return None
+    gain = _per_sample(without_it, with_it)
+    if gain < 0.0 and cause.confirmed and cause.effect.of_an_instrument:
+        air = begun.turbulence
+        moving = kinematics.gusts(begun.flight, air.sigma, length=air.length) if air.named else {}
+        return kinematic_gain(begun.flight, held, model, extended, moving)
+    return gain
+
+
+def _borne_out(cause: Trial, gain: float | None, there: Predicted, state: State) -> Gate:
+    """What a cause must pass with the held-out records: what it gains there, and on the fitted ones beyond what it must
+    for a name, is more than nothing."""
+    spare = cause.gain.net - required_gain(cause.effect, state.criteria)
+    return at_least("gain with held-out records", 2.0 * there.fit.readings * (gain or 0.0) + spare, 0.0)
+
+
+def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
+    """Nuisance errors of instruments that were put in for what was named."""
+    before = {one.name for one in begun.structure}
+    return [one for one in final.attached if one.nuisance and one.name not in before]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Predicted:
+    """A fitted model on held-out records: their `fit`, in which nothing but the motion is fitted, and the `deviance`
+    -2 ln p(held-out readings | fitted ones), up to a constant of the data."""
+
+    fit: FlightFit
+    deviance: float
+
+
+def predicted(held: FlightFit, fitted: FlightFit) -> Predicted:
+    """The density is that of the model linearised about its values, with these, and small terms of the structure, as
+    uncertain and as correlated as the fitted records leave them (the posterior predictive density).
+
+    By the values alone, a cause that is right loses where the fitted records tell little of the derivatives that decide
+    on the held-out ones: an aileron manoeuvre does not tell what the rudder does.
+    """
+    known, there = weigh(fitted), weigh(all_free(held))
+    mean, information = _expected(known, there)
+    gram, slope = _data(there)
+    posterior = gram + information
+    pull = slope + information @ mean
+    moved = float(mean @ information @ mean) - float(pull @ scaled_inverse(posterior) @ pull)
+    volume = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(information)[1]
+    return Predicted(fit=held, deviance=there.fit.data_deviance + moved + float(volume))
+
+
+def _data(there: Evidence) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations of slots and small terms by the held-out readings alone."""
+    gram, slope, k = there.sums.gram.copy(), there.sums.slope.copy(), len(there.fit.slots)
+    gram[range(k), range(k)] -= there.fit.prior_weight
+    slope[:k] += there.fit.prior_pull
+    return gram, slope
+
+
+def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]:
+    """(mean, information) of the slots and small terms of the held-out evidence by the fitted records; what these know
+    nothing of has its prior."""
+    names, before = _names(there), _names(known)
+    both = [name for name in names if name in before]
+    at: np.ndarray = np.array([names.index(name) for name in both], dtype=int)
+    of: np.ndarray = np.array([before.index(name) for name in both], dtype=int)
+    unit = (
+        np.r_[np.ones(len(known.fit.slots)), known.factors][of]
+        / np.r_[np.ones(len(there.fit.slots)), there.factors][at]
+    )
+    scale = np.array([known.scales.get(c, 1.0) for c, _ in there.terms])
+    prior = np.asarray(block_diag(np.diag(there.fit.prior_weight), there.small_information / scale[:, None] / scale))
+    mean = np.zeros(len(names))
+    mean[at] = known.newton[of] * unit
+    information = np.zeros((len(names), len(names)))
+    others = np.array([i for i, name in enumerate(names) if name not in before], dtype=int)
+    information[others[:, None], others] = prior[others[:, None], others]
+    information[at[:, None], at] = scaled_inverse(known.covariance[of[:, None], of] * unit[:, None] * unit)
+    return mean, information
+
+
+def _names(evidence: Evidence) -> list[object]:
+    return [*(slot.name for slot in evidence.fit.slots), *evidence.terms]

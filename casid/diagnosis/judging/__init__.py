@@ -1,1 +1,0 @@
-"""Held-out records and the verdict."""

@@ -1,1 +1,0 @@
-"""Naming by rules: trials, events, what explains what is missing."""
