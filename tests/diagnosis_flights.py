@@ -9,10 +9,10 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import at_least
+from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.diagnosis.kinematics.check import KinematicCheck
-from casid.diagnosis.engine.trial import Gain, Trial
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.operators import TURNING, turned
@@ -135,7 +135,6 @@ def trial_of(
     return Trial(
         candidate=candidate,
         std=1.0,
-        fit=None,
         fingerprint=np.array(fingerprint),
         gain=Gain(raw=gain, price=0.0, spared=spared, exact=gain + spared if exact is None else exact),
         share=share,

@@ -80,7 +80,7 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
         if is_usual(round_.leader.effect):
             later.append((name, held))
             continue
-        beside_all = sure(evidence, name, _concerned(evidence, name)), _still_matters(final, name)
+        beside_all = sure(evidence, name, _concerned(evidence, name)), still_matters(final, name)
         final_gates = tuple(replace(g, gate=f"{g.gate}, in the final model") for some in beside_all for g in some)
         gates = (*gates, *final_gates)
         if all_passed(final_gates):
@@ -142,7 +142,7 @@ def _concerned(evidence: Evidence, name: str) -> list[int]:
     return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
 
 
-def _still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
+def still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
     """What the size of a named cause must pass beside those that were named after it: it matters, and is possible."""
     one = next(a for a in fit.attached if a.name == name)
     size = at_least("size, of what matters", meaningful_share(fit, one), 1.0, "size.share")

@@ -9,6 +9,7 @@ from diagnosis_flights import NOISE, flights, rough_file
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
+from casid.diagnosis.flight.fit import without
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import (
     accelerometer_position,
@@ -125,8 +126,7 @@ def test_a_term_that_small_terms_hide_is_looked_for_after_nothing_else_is_missin
     )
     found = diagnose(rough_file(), flights(hidden, seed=5, count=3))
     assert {(c.kind, c.target, c.term) for c in found.causes} == {one.effect.key for one in hidden}, str(found)
-    first = found.rounds[0].fitted
-    assert first.attached[-1].effect.key == hidden[0].effect.key
+    first = without(found.extended.fit, {hidden[1].name})
     assert missing_inputs(weigh(first))[0].gain < 30.0
     assert next(c for c in found.causes if c.term).value == pytest.approx(14.0, rel=0.05)
 
@@ -246,7 +246,7 @@ def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more
     found = diagnose(rough_file(), records)
     assert (found.verdict, found.causes) == ("values wrong", ()), str(found)
     assert ("Cm", "alpha^2*delta_e") in {(c.target, c.term) for c in found.minor}
-    monkeypatch.setattr("casid.diagnosis.judging.left.minor_trials", lambda *_: [])
+    monkeypatch.setattr("casid.diagnosis.engine.unexplained.minor_trials", lambda *_: [])
     assert diagnose(rough_file(), records).verdict == "unexplained"
 
 

@@ -139,11 +139,11 @@ def look_alike(one: Effect, other: Effect) -> bool:
 
 def tempered(rounds: Sequence[Round], evidence: Evidence) -> tuple[Round, ...]:
     """Rounds of a search with their gains counted beside what its last model leaves, and what is equivalent by that."""
-    left = _Left(evidence)
+    left = Remainder(evidence)
     return tuple(_tempered(one, left, evidence.criteria) if one.named else one for one in rounds)
 
 
-def _tempered(round_: Round, left: _Left, criteria: Criteria) -> Round:
+def _tempered(round_: Round, left: Remainder, criteria: Criteria) -> Round:
     best = replace(round_.leader, inflation=left.inflation(_response(round_.leader)))
     rivals = [replace(one, inflation=left.inflation(_difference(round_.leader, one))) for one in round_.rivals]
     earlier = {one.effect.key for one in round_.equivalents}
@@ -165,7 +165,7 @@ def _difference(one: Trial, other: Trial) -> np.ndarray:
     return a - np.copysign(1.0, a @ b) * b if a.size == b.size else np.zeros(0)
 
 
-class _Left:
+class Remainder:
     """What a fit leaves of the readings, its small terms fitted too, by stretches of record."""
 
     def __init__(self, evidence: Evidence) -> None:

@@ -84,15 +84,15 @@ class State:
 
 def search(baseline: Baseline, say: Say) -> State:
     """The set of causes, from a baseline on."""
-    state = _grown(_at(baseline), say)
+    state = _grown(at_baseline(baseline), say)
     for condition in _CONDITIONS:
         other = condition(state, say)
         if other is not None:
-            state = _grown(_dropped(_carried(other, state)), say)
+            state = _grown(dropped(carried(other, state)), say)
     return state
 
 
-def _at(baseline: Baseline) -> State:
+def at_baseline(baseline: Baseline) -> State:
     """Without any cause."""
     evidence, found = weigh(baseline.start), baseline.kinematics
     return State(
@@ -114,11 +114,11 @@ def _grown(state: State, say: Say) -> State:
     catalogue: Sequence[Effect] = state.fit.flight.effects
     for _ in range(len(state.rounds), numerics.rounds):
         say(f"naming, round {len(state.rounds) + 1}")
-        state = _added(state, catalogue)
+        state = added(state, catalogue)
         if not state.rounds[-1].named:
             break
         gates = _believed(accepted, state)
-        if not all_passed(gates) and (other := _swapped(state)) is not state:
+        if not all_passed(gates) and (other := swapped(state)) is not state:
             state, gates = other, _believed(accepted, other)
         state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], believed=gates)))
         if all_passed(gates):
@@ -129,7 +129,7 @@ def _grown(state: State, say: Say) -> State:
             nonlinear = state.evidence.nonlinear
             catalogue = [one for one in catalogue if one.of_an_instrument or (nonlinear and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
-    accepted = _swapped(accepted)
+    accepted = swapped(accepted)
     return replace(accepted, rounds=(*accepted.rounds, *refused))
 
 
@@ -139,7 +139,7 @@ def _believed(accepted: State, state: State) -> tuple[Gate, ...]:
     return explains(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ()
 
 
-def _added(state: State, catalogue: Sequence[Effect]) -> State:
+def added(state: State, catalogue: Sequence[Effect]) -> State:
     """With the best cause that can be named beside those of the state, those that it makes needless dropped; with a
     round that names none, where there is none."""
     criteria, taken = state.criteria, {one.effect.key for one in state.fit.attached}
@@ -257,7 +257,7 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     return evidence.fit[name] ** 2 > by.needed * by.gain * evidence.covariance[index, index]
 
 
-def _dropped(state: State) -> State:
+def dropped(state: State) -> State:
     """Without the causes that are not needed beside the others."""
     evidence = _without_needless(state.evidence, state)
     if evidence is state.evidence:
@@ -270,7 +270,7 @@ def _names(fitted: FlightFit) -> set[str]:
     return {one.name for one in fitted.attached}
 
 
-def _swapped(state: State) -> State:
+def swapped(state: State) -> State:
     """With each cause but the last compared once more with its near rivals, beside those named since: what was missing
     when it was named may have decided between them."""
     for at in range(len(state.rounds) - 1):
@@ -344,11 +344,11 @@ def _in_colour(evidence: Evidence) -> Evidence:
     return evidence if fitted is evidence.fit else weigh(fitted)
 
 
-def _carried(baseline: Baseline, state: State) -> State:
+def carried(baseline: Baseline, state: State) -> State:
     """The causes of a state put into another baseline."""
     names = {one.leader.candidate.name for one in state.standing}
     causes = [one for one in state.fit.attached if one.name in names]
-    start = _at(baseline)
+    start = at_baseline(baseline)
     rounds = tuple(one for one in state.rounds if one.named)
     if not causes:
         return start

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.diagnosis.causes import still_matters
 from casid.diagnosis.decision import all_passed
 from casid.diagnosis.evidence.evidence import is_sure, jackknife, left_open, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judging import verdict
 from casid.model.causes import (
     effectiveness_change,
     gust,
@@ -72,6 +72,6 @@ def test_a_value_whose_interval_holds_zero_is_not_sure() -> None:
     flight = prepare(do328(), flights([flown], seed=6, count=2))
     evidence = weigh(fit(flight, [flown, absent], flight.noise()))
     assert is_sure(evidence, "effectiveness_change(delta_r)")
-    assert all_passed(verdict._still_matters(evidence.fit, "effectiveness_change(delta_r)"))
+    assert all_passed(still_matters(evidence.fit, "effectiveness_change(delta_r)"))
     assert not is_sure(evidence, "effectiveness_change(delta_e)")
-    assert not all_passed(verdict._still_matters(evidence.fit, "effectiveness_change(delta_e)"))
+    assert not all_passed(still_matters(evidence.fit, "effectiveness_change(delta_e)"))

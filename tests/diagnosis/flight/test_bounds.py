@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from casid.diagnosis.criteria import SizeCriteria
+from casid.diagnosis.engine.size import plausible
 from casid.diagnosis.flight.bounds import inertia_bounds, possible
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.engine.size import plausible
 from casid.model.causes import accelerometer_position, cg_offset, inertia, mass, vane_position
 from problems.do328 import do328
 

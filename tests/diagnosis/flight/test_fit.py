@@ -19,6 +19,7 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.held_noise import as_strong
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import gusts
+from casid.errors import InputError
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
     actuator_lag,
@@ -212,3 +213,11 @@ def test_no_cause_gains_by_making_a_control_stronger() -> None:
     now = evaluate(work, (), strong, base.motion)
     assert now.acting.inputs["d_delta_a"] == pytest.approx(0.5 * base.acting.inputs["d_delta_a"], rel=0.01)
     assert now.acting.inputs["d_delta_e"] == pytest.approx(base.acting.inputs["d_delta_e"], rel=0.01)
+
+
+def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
+    """With the stability of another sign and a million times as strong nothing can be filtered."""
+    wild = do328().with_derivatives({"Cm_alpha": 1e9, "Cn_beta": -1e9})
+    flight = prepare(wild, flights(seed=1, count=1))
+    with pytest.raises(InputError, match="diverges along the records"):
+        fit(flight, [], flight.noise())

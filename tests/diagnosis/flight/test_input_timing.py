@@ -9,12 +9,12 @@ import pytest
 from diagnosis_flights import flights, one_round, rough_file
 
 from casid.diagnosis import diagnose as stages
+from casid.diagnosis.engine import baseline, search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.input_timing import as_inputs_run, held_share
-from casid.diagnosis.naming import baseline
 from casid.filtering.innovations import Batch
 from casid.model.causes import actuator_lag, input_delay, sensor_delay
 from casid.records.record import Record
@@ -83,7 +83,7 @@ def test_held_inputs_are_no_fault_and_hide_none(monkeypatch):
     assert found.verdict == "explained"
     assert [(c.kind, c.target) for c in found.causes] == [("actuator_lag", "delta_e")]
     assert abs(found.causes[0].value - 0.15) < 3.0 * found.causes[0].std
-    for module in (stages, baseline):
+    for module in (baseline, search):
         monkeypatch.setattr(module, "as_inputs_run", lambda fit, named=False: fit)
     without = stages.diagnose(rough_file(), records, criteria=one_round())
     assert without.verdict == "partly explained"

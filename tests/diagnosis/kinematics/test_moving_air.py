@@ -12,13 +12,13 @@ from diagnosis_flights import NOISE, flights, rough_file
 from scipy import signal
 
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.engine.onsets import at_peak
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
 from casid.diagnosis.kinematics.stage import without_turbulence
-from casid.diagnosis.engine.onsets import at_peak
 from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect

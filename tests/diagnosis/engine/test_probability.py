@@ -14,10 +14,10 @@ from diagnosis_flights import trial_of
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import at_least, at_most
-from casid.diagnosis.evidence.screening import equivalence
-from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.trial import Round, Trial
+from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import actuator_lag, gust, input_delay, sensor_bias, turbulence
 
 CRITERIA = Criteria()

@@ -7,15 +7,16 @@ from dataclasses import replace
 import pytest
 from diagnosis_flights import flights, trial_of
 
+from casid.diagnosis.engine.candidates import with_look_alikes, worth_trying
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.naming.trials import worth_trying
 from casid.model.causes import (
     actuator_lag,
     aero_term,
     input_delay,
+    mass,
     sensor_bias,
 )
 from casid.model.effect import Effect
@@ -37,7 +38,7 @@ def test_terms_that_promise_the_same_are_all_tried() -> None:
         promising(aero_term("CY", name), net) for name, net in zip(names, (9000.0, 8999.0, 8960.0, 8900.0), strict=True)
     ]
     others = [promising(sensor_bias(channel), 500.0 - i) for i, channel in enumerate(("p", "q", "r"))]
-    chosen, _ = worth_trying(base, [*terms, *others], [], [], [], 0.0)
+    chosen, _ = worth_trying(base, [[*terms, *others]], [], 0.0)
     assert [c.name for c in chosen] == [c.name for c in (*terms[:2], *others[:2], terms[2])]
 
 
@@ -52,5 +53,18 @@ def test_a_lag_and_a_delay_that_promise_the_same_are_both_tried(behind: float, t
         for effect, net in ((actuator_lag, 10000.0), (input_delay, 10000.0 - behind))
     )
     term = replace(trial_of(Attached(effect=aero_term("Cn", "beta^3"), values={"value": 9.0}), 2e4).candidate)
-    chosen, _ = worth_trying(base, [], [replace(term, statistic=2e4), lag, delay], [], [], 0.0)
+    chosen, _ = worth_trying(base, [[], [replace(term, statistic=2e4), lag, delay]], [], 0.0)
     assert (delay in chosen) == tried and lag in chosen
+
+
+def test_what_shows_as_a_difference_between_records_is_tried_in_the_others_too() -> None:
+    """Truth: a mass that is 1045 kg off in m1 and m3 is one 950 kg off in m2 to all free derivatives, and the thrust,
+    which is not free, tells which. Of the one alone, "thrust 9 % less than its record" was named beside it."""
+    light = trial_of(Attached(effect=mass(""), values={"value": -950.0}, records=("m2",))).candidate
+    late = trial_of(Attached(effect=input_delay("delta_e"), values={"value": 0.05}, records=("m2",))).candidate
+    offered = with_look_alikes([light, late], [], ("m1", "m2", "m3"))
+    assert [(c.attached.effect.kind, c.attached.values["value"], c.attached.records) for c in offered] == [
+        ("mass", -950.0, ("m2",)),
+        ("mass", 950.0, ("m1", "m3")),
+        ("input_delay", 0.05, ("m2",)),
+    ]

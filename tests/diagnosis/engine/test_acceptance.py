@@ -10,9 +10,9 @@ from diagnosis_flights import trial_of
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import all_passed
-from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.naming import explaining
+from casid.diagnosis.engine import acceptance
 from casid.diagnosis.engine.acceptance import explains as gates_of
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import (
     aero_term,
     effectiveness_change,
@@ -25,7 +25,7 @@ from problems.do328 import do328
 @pytest.fixture
 def as_much_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a structure taken as exact a cause leaves half of what is missing where it enters."""
-    monkeypatch.setattr(explaining, "_left_exactly", lambda evidence, stations: [1e5 for _ in stations])
+    monkeypatch.setattr(acceptance, "_left_exactly", lambda evidence, stations: [1e5 for _ in stations])
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_a_term_that_explains_nearly_all_is_believed_though_small_terms_would_do
     """A dihedral effect that grows with incidence, of 12 % of the rolling moment: small terms, as large as they must
     be for it, left 499 to be missing, and 481 beside it. By the structure as it is 841357 had become 598; imitations
     of stalls and rotors left 15 % and more."""
-    monkeypatch.setattr(explaining, "_left_exactly", lambda evidence, stations: [exactly for _ in stations])
+    monkeypatch.setattr(acceptance, "_left_exactly", lambda evidence, stations: [exactly for _ in stations])
     one = Attached(effect=aero_term("Cl", "alpha*beta"), values={"value": -0.4})
     trial = trial_of(one, 260.0, spared=2500.0, exact=841357.0)
     before, after = (

@@ -8,12 +8,13 @@ import pytest
 from diagnosis_flights import flights
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine import fitting as trials
+from casid.diagnosis.engine import onsets as events
+from casid.diagnosis.engine.onsets import sudden
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.naming import events, trials
-from casid.diagnosis.engine.onsets import sudden
 from casid.model.causes import configuration_change, effectiveness_change, wind_shear
 from problems.do328 import do328
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from diagnosis_flights import flights, rough_file
 
+from casid.diagnosis.engine.held_out import judge_on, predicted
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
-from casid.diagnosis.engine.held_out import judge_on
-from casid.diagnosis.engine.held_out import predicted
 
 
 def _marginal(evidence: Evidence) -> float:

@@ -9,11 +9,11 @@ import pytest
 from diagnosis_flights import NOISE, flights
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.size import meaningful_share, plausible
+from casid.diagnosis.engine.structure import is_induced_drag
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.engine.size import meaningful_share, plausible
-from casid.diagnosis.engine.structure import is_induced_drag
 from casid.model.causes import (
     actuator_lag,
     aero_term,

@@ -9,9 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.comparison import distance
+from casid.diagnosis.engine.comparison import Remainder, distance
 from casid.diagnosis.engine.trial import Gain, Trial
-from casid.diagnosis.naming.tempering import _Left
 
 N, R, RATE = 4000, 3, 25.0
 
@@ -27,7 +26,7 @@ def evidence(correlation: float, seed: int = 1) -> SimpleNamespace:
 
 
 def inflation(correlation: float, direction: np.ndarray) -> float:
-    return float(np.mean([_Left(evidence(correlation, s)).inflation(direction) for s in range(6)]))  # pyright: ignore
+    return float(np.mean([Remainder(evidence(correlation, s)).inflation(direction) for s in range(6)]))  # pyright: ignore
 
 
 def test_a_gain_along_white_noise_counts_as_it_is() -> None:
@@ -50,7 +49,6 @@ def trial(kind: str, gain: float, fingerprint: np.ndarray) -> Trial:
     return Trial(
         candidate=SimpleNamespace(attached=SimpleNamespace(effect=effect)),  # pyright: ignore
         std=1.0,
-        fit=None,
         fingerprint=fingerprint,
         gain=Gain(raw=gain, price=0.0, spared=0.0, exact=gain),
         share=2.0,
@@ -65,7 +63,7 @@ def test_two_causes_that_differ_by_something_slow_are_one_set_beside_slow_noise(
     first, second = trial("sensor_bias", 4000.0, one), trial("sensor_scale", 3800.0, other)
     round_ = SimpleNamespace(named=True, leader=first, rivals=(second,), equivalents=())
     for correlation, alike in ((0.0, False), (0.97, True)):
-        left = _Left(evidence(correlation))  # pyright: ignore
+        left = Remainder(evidence(correlation))  # pyright: ignore
         slow = left.inflation(one / np.linalg.norm(one) * 4000**0.5 - other / np.linalg.norm(other) * 3800**0.5)
         beside = Trial(**{**vars(second), "inflation": slow})
         assert (distance(round_.leader, beside, Criteria()) < 1.0) is alike

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import pytest
-from diagnosis_flights import flights
+from types import SimpleNamespace
 
+import pytest
+from diagnosis_flights import flights, trial_of
+
+from casid.diagnosis.causes import minor_trials, onset_intervals
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.causes import onset_intervals
 from casid.model.causes import (
+    actuator_lag,
     effectiveness_change,
     gust,
+    input_delay,
+    sensor_bias,
 )
 from problems.do328 import do328
 
@@ -30,3 +36,23 @@ def test_an_onset_has_room_for_what_is_not_known_of_the_length() -> None:
     assert room > 0.004
     assert wide["m2"] == pytest.approx((12.2 - room, 12.4 + room), abs=1e-3)
     assert plain == {"m2": (12.2, 12.4)}
+
+
+def test_what_looks_alike_at_one_place_is_minor_once() -> None:
+    """A delay and a lag of the elevator that are one; a bias that has the same fingerprint acts elsewhere."""
+
+    def small(one: Attached, gain: float):
+        return trial_of(one, gain, fingerprint=[1.0, 0.0], share=0.5)
+
+    lag, delay, bias = (
+        Attached(effect=effect, values={"value": value})
+        for effect, value in (
+            (actuator_lag("delta_e"), 0.05),
+            (input_delay("delta_e"), 0.05),
+            (sensor_bias("q"), 0.004),
+        )
+    )
+    trials = [small(lag, 422.0), small(delay, 424.0), small(bias, 300.0)]
+    state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)], criteria=Criteria())
+    found = [trial.candidate.name for trial in minor_trials(state, ())]  # pyright: ignore
+    assert found == ["input_delay(delta_e)", "sensor_bias(q)"]

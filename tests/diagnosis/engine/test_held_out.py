@@ -1,0 +1,100 @@
+"""Which causes held-out records bear out. Truth: the chain rule, on deviances of models written here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+
+import pytest
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine import held_out
+from casid.diagnosis.engine.held_out import keep
+
+READINGS = 1000
+
+
+def model(*names: str) -> SimpleNamespace:
+    """A fitted model with these causes."""
+    attached = [SimpleNamespace(name=name, nuisance=False, effect=SimpleNamespace(key=name)) for name in names]
+    return SimpleNamespace(attached=attached, readings=READINGS)
+
+
+def kept(
+    monkeypatch: pytest.MonkeyPatch,
+    deviances: Mapping[Sequence[str], float],
+    spare: Mapping[str, float],
+    not_repeated: Sequence[str] = (),
+) -> tuple[list[str], Mapping[str, float | None]]:
+    """(causes that are kept, gains per reading) of a search that named those of `spare`, when held-out records have
+    these deviances by set of causes."""
+    table = {frozenset(names): value for names, value in deviances.items()}
+
+    def names_of(fit: SimpleNamespace) -> list[str]:
+        return [one.name for one in fit.attached]
+
+    def predicted_on(held: object, fit: SimpleNamespace) -> SimpleNamespace:
+        there = model(*(name for name in names_of(fit) if name not in not_repeated))
+        return SimpleNamespace(fit=there, deviance=table[frozenset(names_of(fit))])
+
+    def without(fit: SimpleNamespace, names: set[str]) -> SimpleNamespace:
+        return model(*(name for name in names_of(fit) if name not in names))
+
+    monkeypatch.setattr(held_out, "predicted_on", predicted_on)
+    monkeypatch.setattr(held_out, "without", without)
+    monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit))
+    effect = SimpleNamespace(of_an_instrument=False)
+    required = Criteria().naming.gain
+    rounds = [
+        SimpleNamespace(
+            leader=SimpleNamespace(
+                candidate=SimpleNamespace(name=name),
+                gain=SimpleNamespace(net=required + more),
+                effect=effect,
+                confirmed=False,
+            )
+        )
+        for name, more in spare.items()
+    ]
+    baseline = SimpleNamespace(
+        calm=model(), structured=model(), start=model(), structure=[], turbulence=SimpleNamespace(named=False)
+    )
+    final = model(*spare)
+    state = SimpleNamespace(
+        baseline=baseline,
+        fit=final,
+        evidence=SimpleNamespace(fit=final),
+        standing=rounds,
+        criteria=Criteria(),
+    )
+    found = keep([], state)  # pyright: ignore
+    return names_of(found.fit), found.gains  # pyright: ignore
+
+
+@pytest.mark.parametrize(("loss", "names"), [(170.0, ["cause"]), (600.0, [])])
+def test_what_a_cause_loses_is_taken_from_what_it_has_to_spare(monkeypatch, loss: float, names: list[str]) -> None:
+    """A cause has 560 to spare on the fitted records; what it loses on the others is less, or more."""
+    assert kept(monkeypatch, {(): 0.0, ("cause",): loss}, {"cause": 560.0})[0] == names
+
+
+def test_a_wrong_cause_does_not_take_right_ones_with_it(monkeypatch) -> None:
+    """A wrong term loses 280; beside it two causes gain 30 and 200."""
+    deviances = {
+        (): 0.0,
+        ("term",): 280.0,
+        ("vane",): -30.0,
+        ("arm",): -180.0,
+        ("term", "vane"): 250.0,
+        ("term", "arm"): 80.0,
+        ("vane", "arm"): -210.0,
+        ("term", "vane", "arm"): 50.0,
+    }
+    assert kept(monkeypatch, deviances, {"term": 7.0, "vane": 5.0, "arm": 5.0})[0] == ["vane", "arm"]
+
+
+def test_an_event_that_is_not_in_the_held_out_records_is_not_judged_there(monkeypatch) -> None:
+    """Its gain is unknown, and it stays by what it gains on the fitted records."""
+    deviances = {(): 0.0, ("event",): 40.0, ("scale",): -100.0, ("event", "scale"): -60.0}
+    names, gains = kept(monkeypatch, deviances, {"event": 5.0, "scale": 5.0}, not_repeated=["event"])
+    assert names == ["event", "scale"]
+    assert gains == {"event": None, "scale": pytest.approx(0.05)}

@@ -1,0 +1,93 @@
+"""The moves of the search: a cause is dropped, or swapped for a rival. Truth: flights in which causes are hidden."""
+
+from __future__ import annotations
+
+import pytest
+from diagnosis_flights import flights, trial_of
+
+from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.engine.baseline import baseline_from
+from casid.diagnosis.engine.fitting import try_cause
+from casid.diagnosis.engine.search import State, dropped, swapped
+from casid.diagnosis.engine.trial import Round
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.stage import KinematicFindings
+from casid.model.causes import actuator_lag, aero_term, input_delay, sensor_bias, thrust_line
+from problems.do328 import do328
+
+LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})
+LAGGED = Attached(effect=actuator_lag("delta_e"), values={"value": 0.05})
+BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
+
+
+def state_of(flight: Flight, attached: list[Attached], rounds: tuple[Round, ...]) -> State:
+    """A search that has found these causes, in calm air."""
+    calm = fit(flight, (), flight.noise(), iterations=20)
+    still = KinematicFindings(evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=[])
+    evidence = weigh(fit(flight, attached, flight.noise(), calm, iterations=20))
+    return State(
+        baseline=baseline_from(calm, still),
+        evidence=evidence,
+        kinematic=None,
+        observed=(),
+        missing=(),
+        rounds=rounds,
+        intervals={},
+    )
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.25])
+def test_a_cause_is_dropped_that_another_explains_and_stays_when_both_are_there(lag: float) -> None:
+    """Truth: a delay alone, beside which a lag was named; and both."""
+    both = [
+        Attached(effect=actuator_lag("delta_e"), values={"value": lag}),
+        Attached(effect=input_delay("delta_e"), values={"value": 0.15}),
+    ]
+    flight = prepare(do328(), flights(both if lag else both[1:], seed=3, count=3))
+    guessed = [one.with_values({"value": 0.1}) for one in both]
+    rounds = tuple(Round(candidates=(), trials=(trial_of(one),), equivalents=(), named=True) for one in guessed)
+    kept = dropped(state_of(flight, guessed, rounds)).fit.attached
+    assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
+
+
+@pytest.mark.parametrize("named", [LAGGED, LATE])
+def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> None:
+    """Truth: a delay and a bias. Whichever of delay and lag was named before the bias, the delay stays."""
+    flight = prepare(do328(), flights([LATE.with_values({"value": 0.06}), BIAS], 3))
+    base = weigh(fit(flight, (), flight.noise(), iterations=20))
+    other = LATE if named is LAGGED else LAGGED
+    tried = [try_cause(base, trial_of(one).candidate, None, float("inf"))[0] for one in (named, other, BIAS)]
+    rounds = tuple(
+        Round(candidates=(), trials=tuple(some), equivalents=(), named=True) for some in (tried[:2], tried[2:])
+    )
+    after = swapped(state_of(flight, [named, BIAS], rounds))
+    assert {one.name for one in after.fit.attached} == {LATE.name, BIAS.name}
+    assert after.fit[LATE.name] == pytest.approx(0.06, rel=0.05)
+    assert [round_.leader.effect.key for round_ in after.rounds] == [LATE.effect.key, BIAS.effect.key]
+
+
+@pytest.mark.parametrize(
+    ("hidden", "alike"),
+    [
+        (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -10.0}), False),
+        (Attached(effect=aero_term("Cm", "delta_e*Tc"), values={"value": -3.0}), True),
+        (Attached(effect=thrust_line(), values={"value": 1.5}), False),
+    ],
+)
+@pytest.mark.slow
+def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attached, alike: bool) -> None:
+    """Truth: with the elevator at 3.5 deg in trim, an effectiveness that grows with thrust pitches the aircraft as a
+    thrust line does that lies elsewhere. It is expected of propeller aircraft and no fault; the thrust line is one; and
+    what is too little to tell them apart is a set."""
+    found = diagnose(do328(), flights([hidden], 4, count=4 if alike else 3, rate_hz=50.0))
+    no_fault = hidden.effect.expected and not alike
+    (named,) = (cause for cause in (found.minor if no_fault else found.causes) if cause.kind == hidden.effect.kind)
+    assert found.verdict == ("adequate" if no_fault else "explained")
+    assert named.sentence.startswith("Expected of a propeller aircraft") == no_fault
+    assert named.value == pytest.approx(hidden.values["value"], rel=0.1)
+    assert [one["kind"] for one in named.indistinguishable_from] == (["thrust_line"] if alike else [])
+    assert {"thrust_line", "aero_term"} <= {trial.effect.kind for trial in found.rounds[0].trials}
