@@ -1,4 +1,4 @@
-"""From naming to a verdict: causes in words, what is minor, what stays unexplained, and the extended aircraft file."""
+"""From a search to the causes that are told: those that are named, those that are minor, and what is still missing."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscilla
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.sentences import cause_sentence
 from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
@@ -43,7 +44,6 @@ from casid.model.effects import effect_of
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence
 
-ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
 _LASTING = ("length", "duration")  # values that say how long an event takes
 _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta"))
 
@@ -210,7 +210,7 @@ def _cause(
         dof=dof,
         held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
-        sentence=_sentence(one, value, len(names)),
+        sentence=cause_sentence(one, len(names)),
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,
@@ -251,7 +251,7 @@ def _expected(
         *matters(share, statistic, clear_gain(evidence.fit), criteria),
         *sure(evidence, name),
         at_least("gain on held-out records", 0.0 if held is None else held, 0.0),
-        mostly_gone(statistic, left, criteria.doubt),
+        mostly_gone(statistic, left, criteria),
     )
     meaningful = all_passed(gates)
     return Cause(
@@ -285,17 +285,6 @@ def _named(trial: Trial) -> Mapping[str, object]:
         "unit": effect.unit,
         "gain": trial.gain.raw,
     }
-
-
-def _sentence(one: Attached, value: float, records: int) -> str:
-    effect = one.effect
-    text = effect_sentence(effect.kind, effect.target, effect.term, value)
-    if effect.timed:
-        return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
-    if one.records and len(one.records) < records:
-        others = " (or the other way in the others: free derivatives show differences between records only)"
-        return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
-    return text
 
 
 def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | None) -> Cause:
@@ -382,52 +371,3 @@ def still_missing(
     return sorted(
         (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > share), key=lambda m: -m.gain
     )
-
-
-def verdict_of(
-    causes: Sequence[Cause], minor: Sequence[Cause], unexplained: Sequence[MissingInput], state: State, fit: FlightFit
-) -> tuple[str, str, str]:
-    """(verdict, its sentence, a remark besides one that names nothing)."""
-    if causes:
-        stated = " ".join(c.statement for c in causes)
-        if unexplained:
-            where = _where(unexplained[0], fit.batch.names)
-            return "partly explained", f"{stated} Something more is missing: it enters at {where}.", ""
-        return "explained", stated, ""
-    if unexplained:
-        air, share = unexplained[0].place.kind == "wind", missing_share(fit, unexplained[0])
-        size = f", {unexplained[0].rms:.2g} m/s" if air else f", {100 * share:.0f} % of it"
-        where = _where(unexplained[0], fit.batch.names, size)
-        return (
-            "unexplained",
-            f"The simulation misses something that no cause in the catalogue explains; it enters at {where}.",
-            "",
-        )
-    remark = " What is expected of such an aircraft, or too small to matter, is listed as minor." if minor else ""
-    return "adequate", ADEQUATE, f"{remark}{_hint(state)}"
-
-
-def _hint(state: State) -> str:
-    """What comes nearest to a cause, of a size that matters, and is not clear enough to be one."""
-    trials = [trial for round_ in state.rounds if not round_.named for trial in round_.trials]
-    part, criteria = state.criteria.verdict.hint, state.criteria
-    near = [
-        t for t in trials if t.gain.net > part * required_gain(t.effect, criteria) and not t.refuted and t.meaningful
-    ]
-    if not near:
-        return ""
-    most = max(near, key=lambda t: t.gain.net)
-    one = most.candidate.attached
-    sentence = _sentence(one, one.effect.in_words(one.values)["value"], len(state.evidence.fit.batch.names))
-    stated, gained = sentence[0].lower() + sentence[1:-1], _gain(most.gain.raw)
-    return f" Not clear enough to be named, but worth a look: {stated} ({gained})."
-
-
-def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
-    oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
-    unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{missing.place.words}{size} ({oscillation}{_gain(missing.gain)}){unseen}"
-
-
-def _gain(gain: float) -> str:
-    return f"log likelihood ratio {0.5 * gain:.0f}"

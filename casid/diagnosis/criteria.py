@@ -247,7 +247,6 @@ class DoubtCriteria:
     left: float = number(
         0.25, "part of an unknown input's gain that may stay", "measured: causes leave hardly any, imitations a fifth"
     )
-    noticeable: float = number(150.0, "gain of an unknown input that is little anyway", unit=_GAIN)
     left_by_terms: float = number(0.1, "part that may stay of a term or a switch, which imitate anything")
     left_exactly: float = number(
         0.01, "part that may stay, structure taken as exact", "measured: causes leave 0.0025 at most, imitations 0.15"
@@ -281,7 +280,6 @@ class VerdictCriteria:
     )
     structure: float = number(2.0, "times what matters, from which an expected term is a cause")
     structure_with_others: float = number(1.5, "times that, where another cause gains more")
-    hint: float = number(0.5, "part of the gain for a name from which a cause is worth a look")
     minor_part: float = number(0.75, "part of what is missing that a minor cause must gain to be what is missing")
     small_term: float = number(6.0, "1-sigmas of a small term that is worth a line")
     stated: int = number(3, "findings of a kind that the sentence states one by one; the page has all")

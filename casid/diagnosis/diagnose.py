@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from casid.arguments import an
-from casid.diagnosis.causes import causes_of, trace_of_search, verdict_of
-from casid.diagnosis.conclusion import concluded, named_in_errors
+from casid.diagnosis.causes import causes_of, trace_of_search
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.check import check
 from casid.diagnosis.engine.baseline import baseline_of
@@ -27,7 +26,9 @@ from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.given.reach import reach_of
 from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.sentences import remarks
 from casid.diagnosis.stages import Stages
+from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.linearised import linearised
 from casid.native.memory import kept_memory
@@ -114,7 +115,6 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))
     belief = believed(causes, unexplained, state, left)
     causes = belief.causes
-    verdict, sentence, remark = verdict_of(causes, minor, unexplained, state, kept.fit)
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     refitted, extended, held_refitted, held_extended = map(
@@ -123,10 +123,7 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
     extended_file = extended_aircraft(begun.flight.aircraft, kept.fit, causes, minor)
     stages.end()
     return Diagnosis(
-        verdict=verdict,
-        headline=sentence,
-        sentence=sentence,
-        remark=remark,
+        remark=remarks(minor, belief.faint, len(begun.calm.batch.names)),
         aircraft=aircraft,
         extended_aircraft=extended_file,
         causes=causes,

@@ -112,7 +112,6 @@ class NamingNumerics:
     equivalent_terms: int = number(4, "terms of one coefficient that are tried when they promise the same")
     side_by_side: int = number(2, "trials at a time; those after them are given up when they fall behind")
     rivals: int = number(2, "rivals of a named cause that are tried again")
-    branches: int = number(1, "rivals of a named cause beside which others are looked for, where noise hides them")
     skew_step: float = number(0.1, "delay at which a skew is linearised, in sampling intervals")
     small_terms: int = number(5, "small terms that the verdict lists, at most")
     ranking: int = number(40, "candidates that the result keeps")

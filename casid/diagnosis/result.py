@@ -90,9 +90,9 @@ class Diagnosis:
         The decisions on every cause that was considered, see `why` and `why_not`.
     """
 
-    verdict: str
-    headline: str
-    sentence: str
+    verdict: str = ""
+    headline: str = ""
+    sentence: str = ""
     remark: str = ""
     not_judged: tuple[NotJudged, ...] = ()
     data: tuple[Finding, ...] = ()

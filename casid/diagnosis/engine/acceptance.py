@@ -114,11 +114,11 @@ def explains(
     return tuple(gates) if seen.effect.improbable else (*gates, _explains_what_was_missing(seen))
 
 
-def mostly_gone(before: float, left: float, criteria: DoubtCriteria, part: tuple[float, str] | None = None) -> Gate:
+def mostly_gone(before: float, left: float, criteria: Criteria, part: tuple[float, str] | None = None) -> Gate:
     """What an unknown input that gained `before` must pass where `left` of it is still missing: a part of it at most
     (with its criterion), or noise."""
-    most, name = part or (criteria.left, "doubt.left")
-    noise = at_most("gain still missing", left, criteria.noticeable, "doubt.noticeable")
+    most, name = part or (criteria.doubt.left, "doubt.left")
+    noise = at_most("gain still missing", left, criteria.verdict.missing, "verdict.missing")
     return at_most("part still missing", left / max(before, 1e-300), most, name, [noise])
 
 
@@ -170,7 +170,7 @@ class _Seen:
         return [max(found, key=_nearness)] if found else []
 
     def _gone(self, station: str, part: tuple[float, str] | None, least: float) -> Gate:
-        gate = mostly_gone(max(self.was[station], least), self.left[station], self.by, part)
+        gate = mostly_gone(max(self.was[station], least), self.left[station], self.criteria, part)
         return replace(gate, gate=f"{gate.gate} at {Station.at(station).words}")
 
     @cached_property
@@ -187,14 +187,16 @@ class _Seen:
         too little for an anonymous input to do what the cause does."""
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        if self.was[helped] - self.left[helped] > max(self.by.helped * self.last.gain.raw, self.by.noticeable):
+        if self.was[helped] - self.left[helped] > max(
+            self.by.helped * self.last.gain.raw, self.criteria.verdict.missing
+        ):
             found.add(helped)
         return found
 
 
 def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     """Nothing that matters is missing elsewhere beside it that was not before."""
-    more = max(seen.by.noticeable, seen.by.worse_part * seen.last.gain.raw)
+    more = max(seen.criteria.verdict.missing, seen.by.worse_part * seen.last.gain.raw)
     worse = [m for m in seen.after if m.gain > seen.by.worse * seen.was[m.station] + more]
     shares = {m.place.words: missing_share(seen.evidence.fit, m) for m in worse}
     if not shares:

@@ -179,29 +179,24 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     """The causes of a search that `held` records bear out: those that lose are taken out, the one that loses most
     first, for it may be why another lost. And without terms of the structure of which the records are not sure."""
     begun, final = state.baseline, state.fit
-    steps = [
-        begun.calm,
-        *([begun.structured] if begun.structure else []),
-        *([begun.start] if begun.turbulence.named else []),
-    ]
-    calm, *others, there = side_by_side(lambda step: predicted_on(held, step), [*steps, final])
+    steps = [begun.calm, begun.structured, begun.start]
+    known = _judged(held, {_key(one): one for one in (*steps, final)})
+    calm, structured, start, there = (known[_key(one)][1] for one in (*steps, final))
     gates: dict[str, Gate] = {}
     gains: dict[str, float | None] = {}
     causes = {one.leader.candidate.name: one.leader for one in state.standing}
     while causes:
-        left_out = side_by_side(partial(_left_out, final), list(causes))
-        on_held = side_by_side(lambda model: predicted_on(held, model), left_out)
-        tested = {
-            name: _gain_of(one, (model, on_it), (final, there), held, begun)
-            for (name, one), model, on_it in zip(causes.items(), left_out, on_held, strict=True)
-        }
+        others = {name: _key(final, but=name) for name in causes}
+        new = {name: key for name, key in others.items() if key not in known}
+        left_out = side_by_side(partial(_left_out, final), list(new))
+        known |= _judged(held, dict(zip(new.values(), left_out, strict=True)))
+        tested = {name: _gain_of(one, known[others[name]], (final, there), held, begun) for name, one in causes.items()}
         gains |= tested
         gates |= {name: _borne_out(causes[name], gain, there, state) for name, gain in tested.items()}
         worst = min(causes, key=lambda name: gates[name].value)
         if gates[worst].passed:
             break
-        at = list(causes).index(worst)
-        final, there = left_out[at], on_held[at]
+        final, there = known[others[worst]]
         del causes[worst]
     evidence = state.evidence if final is state.fit else weigh(final)
     structure = [*begun.structure, *_put_in_later(begun, final)]
@@ -215,11 +210,24 @@ def keep(held: Sequence[Record], state: State) -> Kept:
         held_fit=held_fit,
         held_calm=calm.fit,
         structure=[one for one in structure if one.name not in unsure],
-        structure_gain=_per_sample(calm, others[0]) if begun.structure else None,
-        air_gain=_per_sample(([calm, *others])[-2], others[-1]) if begun.turbulence.named else None,
+        structure_gain=_per_sample(calm, structured) if begun.structure else None,
+        air_gain=_per_sample(structured, start) if begun.turbulence.named else None,
         gains=gains,
         gates=gates,
     )
+
+
+_Key = tuple[frozenset[str], bool]  # names of the effects of a model, and whether its air moves
+
+
+def _key(fitted: FlightFit, but: str = "") -> _Key:
+    return frozenset(one.name for one in fitted.attached) - {but}, bool(fitted.noise.coloured)
+
+
+def _judged(held: Sequence[Record], models: Mapping[_Key, FlightFit]) -> dict[_Key, tuple[FlightFit, Predicted]]:
+    """Models with what they predict of the held-out records."""
+    on_held = side_by_side(lambda model: predicted_on(held, model), list(models.values()))
+    return {key: (model, one) for (key, model), one in zip(models.items(), on_held, strict=True)}
 
 
 def _left_out(fitted: FlightFit, name: str) -> FlightFit:

@@ -25,6 +25,7 @@ from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import ScoreNumerics
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
@@ -38,6 +39,7 @@ class Believed:
     causes        with theirs, and those of what they cannot be told apart from
     explanations  what the most probable ones say: names of causes, probability
     there         name of a cause -> probability that it is there and matters
+    faint         the cause that came nearest to a name and has none, with its probability, where that is worth a look
     entered       station -> probability that something unexplained enters there
     nothing       probability that nothing that matters is wrong
     """
@@ -45,6 +47,7 @@ class Believed:
     causes: tuple[Cause, ...]
     explanations: tuple[tuple[tuple[str, ...], float], ...]
     there: Mapping[str, float]
+    faint: tuple[Attached, float] | None
     entered: Mapping[str, float]
     nothing: float
 
@@ -59,17 +62,20 @@ def believed(
     scale = _Scale(criteria=state.criteria)
     rounds = {round_.leader.effect.key: round_ for round_ in state.named}
     places = [_place(one, rounds.get((one.kind, one.target, one.term)), scale) for one in causes]
-    faint = _not_named(state, {effect.key for place in places for effect in place.effects}, scale)
+    near = _not_named(state, {effect.key for place in places for effect in place.effects}, scale)
+    faint = {} if near is None else {near[0].name: near[1]}
     entered = {one.station: scale.of_missing(one) for one in unexplained}
     further = max([scale.of_missing(one) for one in left] if not unexplained else entered.values(), default=0.0)
     there = {name: p for place in places for name, p in place.probabilities.items()} | faint
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
-    tempered, least = state.criteria.priors.tempered, state.criteria.priors.numerics.least
+    priors = state.criteria.priors
+    tempered, least = priors.tempered, priors.numerics.least
     return Believed(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
         explanations=tuple(
             (names, tempered(p)) for names, p in _explanations(places, faint, state.criteria.priors.numerics)
         ),
+        faint=None if near is None or near[1] < 1.0 - priors.named else (near[0], tempered(near[1])),
         there={name: tempered(p) for name, p in there.items() if p > least},
         entered={name: tempered(p) for name, p in entered.items()},
         nothing=tempered(nothing),
@@ -171,15 +177,17 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
     )
 
 
-def _not_named(state: State, seen: Collection[tuple[str, str, str | None]], scale: _Scale) -> dict[str, float]:
-    """Name -> probability of the clearest cause that was not clear enough for a name, where one was tried: no surer
-    than a name must be. What was refused for what it left missing was clear enough, and is not there."""
+def _not_named(
+    state: State, seen: Collection[tuple[str, str, str | None]], scale: _Scale
+) -> tuple[Attached, float] | None:
+    """The clearest cause that was not clear enough for a name, where one was tried, and its probability: no surer than
+    a name must be. What was refused for what it left missing was clear enough, and is not there."""
     trials = [t for round_ in state.rounds if not (round_.named or round_.doubt) for t in round_.trials]
     possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in seen]
     if not possible:
-        return {}
+        return None
     best = max(possible, key=scale.of_trial)
-    return {best.effect.name: min(float(expit(scale.of_trial(best))), scale.criteria.priors.named)}
+    return best.candidate.attached, min(float(expit(scale.of_trial(best))), scale.criteria.priors.named)
 
 
 def _explanations(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from casid.diagnosis.conclusion import named_in_errors
 from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.verdict import named_in_errors
 from casid.errors import InputError
 
 

@@ -1,0 +1,153 @@
+"""What a diagnosis says, in words. Nothing is decided here: what is said is handed over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.factors import Factor
+from casid.diagnosis.given.not_judged import NotJudged
+from casid.model.plausible import Doubt
+from casid.model.vocabulary import effect_sentence
+
+_ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
+_SMALL = " What is expected of such an aircraft, or too small to matter, is listed as minor."
+_NOTHING_ELSE = "Until that is mended nothing else is certain."
+
+
+def cause_sentence(one: Attached, records: int) -> str:
+    """A fitted cause in words, of so many `records`."""
+    effect = one.effect
+    text = effect_sentence(effect.kind, effect.target, effect.term, effect.in_words(one.values)["value"])
+    if effect.timed:
+        return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
+    if one.records and len(one.records) < records:
+        others = " (or the other way in the others: free derivatives show differences between records only)"
+        return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
+    return text
+
+
+def explained(causes: Sequence[Cause], missing: MissingInput | None, fitted: Sequence[str]) -> str:
+    """Named causes, and where something more is missing; `fitted`: names of the fitted records."""
+    stated = " ".join(c.statement for c in causes)
+    return stated if missing is None else f"{stated} Something more is missing: it enters at {_where(missing, fitted)}."
+
+
+def unexplained(missing: MissingInput, share: float, fitted: Sequence[str]) -> str:
+    """Where something enters that no cause explains, as this `share` of the variation there."""
+    size = f", {missing.rms:.2g} m/s" if missing.place.kind == "wind" else f", {100 * share:.0f} % of it"
+    where = _where(missing, fitted, size)
+    return f"The simulation misses something that no cause in the catalogue explains; it enters at {where}."
+
+
+def adequate(remark: str, detectable: Mapping[str, Mapping[str, float]], refined: str) -> str:
+    """That nothing of a size that matters shows, and what would not have shown."""
+    return f"{_ADEQUATE}{remark}{_would_have_shown(detectable)}{refined}"
+
+
+def remarks(minor: Sequence[Cause], faint: tuple[Attached, float] | None, records: int) -> str:
+    """What is said besides a verdict that names nothing: that minor causes are listed, and the cause that comes nearest
+    to a name, with its probability."""
+    said = _SMALL if minor else ""
+    if faint is None:
+        return said
+    one, probability = faint
+    text = cause_sentence(one, records)
+    stated = text[0].lower() + text[1:-1]
+    return f"{said} Not clear enough to be named, but worth a look: {stated} ({100.0 * probability:.0f} % probable)."
+
+
+def data_at_fault(findings: Sequence[Finding], most: int) -> str:
+    """Faults of the data that cannot be mended, `most` of them one by one."""
+    return f"{several(findings, most)} {_NOTHING_ELSE}"
+
+
+def file_impossible(numbers: Sequence[Contradiction], most: int) -> str:
+    """Numbers of the file that cannot be, `most` of them one by one."""
+    stated = [f"Aircraft file: {one.sentence}" for one in numbers]
+    return f"{_first(stated, most)} {_NOTHING_ELSE}"
+
+
+def values_wrong(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int, remark: str) -> str:
+    """That the structure is right and these numbers are not."""
+    return f"The structure is right, but {_against(factors, contradicted, most)}{remark}"
+
+
+def also_contradicted(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
+    """Numbers that are inconsistent with flight beside something else."""
+    return f"Besides, {_against(factors, contradicted, most)}"
+
+
+def several(all_of_them: Sequence[Finding | Contradiction | Doubt | Factor], most: int) -> str:
+    """The sentences of the first, `most` of them, and how many more there are."""
+    return _first([one.sentence for one in all_of_them], most)
+
+
+def refined(budget: Budget, least: float) -> str:
+    """What values within their stated uncertainty are worth, where they make the error `least` times smaller."""
+    steps = budget.together
+    if not steps.data_mended > least * steps.structure:
+        return ""
+    return (
+        f" Its values, refitted within what the file states of them, take the error on "
+        f"{', '.join(budget.records)} from {steps.data_mended:.2g} to {steps.structure:.2g} times the noise."
+    )
+
+
+def losses(budget: Budget, worse: float, above_noise: float) -> str:
+    """Channels that the best model simulates worse than the file as given on held-out records, worst first."""
+    lost = {
+        name: steps.structure / steps.as_given
+        for name, steps in budget.channels.items()
+        if steps.structure > worse * steps.as_given and steps.structure > above_noise
+    }
+    if not lost:
+        return ""
+    stated = ", ".join(f"{name} ({100.0 * (lost[name] - 1.0):+.0f} %)" for name in sorted(lost, key=lambda o: -lost[o]))
+    return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {stated}."
+
+
+def left_open(not_judged: Sequence[NotJudged], most: int) -> str:
+    """What was not judged, and why."""
+    if not not_judged:
+        return ""
+    stated = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:most])
+    more = len(not_judged) - most
+    return f"Not judged: {stated}{f'; and {more} more' if more > 0 else ''}."
+
+
+def _would_have_shown(detectable: Mapping[str, Mapping[str, float]]) -> str:
+    """The smallest faults of instruments that would have shown: of each kind that of the channel that hides most."""
+    told = []
+    for kind, unit, name in (("delay", "s", "delay"), ("lag", "s", "lag"), ("scale", "1", "scale error")):
+        seen = {channel: by[kind] for channel, by in detectable.items() if math.isfinite(by.get(kind, math.inf))}
+        if seen:
+            channel = max(seen, key=lambda one: seen[one])
+            size = f"{100.0 * seen[channel]:.2g} %" if unit == "1" else f"{seen[channel]:.2g} {unit}"
+            told.append(f"a {name} of {channel} under {size}")
+    return f" What would not show here: {', '.join(told)}." if told else ""
+
+
+def _against(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
+    """Common factors, then the numbers that are inconsistent with flight one by one."""
+    counted = ((len(factors), "group{} of derivatives"), (len(contradicted), "number{}"))
+    said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
+    verb = "is" if len(factors) + len(contradicted) == 1 else "are"
+    return f"{said} of the file {verb} inconsistent with flight. {several([*factors, *contradicted], most)}"
+
+
+def _first(stated: Sequence[str], most: int) -> str:
+    more = len(stated) - most
+    return " ".join([*stated[:most], *([f"And {more} more."] if more > 0 else [])])
+
+
+def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
+    oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
+    unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
+    return f"{missing.place.words}{size} ({oscillation}log likelihood ratio {0.5 * missing.gain:.0f}){unseen}"
