@@ -28,14 +28,14 @@ from casid.diagnosis.engine.onsets import Intervals
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
 from casid.diagnosis.engine.structure import is_induced_drag, is_usual
-from casid.diagnosis.engine.trial import Trial
+from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.evidence.evidence import Evidence, deviation, sure
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.sentences import cause_sentence
+from casid.diagnosis.sentences import NOT_CONFIRMED, NOT_NEEDED, cause_sentence, expected_of, noted
 from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
@@ -49,66 +49,66 @@ _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta
 
 
 def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """(causes, minor), strongest first.
+    """(causes, minor), strongest first; `left`: inputs that are still missing in the fitted records.
 
-    kept      the final fit. What is not in it lost on the held-out records, is not confirmed and minor. So is a cause
-              that is not sure, not needed or not large enough any more beside the others. Terms that were put in
-              beforehand, which are expected of any aircraft, are minor unless they pass `_expected`.
-    required  gain that such a term must exceed where the air is turbulent
-    left      inputs that are missing in the fitted records
-
-    What is expected of some aircraft, and was named, is minor unless it is equivalent to another cause; what every
-    aircraft has, unless it is unusually large.
+    A cause is named when the held-out records bear it out, and it is sure and matters beside all others in the final
+    model. Structure that every aircraft has is minor unless it is unusually large, and what is expected of some
+    aircraft, unless it is equivalent to another cause.
     """
-    evidence, on_held = kept.evidence, kept.gates
-    named, final = state.named, evidence.fit
-    turbulence, required = state.baseline.turbulence, state.baseline.required
-    there, last = ({one.name for one in fitted.attached} for fitted in (final, state.evidence.fit))
-    causes, minor, superseded, expected, small, later = [], [], [], [], [], []
-    if turbulence.named:
-        (causes if final.noise.coloured else minor).append(
-            turbulence_cause(turbulence, final.flight.aircraft, kept.air_gain)
-        )
-    for round_ in named:
-        name = round_.leader.candidate.name
-        held = kept.gains.get(name)
-        gates = (on_held[name],) if name in on_held else ()
-        if name not in there:
-            gates = gates if name in last else (*gates, at_least("still in the model beside later causes", 0.0, 1.0))
-            (minor if name in last else superseded).append(_cause(round_.leader, state, (), held, gates))
-            continue
-        if is_usual(round_.leader.effect):
-            later.append((name, held))
-            continue
-        beside_all = sure(evidence, name, _concerned(evidence, name)), still_matters(final, name)
-        final_gates = tuple(replace(g, gate=f"{g.gate}, in the final model") for some in beside_all for g in some)
-        gates = (*gates, *final_gates)
-        if all_passed(final_gates):
-            alone = round_.leader.effect.expected and not round_.equivalents
-            group = expected if alone else causes
-            group.append(_cause(_as_in(evidence, round_.leader), state, round_.equivalents, held, gates))
-        else:
-            group = superseded if round_.leader.meaningful else small
-            group.append(_cause(_as_in(evidence, round_.leader), state, (), held, gates))
-    minor = [replace(c, sentence=f"{c.sentence} Not confirmed on held-out data.") for c in minor]
-    minor += [replace(c, sentence=f"Expected of a propeller aircraft, and added: {c.sentence}") for c in expected]
-    minor += [
-        *small,
-        *(
-            replace(c, sentence=f"{c.sentence} No longer sure, or not needed, beside the other causes.")
-            for c in superseded
-        ),
-    ]
+    final, required = kept.evidence.fit, state.baseline.required
+    told = [*_moving_air(state, kept)]
+    told += [_of_round(one, state, kept) for one in state.named if not _is_structure(one, final)]
+    causes, minor = ([cause for cause, named in told if named is wanted] for wanted in (True, False))
     missing = {m.station: m.gain for m in left}
-    unexplained = still_missing(evidence, left, causes, required)
+    unexplained = still_missing(kept.evidence, left, causes, required)
     strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
-    usual = [(one.name, kept.structure_gain) for one in kept.structure] + later
-    for name, held in usual:
+    usual = {one.name: kept.structure_gain for one in kept.structure}
+    names = (one.leader.candidate.name for one in state.named if _is_structure(one, final))
+    usual |= {name: kept.gains.get(name) for name in names}
+    for name, held in usual.items():
         target = next(one.effect.target for one in final.attached if one.name == name)
         left_there = np.inf if unexplained else missing.get(station.coefficient(target), 0.0)
-        put_in = _expected(name, evidence, held, required, left_there, strongest)
+        put_in = _expected(name, kept.evidence, held, required, left_there, strongest)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
+
+
+def _is_structure(round_: Round, final: FlightFit) -> bool:
+    """Whether a round named structure that every aircraft has, and it is in the final model."""
+    name = round_.leader.candidate.name
+    return is_usual(round_.leader.effect) and name in {one.name for one in final.attached}
+
+
+def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
+    """Turbulence as a cause, and whether it is named."""
+    air, fitted = state.baseline.turbulence, kept.fit
+    if not air.named:
+        return []
+    cause = turbulence_cause(air, fitted.flight.aircraft, kept.air_gain)
+    named = bool(fitted.noise.coloured)
+    return [(cause if named else noted(cause, NOT_CONFIRMED), named)]
+
+
+def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
+    """The cause of a round, and whether it is named."""
+    evidence, leader = kept.evidence, round_.leader
+    name = leader.candidate.name
+    held, gates = kept.gains.get(name), tuple(gate for of, gate in kept.gates.items() if of == name)
+    if name not in {one.name for one in evidence.fit.attached}:
+        if name in {one.name for one in state.fit.attached}:
+            return noted(_cause(leader, state, (), held, gates), NOT_CONFIRMED), False
+        gates = (*gates, at_least("still in the model beside later causes", 0.0, 1.0))
+        return noted(_cause(leader, state, (), held, gates), NOT_NEEDED), False
+    final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name))
+    gates = (*gates, *(replace(gate, gate=f"{gate.gate}, in the final model") for gate in final))
+    present = _as_in(evidence, leader)
+    if not all_passed(final):
+        refused = _cause(present, state, (), held, gates)
+        return noted(refused, NOT_NEEDED) if leader.meaningful else refused, False
+    cause = _cause(present, state, round_.equivalents, held, gates)
+    if leader.effect.expected and not round_.equivalents:
+        return expected_of(cause, "a propeller aircraft"), False
+    return cause, True
 
 
 def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause]) -> Trace:
@@ -254,7 +254,7 @@ def _expected(
         mostly_gone(statistic, left, criteria),
     )
     meaningful = all_passed(gates)
-    return Cause(
+    cause = Cause(
         kind=effect.kind,
         target=effect.target,
         term=effect.term,
@@ -271,8 +271,9 @@ def _expected(
         meaningful=meaningful,
         share=share,
         gates=gates,
-        sentence=sentence if meaningful or one.nuisance else f"Expected of any aircraft, and added: {sentence}",
+        sentence=sentence,
     )
+    return cause if meaningful or one.nuisance else expected_of(cause, "any aircraft")
 
 
 def _named(trial: Trial) -> Mapping[str, object]:

@@ -15,7 +15,7 @@ from casid.diagnosis.engine.comparison import tempered
 from casid.diagnosis.engine.held_out import keep, split
 from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.search import State, search
-from casid.diagnosis.engine.unexplained import beside_slow_noise, what_is_left
+from casid.diagnosis.unexplained import beside_slow_noise, what_is_left
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.extension import extended_aircraft

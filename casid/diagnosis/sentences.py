@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.data.finding import Finding
@@ -16,6 +17,9 @@ from casid.diagnosis.given.not_judged import NotJudged
 from casid.model.plausible import Doubt
 from casid.model.vocabulary import effect_sentence
 
+NOT_CONFIRMED = "Not confirmed on held-out data."
+NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
+SLOW_NOISE = "Slow noise and offsets of instruments do as much."
 _ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
 _SMALL = " What is expected of such an aircraft, or too small to matter, is listed as minor."
 _NOTHING_ELSE = "Until that is mended nothing else is certain."
@@ -31,6 +35,16 @@ def cause_sentence(one: Attached, records: int) -> str:
         others = " (or the other way in the others: free derivatives show differences between records only)"
         return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
     return text
+
+
+def noted(cause: Cause, remark: str) -> Cause:
+    """The cause with a remark behind its sentence."""
+    return replace(cause, sentence=f"{cause.sentence} {remark}")
+
+
+def expected_of(cause: Cause, whom: str) -> Cause:
+    """The cause as something that is expected, of "any aircraft" for one."""
+    return replace(cause, sentence=f"Expected of {whom}, and added: {cause.sentence}")
 
 
 def explained(causes: Sequence[Cause], missing: MissingInput | None, fitted: Sequence[str]) -> str:

@@ -142,34 +142,20 @@ def _believed(accepted: State, state: State) -> tuple[Gate, ...]:
 def added(state: State, catalogue: Sequence[Effect]) -> State:
     """With the best cause that can be named beside those of the state, those that it makes needless dropped; with a
     round that names none, where there is none."""
-    criteria, taken = state.criteria, {one.effect.key for one in state.fit.attached}
-    effects = [e for e in catalogue if e.key not in taken]
-    prints = fingerprints(state.evidence, effects)
-    # what a cause predicts with the structure exact finds it, what it gains beside small terms confirms it; and what
-    # kinematics alone say of it does not drown in wrong aerodynamics
-    exactly = Screen(state.evidence, exact=True)
-    candidates, cautious = rank(exactly, prints), rank(Screen(state.evidence), prints)
-    names = {e.name for e in effects}
-    observed = [c for c in state.observed if c.name in names]
-    switching = any(e.timed for e in catalogue) and not any(a.effect.members for a in state.fit.attached)
-    switches = configuration_changes(state.evidence) if switching else []
-    required = state.baseline.required
-    chosen, screened = worth_trying(state.fit, (candidates, cautious, observed), switches, required)
-    apart = criteria.events.apart
-    chosen += [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
-    trials, fits, intervals = _tried(state, with_look_alikes(chosen, effects, state.fit.batch.names))
-    trials, equivalents = ranked(trials, fits, criteria)
-    named = bool(trials) and trials[0] in fits
+    taken = {one.effect.key for one in state.fit.attached}
+    effects = [one for one in catalogue if one.key not in taken]
+    screened = _screened(state, effects)
+    trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))
+    trials, equivalents = ranked(trials, fits, state.criteria)
+    named = any(trial.meaningful for trial in fits)
     this = Round(
-        candidates=tuple(sorted([*candidates, *switches], key=lambda c: -c.net)),
-        detectable={}
-        if state.rounds
-        else smallest_sizes(exactly, prints, candidates, criteria.verdict.detectable),  # later ones have less to find
+        candidates=screened.candidates,
+        detectable=screened.detectable,
         trials=tuple(trials),
         equivalents=equivalents,
         named=named,
-        screened=screened,
-        ranked=ranked_behind(trials[0], trials, criteria) if trials else {},
+        screened=screened.refused,
+        ranked=ranked_behind(trials[0], trials, state.criteria) if trials else {},
     )
     if not named:
         return replace(state, rounds=(*state.rounds, this))
@@ -177,6 +163,41 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     this = replace(this, trials=(best, *this.rivals))
     grown = replace(state, rounds=(*state.rounds, this), intervals={**state.intervals, **intervals, **moved})
     return _settled_in(grown, _without_needless(evidence, state, best), best.effect)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Screening:
+    """What a linearisation says: the causes to be fitted, why the others are not, all of them by what they promise, and
+    the smallest sizes that would show, of the first round."""
+
+    chosen: Sequence[Candidate]
+    refused: Mapping[str, tuple[Gate, ...]]
+    candidates: tuple[Candidate, ...]
+    detectable: Mapping[str, float]
+
+
+def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
+    """Which of some effects are worth a fit.
+
+    What a cause predicts with the structure exact finds it; what it gains beside small terms confirms it; and what
+    kinematics alone say of it does not drown in wrong aerodynamics. So there are three rankings.
+    """
+    prints, exactly = fingerprints(state.evidence, effects), Screen(state.evidence, exact=True)
+    candidates, cautious = rank(exactly, prints), rank(Screen(state.evidence), prints)
+    names = {one.name for one in effects}
+    observed = [one for one in state.observed if one.name in names]
+    switching = any(one.timed for one in effects) and not any(one.effect.members for one in state.fit.attached)
+    switches = configuration_changes(state.evidence) if switching else []
+    rankings = (candidates, cautious, observed)
+    chosen, refused = worth_trying(state.fit, rankings, switches, state.baseline.required)
+    apart, sigmas = state.criteria.events.apart, state.criteria.verdict.detectable
+    more = [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
+    return _Screening(
+        chosen=[*chosen, *more],
+        refused=refused,
+        candidates=tuple(sorted([*candidates, *switches], key=lambda one: -one.net)),
+        detectable={} if state.rounds else smallest_sizes(exactly, prints, candidates, sigmas),
+    )
 
 
 def _settled_in(state: State, evidence: Evidence, changed: Effect) -> State:

@@ -19,6 +19,7 @@ from casid.diagnosis.flight.colour import as_coloured_as_left, as_slow_as_left
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.sentences import SLOW_NOISE, noted
 
 
 def what_is_left(
@@ -61,7 +62,7 @@ def beside_slow_noise(
             left[weakest] = one
             break
         del left[weakest]
-        minor = (*minor, replace(one, sentence=f"{one.sentence} Slow noise and offsets of instruments do as much."))
+        minor = (*minor, noted(one, SLOW_NOISE))
         others = [a for a in slow.attached if a.effect.key != (one.kind, one.target, one.term)]
         slow = fit(slow.flight, others, slow.noise, slow)
     return tuple(left), tuple(minor)
