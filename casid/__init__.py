@@ -85,6 +85,7 @@ _ROOMS = {
         "MultipleShooting",
         "Noise",
         "OutputError",
+        "Population",
         "Problem",
         "RangeWeights",
         "Results",

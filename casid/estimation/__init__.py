@@ -4,7 +4,7 @@ from casid.estimation.constraints import linear, nonlinear, parameter, path
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
-from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
+from casid.estimation.fitted import ChannelFit, Estimate, Population, StateHistory
 from casid.estimation.initial_state import InitialState
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
@@ -32,6 +32,7 @@ __all__ = [
     "MultipleShooting",
     "Noise",
     "OutputError",
+    "Population",
     "Problem",
     "RangeWeights",
     "Results",

@@ -148,6 +148,18 @@ def check_initial_state(model: Model, initial: InitialState, records: Sequence[s
             raise InputError(f"Problem: initial_state std of '{name}' is {std:g}; expected 0 (exact) or a 1-sigma")
 
 
+def check_spread(spread: Any, local: Sequence[str], records: Sequence[str]) -> None:
+    """Raise InputError for a spread of what does not differ between records, or that is no size."""
+    where = "Problem: spread"
+    for name, size in table_of(spread, where, "{'Cm_q': 2.0}").items():
+        if name not in local:
+            raise unknown("per-record parameter", str(name), local, where)
+        if len(records) < 2:
+            raise InputError(f"{where}: '{name}' has one record; a spread is one between records, give two or more")
+        if size != np.inf:
+            number(size, f"{where}: '{name}'", positive=True)
+
+
 def check_noise(noise: Any, model: Model) -> None:
     """Raise InputError for what is no noise."""
     if noise is None or isinstance(noise, RangeWeights | StudentT | Huber):

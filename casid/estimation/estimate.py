@@ -14,6 +14,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
 from casid.estimation.many_starts import best_of
 from casid.estimation.noise_formula import solved_with_formulas
+from casid.estimation.population import solved_with_population
 from casid.estimation.problem import Problem
 from casid.estimation.robust import solved_robustly
 from casid.estimation.robust_noise import Huber, StudentT
@@ -99,6 +100,12 @@ def solve(
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     check_part(solver, "minimise", "solver", "cs.GaussNewton()")
+    if problem.spread:
+        return solved_with_population(
+            problem,
+            lambda one: solve(one, method, solver, starts=starts, seed=seed),
+            lambda one: solve(one, method, solver),
+        )
     if problem.noise_formulas:
         return solved_with_formulas(
             problem,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.errors import unknown
-from casid.estimation.fitted import ChannelFit, Estimate, StateHistory
+from casid.estimation.fitted import ChannelFit, Estimate, Population, StateHistory
 from casid.estimation.jumps import jump_remarks
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import remarks
@@ -69,6 +69,8 @@ class Fit:
         where `solve` was free to choose.
     starts
         How many of several starts ended where; None where there was one.
+    population
+        Per-record parameter -> the distribution over records, where `Problem.spread` asked for one.
     way
         What else than the usual way led here, "" if nothing did; `remarks` begin with it.
 
@@ -111,6 +113,7 @@ class Fit:
     substeps: int = 1
     implicit: bool = False
     starts: Starts | None = None
+    population: Mapping[str, Population] = field(default_factory=dict)
     way: str = ""
 
     @property
@@ -224,6 +227,7 @@ class Fit:
                 "names": list(self.parameters),
                 "matrix": [[number(v) for v in row] for row in self.correlations],
             },
+            **({"population": {n: asdict(one) for n, one in self.population.items()}} if self.population else {}),
             "noise": {name: number(v) for name, v in self.noise.items()},
             "channels": channels,
             "remarks": list(self.remarks),
@@ -302,6 +306,16 @@ class Fit:
         lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'Cramer-Rao':>10} {'a priori':>12}"]
         for name, e in self.parameters.items():
             lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_cramer_rao:10.3g} {e.prior:12.6g}")
+        if self.population:
+            lines += [
+                "",
+                f"{'over records':{width}}  {'mean':>12} {'std':>10} {'spread':>10} {'95 % of the spread':>24}",
+            ]
+        for name, one in self.population.items():
+            low, high = one.interval
+            shown = f"ln {name}" if one.logarithmic else name
+            span = f"{low:.3g} to {high:.3g}"
+            lines.append(f"{shown:{width}}  {one.mean:12.6g} {one.mean_std:10.3g} {one.spread:10.3g} {span:>24}")
         lines += ["", f"{'channel':{width}}  {'rms':>12} {'R2':>10} {'Theil':>10} {'samples':>12}"]
         for name, c in self.channels.items():
             lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")

@@ -61,6 +61,32 @@ class ChannelFit:
     samples: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class Population:
+    """The normal distribution over records that a per-record parameter is drawn from.
+
+    Attributes
+    ----------
+    name
+        Of the parameter.
+    mean, mean_std
+        Mean over records and its 1-sigma, at the spread that was found.
+    spread
+        Standard deviation over records, the mode of its posterior density; 0 where the data show none.
+    interval
+        Of 95 % for the spread.
+    logarithmic
+        Whether all of these are of the natural logarithm of the parameter.
+    """
+
+    name: str
+    mean: float
+    mean_std: float
+    spread: float
+    interval: tuple[float, float]
+    logarithmic: bool = False
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class StateHistory:
     """States of a record at the solution.

@@ -21,6 +21,7 @@ from casid.estimation.checks import (
     check_noise,
     check_of_records,
     check_records,
+    check_spread,
     check_start,
     with_measured_states,
 )
@@ -50,6 +51,10 @@ class Problem:
         Globs of model parameters to estimate, one value for all records.
     per_record
         Globs of model parameters to estimate with an own value per record, named "bias_q[m1]" in results.
+    spread
+        Per-record parameter -> typical size of how much it differs between records. Its values are then drawn from a
+        normal distribution (of its logarithm, where it stands in `log`), whose mean and spread are estimated. The size
+        is the scale of a half-normal prior of the spread; infinite for none. `Fit.population` has what was found.
     fixed
         Values of parameters that are not estimated (it wins over the globs); all others stay nominal. A name with a
         record behind it, "dose[m1]", is of that record alone.
@@ -112,6 +117,7 @@ class Problem:
     _: KW_ONLY
     free: Sequence[str] = ()
     per_record: Sequence[str] = ()
+    spread: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
     log: Sequence[str] = ()
     start: Mapping[str, float] = field(default_factory=dict)
@@ -141,6 +147,7 @@ class Problem:
         check_start(self.start, (*self.parameters, *self.model.parameters))
         an(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
         check_initial_state(self.model, self.initial_state, own)
+        check_spread(self.spread, self.local, own)
         check_feedback(self.feedback, self.model)
         check_noise(self.noise, self.model)
         an(self.prior, bool, "Problem: prior", "prior=True or prior=False")
@@ -363,6 +370,7 @@ def check_plain(problem: Problem, what: str) -> None:
         (problem.model.initial, "initial states by formula"),
         (problem.sigma_channels, "noise per sample"),
         (problem.events, "events"),
+        (problem.spread, "parameters drawn from a distribution"),
     ):
         if found:
             raise EstimationError(f"{what}: {words} ({', '.join(found)}) is not taken here; pose the problem without")

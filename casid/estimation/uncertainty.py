@@ -204,13 +204,14 @@ class Uncertainty:
 @dataclass(frozen=True, eq=False)
 class Rescaled:
     """The standard errors of another scale of the parameters: `factor` (parameters,) is the change of each per change
-    of what was estimated, and `inflation` multiplies all variances. Not `coloured`: residuals that say nothing of a
-    colour, as of noise by formula."""
+    of what was estimated, `inflation` multiplies all variances, and `added` (parameters, parameters) is a covariance of
+    other origin. Not `coloured`: residuals that say nothing of a colour, as of noise by formula."""
 
     of: Uncertainty | Rescaled
     factor: np.ndarray
     coloured: bool = True
     inflation: float = 1.0
+    added: np.ndarray | None = None
 
     __repr__ = brief
 
@@ -241,13 +242,17 @@ class Rescaled:
         plain = _Z95 * np.sqrt(np.maximum(np.diagonal(self.of.covariance), 0.0))
         sides = self.of.sides if self.coloured else np.stack([plain, plain])
         below, above = math.sqrt(self.inflation) * sides
+        if self.added is not None:
+            below, above = (np.sqrt(side**2 + _Z95**2 * np.diagonal(self.added)) for side in (below, above))
         log, factor = self.factor != 1.0, self.factor
         with np.errstate(over="ignore"):
             low = np.where(log, -np.expm1(-below) * factor, below)
             return np.stack([low, np.where(log, np.expm1(above) * factor, above)])
 
     def _scaled(self, covariance: np.ndarray) -> np.ndarray:
-        return self.inflation * covariance * np.outer(self.factor, self.factor)
+        scaled = self.inflation * covariance
+        scaled = scaled if self.added is None else scaled + self.added
+        return scaled * np.outer(self.factor, self.factor)
 
     @property
     def confused(self) -> tuple[str, ...]:
