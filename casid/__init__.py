@@ -17,6 +17,7 @@ The public names below load the room they live in when they are first used, so t
 types stand in `__init__.pyi`.
 """
 
+import warnings
 from importlib import import_module
 
 __version__ = "0.1.0"
@@ -50,8 +51,8 @@ _ROOMS = {
     ),
     "casid.model.feedback": ("SampledFeedback",),
     "casid.formats.fmu": ("fmu_model",),
-    "casid.model.port": ("Port",),
-    "casid.model.outside": ("outside",),
+    "casid.model.port": ("ModelPort",),
+    "casid.model.external": ("external_function",),
     "casid.model.simulate": (
         "Simulation",
         "simulate",
@@ -93,10 +94,10 @@ _ROOMS = {
         "Starts",
         "StateHistory",
         "StudentT",
-        "linear",
-        "nonlinear",
-        "parameter",
-        "path",
+        "limit_combination",
+        "limit_function",
+        "limit_parameter",
+        "limit_trajectory",
         "solve",
     ),
     "casid.formats.petab": ("read_petab",),
@@ -155,7 +156,7 @@ _ROOMS = {
         "Experiment",
         "InputDesign",
         "Multisine",
-        "Steps",
+        "StepInput",
         "design_input",
         "standard_3211",
     ),
@@ -202,11 +203,24 @@ _ROOMS = {
     ),
     "casid.report.page": ("write_report",),
 }
+# former name -> name, for one release
+_RENAMED = {
+    "Port": "ModelPort",
+    "Steps": "StepInput",
+    "linear": "limit_combination",
+    "nonlinear": "limit_function",
+    "outside": "external_function",
+    "parameter": "limit_parameter",
+    "path": "limit_trajectory",
+}
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 __all__ = ["__version__", *sorted(_HOME)]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
+    if name in _RENAMED:
+        warnings.warn(f"casid.{name} is called casid.{_RENAMED[name]}", DeprecationWarning, stacklevel=2)
+        name = _RENAMED[name]
     if name not in _HOME:
         raise AttributeError(f"module 'casid' has no attribute '{name}'")
     return getattr(import_module(_HOME[name]), name)

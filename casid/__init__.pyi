@@ -5,7 +5,7 @@ from casid.acceptance.proof import MatchedTest, ProofOfMatch
 from casid.acceptance.theil import Theil, theil
 from casid.acceptance.tolerances import Standard
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
-from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
+from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.diagnosis.data.check import DataFindings as DataFindings
 from casid.diagnosis.data.check import check as check
 from casid.diagnosis.data.finding import Finding as Finding
@@ -43,10 +43,10 @@ from casid.estimation import (
     Starts,
     StateHistory,
     StudentT,
-    linear,
-    nonlinear,
-    parameter,
-    path,
+    limit_combination,
+    limit_function,
+    limit_parameter,
+    limit_trajectory,
     solve,
 )
 from casid.filtering.filter_error import FilterFit, filter_error
@@ -66,9 +66,9 @@ from casid.frequency.transfer_function import TransferFunction, fit_transfer_fun
 from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.dynamics import aircraft_model, flight_inputs
+from casid.model.external import external_function
 from casid.model.feedback import SampledFeedback
-from casid.model.outside import outside
-from casid.model.port import Port
+from casid.model.port import ModelPort
 from casid.model.simulate import Simulation, simulate
 from casid.model.system import Model, define_model, define_regression
 from casid.model.tables import Table, table
@@ -124,13 +124,13 @@ __all__ = [
     "Mismatch",
     "MismatchEnvelope",
     "Model",
+    "ModelPort",
     "MultipleShooting",
     "Multisine",
     "Noise",
     "OutputError",
     "ParameterPrecision",
     "Population",
-    "Port",
     "Precision",
     "Problem",
     "ProfileInterval",
@@ -149,7 +149,7 @@ __all__ = [
     "Starts",
     "StateHistory",
     "SteadyWind",
-    "Steps",
+    "StepInput",
     "StudentT",
     "SystemCause",
     "SystemDiagnosis",
@@ -169,6 +169,7 @@ __all__ = [
     "design_input",
     "diagnose",
     "export",
+    "external_function",
     "filter_error",
     "fit_state_space",
     "fit_transfer_functions",
@@ -177,14 +178,13 @@ __all__ = [
     "frequency_response",
     "identifiability",
     "isolability",
-    "linear",
+    "limit_combination",
+    "limit_function",
+    "limit_parameter",
+    "limit_trajectory",
     "linear_model",
     "load",
     "modes",
-    "nonlinear",
-    "outside",
-    "parameter",
-    "path",
     "precision",
     "profile",
     "proof_of_match",

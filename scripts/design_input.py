@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
+from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.errors import InputError, unknown
 from casid.records.record import Record
 from casid.report.design_figures import designed_histories, scatter_bars
@@ -31,7 +31,7 @@ from casid.report.progress import progress
 from problems.paper.pages.page import Section, figure, paragraph, table, write_page
 from problems.studies.designed_inputs import EXPERIMENTS, flown, volume, volume_std
 
-SHAPES = {"pulses4": Steps(pulses=4), "pulses8": Steps(pulses=8), "multisine": Multisine(lines=8)}
+SHAPES = {"pulses4": StepInput(pulses=4), "pulses8": StepInput(pulses=8), "multisine": Multisine(lines=8)}
 STANDARD = "3-2-1-1"
 HEAD = (
     "experiment",

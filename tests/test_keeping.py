@@ -19,7 +19,7 @@ from casid.model.effect import Effect
 @pytest.fixture(scope="module")
 def fit() -> cs.Fit:
     record = flight(noise=NOISE, rng=np.random.default_rng(0))
-    limits = [cs.parameter("Mq", upper=0.0)]
+    limits = [cs.limit_parameter("Mq", upper=0.0)]
     return cs.solve(cs.Problem(short_period(), [record], free=["*"], start=START, constraints=limits))
 
 

@@ -158,15 +158,15 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: problem(o, noise="ful"), "did you mean 'full'"),
     (lambda o: problem(o, noise=np.eye(3)), "expected the covariance (2, 2)"),
     (lambda o: problem(o, prior="yes"), "prior=True or prior=False"),
-    (lambda o: problem(o, constraints="Mq < 0"), "cs.parameter('Cm_q', upper=0.0)"),
-    (lambda o: problem(o, constraints=[cs.parameter("mq", upper=0.0)]), "did you mean 'Mq'"),
+    (lambda o: problem(o, constraints="Mq < 0"), "cs.limit_parameter('Cm_q', upper=0.0)"),
+    (lambda o: problem(o, constraints=[cs.limit_parameter("mq", upper=0.0)]), "did you mean 'Mq'"),
     (lambda o: problem(o, initial_state={"alpha": 0.0}), "cs.InitialState(value={...}"),
     (lambda o: problem(o, feedback=lambda x: x), "cs.SampledFeedback("),
-    (lambda o: cs.parameter("Mq"), "neither lower nor upper"),
-    (lambda o: cs.parameter("Mq", upper=math.nan), "upper is nan"),
-    (lambda o: cs.parameter(3, upper=0.0), "expected a text, like 'Cm_q'"),
-    (lambda o: cs.linear(["Mq"], upper=0.0), "expected a table like"),
-    (lambda o: cs.path("alpha", lower=1.0, upper=0.0), "lower 1 is above upper 0"),
+    (lambda o: cs.limit_parameter("Mq"), "neither lower nor upper"),
+    (lambda o: cs.limit_parameter("Mq", upper=math.nan), "upper is nan"),
+    (lambda o: cs.limit_parameter(3, upper=0.0), "expected a text, like 'Cm_q'"),
+    (lambda o: cs.limit_combination(["Mq"], upper=0.0), "expected a table like"),
+    (lambda o: cs.limit_trajectory("alpha", lower=1.0, upper=0.0), "lower 1 is above upper 0"),
     # solving, and after it
     (lambda o: cs.solve(o.model), "cs.Problem(model, records, free=[...])"),
     (lambda o: cs.solve(problem(o), cs.MultipleShooting), "write MultipleShooting()"),
@@ -204,9 +204,9 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: experiment(o, rest=0.0), "Experiment: rest is 0.0; expected a table"),
     (lambda o: experiment(o, parameters="M*"), "write ['M*']"),
     (lambda o: experiment(o, duration="8 s"), "duration is the text '8 s'"),
-    (lambda o: cs.design_input(experiment(o), "steps"), "write cs.Steps(pulses=4)"),
+    (lambda o: cs.design_input(experiment(o), "steps"), "write cs.StepInput(pulses=4)"),
     (lambda o: cs.design_input(experiment(o), criterion="E"), "criterion is the text 'E'; expected 'D' or 'A'"),
-    (lambda o: cs.Steps(pulses="four"), "pulses is the text 'four'"),
+    (lambda o: cs.StepInput(pulses="four"), "pulses is the text 'four'"),
     # other verbs
     (lambda o: cs.table(3, "alpha", [0.0, 1.0], [0.0, 1.0]), "table: coefficient is 3"),
     (lambda o: cs.trim(o.plane, V=100.0, altitude=1e6), "expected -1000 to 20000 m"),
@@ -226,7 +226,7 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: cs.diagnose(o.model, o.flown, exact=3), "exact is 3"),
     (lambda o: cs.diagnose(o.model, o.flown, library=3), "library is 3; write cs.Library(...)"),
     (lambda o: cs.diagnose(o.model, o.flown, criteria=3), "criteria is 3; write cs.Criteria(...)"),
-    (lambda o: cs.diagnose(o.model, o.flown, ports=["q"]), "is the text 'q'; write cs.Port("),
+    (lambda o: cs.diagnose(o.model, o.flown, ports=["q"]), "is the text 'q'; write cs.ModelPort("),
     (lambda o: cs.diagnose(o.plane, o.flown, as_recorded="yes"), "as_recorded is the text 'yes'"),
     (lambda o: cs.diagnose(o.flown[0], o.plane), "expected a cs.Aircraft or the name of its file"),
 ]
@@ -251,7 +251,7 @@ def test_what_users_have_is_taken(here: SimpleNamespace) -> None:
     plane, csv = here.folder / "plane.toml", here.folder / "m1.csv"
     ready = cs.flight_inputs(str(plane), csv)
     assert cs.aircraft_model(plane).name == here.plane.name
-    only = cs.Problem(here.model, here.record, free=["Mq"], constraints=cs.parameter("Mq", upper=0.0))
+    only = cs.Problem(here.model, here.record, free=["Mq"], constraints=cs.limit_parameter("Mq", upper=0.0))
     assert only.records == (here.record,) and len(only.constraints) == 1
     assert [r.name for r in cs.Problem(cs.aircraft_model(plane), ready, free=["Cm_q"]).records] == ["m1"]
     mapped = cs.read_record(csv, {"alpha": "alpha:rad*2"})

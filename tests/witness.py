@@ -149,7 +149,7 @@ def with_process_noise() -> Any:
 
 def constrained() -> Any:
     """A limit that acts: Cl_p, -1.12 without it, stays above -0.9."""
-    return cs.solve(replace(problem("output"), constraints=[cs.parameter("Cl_p", lower=-0.9)]))
+    return cs.solve(replace(problem("output"), constraints=[cs.limit_parameter("Cl_p", lower=-0.9)]))
 
 
 def estimations() -> dict[str, Callable[[], Any]]:

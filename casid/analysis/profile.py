@@ -18,7 +18,7 @@ from casid.arguments import an, number
 from casid.arguments import names as argument_names
 from casid.errors import EstimationError, InputError
 from casid.estimation.constraints import LinearConstraint
-from casid.estimation.constraints import parameter as limits_of
+from casid.estimation.constraints import limit_parameter as limits_of
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of
-from casid.design import Experiment, InputDesign, Multisine, Steps, design_input, standard_3211
+from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
 from casid.design.separation import separating_manoeuvre
 from casid.errors import EstimationError, InputError
@@ -24,7 +24,7 @@ from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.words import expectation_in_words, manoeuvre_in_words, odds_in_words
 
-SHAPES = {"pulses4": Steps(pulses=4), "pulses8": Steps(pulses=8), "multisine": Multisine(lines=8)}
+SHAPES = {"pulses4": StepInput(pulses=4), "pulses8": StepInput(pulses=8), "multisine": Multisine(lines=8)}
 
 
 def design(

@@ -22,13 +22,13 @@ import numpy as np
 
 from casid.arguments import an, one_of, whole
 from casid.design.experiment import Experiment
-from casid.design.input_shapes import Multisine, Shape, Steps
+from casid.design.input_shapes import Multisine, Shape, StepInput
 from casid.errors import EstimationError
 from casid.estimation.transcriptions.steps import output_function, step_function
 from casid.native.threads import single_threaded
 from casid.records.record import Record
 
-_STEPS = Steps()
+_STEPS = StepInput()
 _UNITS_S = np.geomspace(0.2, 3.0, 16)  # units of the standard 3-2-1-1 tried
 _ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from each start; with the exact Hessian from the best end
 _TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
@@ -49,7 +49,7 @@ class InputDesign:
     cost
         The criterion: mean log variance ("D") or log mean variance ("A") of the parameters over their sizes.
     unknowns
-        Surface -> vector of its shape (see `Steps`, `Multisine`).
+        Surface -> vector of its shape (see `StepInput`, `Multisine`).
     status
         "optimal" where IPOPT's conditions hold to 1e-5, or in words why not; "given" for a standard input.
     """
@@ -74,7 +74,7 @@ def design_input(
     experiment
         The model, what may move how far, what is measured, and which parameters count.
     shape
-        `Steps(...)` or `Multisine(...)`; default four pulses.
+        `StepInput(...)` or `Multisine(...)`; default four pulses.
     criterion
         "D": mean log variance of the parameters over their sizes; "A": log of their mean variance.
     starts
@@ -105,7 +105,7 @@ def design_input(
     ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
     ...     duration=6.0, dt=0.1, parameters=["T"],
     ... )
-    >>> design = cs.design_input(experiment, cs.Steps(pulses=4), starts=0)
+    >>> design = cs.design_input(experiment, cs.StepInput(pulses=4), starts=0)
     >>> design.cost <= cs.standard_3211(experiment).cost
     True
     """
@@ -113,7 +113,7 @@ def design_input(
     whole(starts, "design_input: starts", least=0)
     search = _InputSearch(experiment, shape, criterion)
     rng, guesses = np.random.default_rng(whole(seed, "design_input: seed", least=0)), []
-    if isinstance(shape, Steps) and shape.pulses >= 4:
+    if isinstance(shape, StepInput) and shape.pulses >= 4:
         guesses.append(_standard_unknowns(search, shape))
     for _ in range(starts):
         parts = [shape.random(rng, experiment.duration) for _ in experiment.surfaces]
@@ -164,7 +164,7 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
     >>> design.status, round(float(abs(design.record["u"]).max()), 1)
     ('given', 1.0)
     """
-    shape = Steps(rise_s=rise_s)
+    shape = StepInput(rise_s=rise_s)
     _check(experiment, shape, criterion)
     search = _InputSearch(experiment, shape, criterion)
     return search.design(_standard_unknowns(search, shape), "given", "standard 3-2-1-1")
@@ -172,12 +172,12 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
 
 def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
     an(experiment, Experiment, "design_input: experiment", "cs.Experiment(model=..., surfaces={'delta_e': 0.05}, ...)")
-    an(shape, (Steps, Multisine), "design_input: shape", "cs.Steps(pulses=4) or cs.Multisine(lines=8)")
+    an(shape, (StepInput, Multisine), "design_input: shape", "cs.StepInput(pulses=4) or cs.Multisine(lines=8)")
     one_of(criterion, ("D", "A"), "design_input: criterion")
     shape.check(experiment.duration)
 
 
-def _standard_unknowns(search: _InputSearch, shape: Steps) -> np.ndarray:
+def _standard_unknowns(search: _InputSearch, shape: StepInput) -> np.ndarray:
     """Unknowns of the best 3-2-1-1: surfaces follow each other, one unit for all, as large as the limits allow."""
     duration, count = search.experiment.duration, len(search.experiment.surfaces)
     best, least = None, math.inf
@@ -218,8 +218,8 @@ class _InputSearch:
         moves = self._moves(z)
         information, paths = _integrated(experiment, ca.vertcat(*[m.T for m in moves.values()]))
         cost = _criterion(experiment, criterion)(information)
-        ends = [shape.ends(part) / experiment.duration for part in self._parts(z) if isinstance(shape, Steps)]
-        over = [m / experiment.surfaces[n] for n, m in moves.items() if not isinstance(shape, Steps)]
+        ends = [shape.ends(part) / experiment.duration for part in self._parts(z) if isinstance(shape, StepInput)]
+        over = [m / experiment.surfaces[n] for n, m in moves.items() if not isinstance(shape, StepInput)]
         self.g = ca.vertcat(*ends, *over, ca.vec(paths))
         self.g_low = np.r_[np.zeros(len(ends)), -np.ones(self.g.shape[0] - len(ends))]
         self._value = ca.Function("value", [z], [cost, information, self.g])
@@ -263,7 +263,7 @@ class _InputSearch:
         beyond = np.abs(np.asarray(self._value(z)[2]))
         return float(beyond.max(initial=0.0)) if np.isfinite(beyond).all() else math.inf
 
-    def within_limits(self, parts: list[np.ndarray], shape: Steps) -> np.ndarray:
+    def within_limits(self, parts: list[np.ndarray], shape: StepInput) -> np.ndarray:
         """Steps with the sizes of each surface as large as the limits allow when it moves alone, then all of them by a
         common factor where they are too large together."""
         sizes = np.arange(self.count) > shape.pulses

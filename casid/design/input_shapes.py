@@ -17,7 +17,7 @@ from casid.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Steps:
+class StepInput:
     """Pulses one after another, each with its own duration and size. Four are what a 3-2-1-1 has.
 
     Attributes
@@ -134,4 +134,4 @@ class Multisine:
         return np.r_[np.sin(phase), np.cos(phase)] * 0.5 / np.sqrt(self.lines)
 
 
-Shape = Steps | Multisine
+Shape = StepInput | Multisine

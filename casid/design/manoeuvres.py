@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from casid.design.experiment import Experiment
-from casid.design.input_shapes import Steps
+from casid.design.input_shapes import StepInput
 
 _UNITS_S = np.geomspace(0.2, 1.6, 7)  # of the shortest pulse; slower ones tell the less of what is fast
 _BEGIN_S = 0.5
@@ -40,7 +40,7 @@ def flyable(experiment: Experiment) -> Iterator[Manoeuvre]:
     t = experiment.t
     for surface in experiment.surfaces:
         for unit in _UNITS_S:
-            shape = Steps(rise_s=min(0.12, 0.5 * unit), shortest_s=0.1)
+            shape = StepInput(rise_s=min(0.12, 0.5 * unit), shortest_s=0.1)
             if _BEGIN_S + 7 * unit < experiment.duration:
                 moves = shape.samples(shape.standard(unit, 1.0), t)
                 yield Manoeuvre(surface=surface, words=f"3-2-1-1 with a shortest pulse of {unit:.2f} s", moves=moves)
@@ -48,7 +48,7 @@ def flyable(experiment: Experiment) -> Iterator[Manoeuvre]:
                 if _BEGIN_S + pulses * unit < experiment.duration:
                     alternating = [(-1.0) ** k for k in range(pulses)]
                     unknowns = np.r_[_BEGIN_S, np.full(pulses, unit), alternating]
-                    train = Steps(pulses=pulses, rise_s=shape.rise_s, shortest_s=0.1)
+                    train = StepInput(pulses=pulses, rise_s=shape.rise_s, shortest_s=0.1)
                     words = f"{name} with pulses of {unit:.2f} s"
                     yield Manoeuvre(surface=surface, words=words, moves=train.samples(unknowns, t))
         low, high = _SWEEP_HZ

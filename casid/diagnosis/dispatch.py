@@ -14,7 +14,7 @@ from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.model.port import Port
+from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.records.record import Record
 

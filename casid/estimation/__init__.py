@@ -1,6 +1,6 @@
 """Estimation: cost x transcription x solver, chosen independently of each other."""
 
-from casid.estimation.constraints import linear, nonlinear, parameter, path
+from casid.estimation.constraints import limit_combination, limit_function, limit_parameter, limit_trajectory
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
@@ -40,9 +40,9 @@ __all__ = [
     "Starts",
     "StateHistory",
     "StudentT",
-    "linear",
-    "nonlinear",
-    "parameter",
-    "path",
+    "limit_combination",
+    "limit_function",
+    "limit_parameter",
+    "limit_trajectory",
     "solve",
 ]

@@ -129,7 +129,7 @@ def check_of_records(
             missing = next(record for record in records if f"{bare}[{record}]" not in table)
             raise InputError(
                 f"Problem: fixed has '{name}' and not '{bare}[{missing}]'; give all records a value, or hold this one "
-                f"by cs.linear({{'{name}': 1.0}}, lower={table[name]:g}, upper={table[name]:g})"
+                f"by cs.limit_combination({{'{name}': 1.0}}, lower={table[name]:g}, upper={table[name]:g})"
             )
 
 
@@ -193,13 +193,13 @@ def check_constraints(constraints: Any) -> tuple[Constraint, ...]:
     if isinstance(constraints, _CONSTRAINTS):
         return (constraints,)
     if isinstance(constraints, (str, Mapping)) or not hasattr(constraints, "__iter__"):
-        raise InputError(f"Problem: constraints is {given(constraints)}; write [cs.parameter('Cm_q', upper=0.0)]")
+        raise InputError(f"Problem: constraints is {given(constraints)}; write [cs.limit_parameter('Cm_q', upper=0.0)]")
     for one in constraints:
         an(
             one,
             _CONSTRAINTS,
             "Problem: a constraint",
-            "cs.parameter(...), cs.linear(...), cs.nonlinear(...) or cs.path(...)",
+            "cs.limit_parameter(...), cs.limit_combination(...), cs.limit_function(...) or cs.limit_trajectory(...)",
         )
     return tuple(constraints)
 

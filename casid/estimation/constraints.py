@@ -59,7 +59,7 @@ def _name(value: Any, what: str, example: str) -> str:
     return value
 
 
-def parameter(name: str, *, lower: float | None = None, upper: float | None = None) -> LinearConstraint:
+def limit_parameter(name: str, *, lower: float | None = None, upper: float | None = None) -> LinearConstraint:
     """Bounds on one parameter of a problem.
 
     Parameters
@@ -84,15 +84,15 @@ def parameter(name: str, *, lower: float | None = None, upper: float | None = No
     Examples
     --------
     >>> import casid as cs
-    >>> damping = cs.parameter("Cm_q", upper=0.0)
+    >>> damping = cs.limit_parameter("Cm_q", upper=0.0)
     >>> damping.lower, damping.upper
     (-inf, 0.0)
     """
-    low, high = _limits(f"'{_name(name, 'parameter', 'Cm_q')}'", lower, upper)
+    low, high = _limits(f"'{_name(name, 'limit_parameter', 'Cm_q')}'", lower, upper)
     return LinearConstraint(coefficients={name: 1.0}, lower=low, upper=high)
 
 
-def linear(
+def limit_combination(
     coefficients: Mapping[str, float], *, lower: float | None = None, upper: float | None = None
 ) -> LinearConstraint:
     """Limits on a linear combination of parameters, for example a ratio or a sum known from a wind tunnel.
@@ -121,18 +121,20 @@ def linear(
     A wind tunnel tells that Cm_q is at least twice as negative as Cm_alphadot:
 
     >>> import casid as cs
-    >>> ratio = cs.linear({"Cm_q": 1.0, "Cm_alphadot": -2.0}, upper=0.0)
+    >>> ratio = cs.limit_combination({"Cm_q": 1.0, "Cm_alphadot": -2.0}, upper=0.0)
     >>> ratio.coefficients
     {'Cm_q': 1.0, 'Cm_alphadot': -2.0}
     """
-    table = numbers_by_name(coefficients, "linear: coefficients")
+    table = numbers_by_name(coefficients, "limit_combination: coefficients")
     if not any(table.values()):
-        raise InputError("linear: no coefficient differs from zero; write like cs.linear({'Cm_q': 1.0}, upper=0.0)")
+        raise InputError(
+            "limit_combination: all coefficients are zero; write cs.limit_combination({'Cm_q': 1.0}, upper=0.0)"
+        )
     low, high = _limits(" + ".join(f"{c:g} {n}" for n, c in table.items()), lower, upper)
     return LinearConstraint(coefficients=table, lower=low, upper=high)
 
 
-def nonlinear(
+def limit_function(
     function: Callable[[Any], Any], *, lower: float | None = None, upper: float | None = None
 ) -> NonlinearConstraint:
     """Limits on a nonlinear function of parameters.
@@ -162,17 +164,19 @@ def nonlinear(
     The short period has a natural frequency of at most 3 rad/s:
 
     >>> import casid as cs
-    >>> short_period = cs.nonlinear(lambda s: s.Za * s.Mq - s.Ma, upper=9.0)
+    >>> short_period = cs.limit_function(lambda s: s.Za * s.Mq - s.Ma, upper=9.0)
     >>> short_period.lower, short_period.upper
     (-inf, 9.0)
     """
     if not callable(function):
-        raise InputError(f"nonlinear: the function is {given(function)}; write like cs.nonlinear(lambda s: s.a * s.b)")
+        raise InputError(
+            f"limit_function: the function is {given(function)}; write cs.limit_function(lambda s: s.a * s.b)"
+        )
     low, high = _limits("a function of parameters", lower, upper)
     return NonlinearConstraint(function=function, lower=low, upper=high)
 
 
-def path(
+def limit_trajectory(
     name: str, *, lower: float | None = None, upper: float | None = None, price: float | None = None
 ) -> PathConstraint:
     """Limits on a state or an output along the whole trajectory, at the samples.
@@ -205,11 +209,11 @@ def path(
     The angle of attack stays below 12 deg, and the limit is soft:
 
     >>> import math, casid as cs
-    >>> limit = cs.path("alpha", upper=math.radians(12.0), price=100.0)
+    >>> limit = cs.limit_trajectory("alpha", upper=math.radians(12.0), price=100.0)
     >>> limit.name, limit.lower, limit.price
     ('alpha', -inf, 100.0)
     """
-    low, high = _limits(f"path '{_name(name, 'path', 'alpha')}'", lower, upper)
+    low, high = _limits(f"limit_trajectory '{_name(name, 'limit_trajectory', 'alpha')}'", lower, upper)
     if price is not None:
-        number(price, f"path '{name}': price", positive=True)
+        number(price, f"limit_trajectory '{name}': price", positive=True)
     return PathConstraint(name=name, lower=low, upper=high, price=math.inf if price is None else float(price))

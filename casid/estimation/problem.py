@@ -105,7 +105,7 @@ class Problem:
     Estimate the time constant, positive, from a known state at rest:
 
     >>> problem = cs.Problem(
-    ...     model=lag, records=[flown], free=["T"], noise={"y": 0.01}, constraints=[cs.parameter("T", lower=0.0)],
+    ...     model=lag, records=[flown], free=["T"], noise={"y": 0.01}, constraints=[cs.limit_parameter("T", lower=0.0)],
     ...     initial_state=cs.InitialState(value={"x": 0.0}, std={"x": 0.0}),
     ... )
     >>> round(cs.solve(problem).values["T"], 3)

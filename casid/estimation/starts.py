@@ -118,6 +118,6 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
     if start == 0.0:
         raise InputError(
             f"solve: starts has no range for '{name}', which begins at 0 and has no prior; give both limits, like "
-            f"cs.parameter('{name}', lower=-1.0, upper=1.0), or another start"
+            f"cs.limit_parameter('{name}', lower=-1.0, upper=1.0), or another start"
         )
     return lambda u: float(np.clip(start * 10.0 ** (_DECADES * (2.0 * u - 1.0)), low, high))

@@ -1,6 +1,6 @@
 """A functional mock-up unit (FMI 2.0, model exchange) as a `Model`: its binary gives rates and outputs as numbers.
 
-The unit is called by `fmpy`; its derivatives are differences, as of any `outside` function. CasADi's own import was
+The unit is called by `fmpy`. Its derivatives are differences, as of every `external_function`. CasADi's own import was
 tried and is not used. Its Jacobians are zero for parameters, since no model description has dependencies on these, and
 it sets parameters where a unit may refuse them.
 """
@@ -21,7 +21,7 @@ import numpy as np
 
 from casid.arguments import a_path, names, number
 from casid.errors import InputError, unknown
-from casid.model.outside import outside
+from casid.model.external import external_function
 from casid.model.system import Model, define_model
 
 _LATER = (1.0, 2.6180339)  # s after the start: rates that differ there depend on time
@@ -69,7 +69,7 @@ def fmu_model(
     Model
         Continuous states, Real inputs and outputs under the unit's names and in its units; without outputs, its states.
         Letters that no name has become underscores, `motor.w[1]` is `motor_w_1`. Where rates depend on time, "t" is an
-        input. Derivatives are differences, and Python is called for every sample: see `outside`.
+        input. Derivatives are differences, and Python is called for every sample: see `external_function`.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def fmu_model(
         inputs=[*(v.name for v in own.inputs), *(["t"] if timed else [])],
         parameters={v.name: v.start for v in own.parameters},
         outputs=[v.name for v in own.outputs],
-        dynamics=outside(running.rates, takes, [v.name for v in own.states], sizes),
-        output=outside(running.outputs, takes, [v.name for v in own.outputs], sizes),
+        dynamics=external_function(running.rates, takes, [v.name for v in own.states], sizes),
+        output=external_function(running.outputs, takes, [v.name for v in own.outputs], sizes),
         state_scale={v.name: v.size for v in own.states},
         prior_std=prior_std,
     )

@@ -19,7 +19,7 @@ import numpy as np
 
 from casid.arguments import a_path
 from casid.errors import EstimationError, InputError, unknown
-from casid.estimation.constraints import parameter
+from casid.estimation.constraints import limit_parameter
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
 from casid.formats.sbml import SbmlModel, Scope, Switch, parsed, read_sbml, translated
@@ -386,7 +386,7 @@ class _Reading:
             sides = (_number(self.table[name].get(side, "")) for side in ("lowerBound", "upperBound"))
             low, high = (s if s is not None and math.isfinite(s) else None for s in sides)
             if low is not None or high is not None:
-                yield parameter(name, lower=low, upper=high)
+                yield limit_parameter(name, lower=low, upper=high)
 
     def _priors(self) -> dict[str, float]:
         """1-sigma of normal priors about the nominal value; on a logarithmic scale one of relative size."""

@@ -21,7 +21,7 @@ Place = Literal["state derivative", "input", "output"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Port:
+class ModelPort:
     """One place where something unknown may enter.
 
     kind     what it adds to
@@ -57,24 +57,24 @@ class Port:
         return {"state derivative": "f_", "input": "d_", "output": "y_"}[self.kind] + self.name
 
 
-def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[Port, ...]:
+def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[ModelPort, ...]:
     """A port at every state derivative, input and output whose name is not in `exact`."""
     for name in names_of(exact, "exact"):
         if name not in (*model.states, *model.inputs, *model.outputs):
             raise unknown("name", name, (*model.states, *model.inputs, *model.outputs), "exact")
-    equations = [Port(kind="state derivative", name=name) for name in model.states if name not in exact]
-    inputs = [Port(kind="input", name=name) for name in model.inputs if name not in exact]
+    equations = [ModelPort(kind="state derivative", name=name) for name in model.states if name not in exact]
+    inputs = [ModelPort(kind="input", name=name) for name in model.inputs if name not in exact]
     # an exact equation does not vouch for the instrument that reads the state of the same name
     beyond_doubt = {name for name in exact if name not in model.states}
-    outputs = [Port(kind="output", name=name) for name in model.outputs if name not in beyond_doubt]
+    outputs = [ModelPort(kind="output", name=name) for name in model.outputs if name not in beyond_doubt]
     return (*equations, *inputs, *outputs)
 
 
-def check_ports(model: Model, ports: Sequence[Port]) -> None:
+def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
     """Raises InputError for a port that the model does not have, or that stands twice."""
     valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
     for port in ports:
-        an(port, Port, f"ports of '{model.name}': one", "cs.Port(kind=..., name=...)")
+        an(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")
         if port.name not in valid[port.kind]:
             raise unknown(port.kind, port.name, valid[port.kind], f"ports of '{model.name}'")
     names = [port.disturbance for port in ports]
@@ -83,7 +83,7 @@ def check_ports(model: Model, ports: Sequence[Port]) -> None:
         raise InputError(f"ports of '{model.name}': '{twice[0][2:]}' stands twice in one kind; name it once")
 
 
-def with_ports(model: Model, ports: Sequence[Port]) -> Model:
+def with_ports(model: Model, ports: Sequence[ModelPort]) -> Model:
     """The model with a disturbance, null 0, at every port, after those that it has."""
     w = ca.SX.sym("ports", len(ports))
     f, h = ca.SX(model.f), ca.SX(model.h)

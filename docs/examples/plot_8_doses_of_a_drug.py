@@ -43,7 +43,7 @@ fit = cs.solve(
         record,
         free=["absorption", "elimination", "V"],
         log=["*"],
-        constraints=[cs.nonlinear(lambda s: s.absorption / s.elimination, lower=1.0)],
+        constraints=[cs.limit_function(lambda s: s.absorption / s.elimination, lower=1.0)],
         initial_state=cs.InitialState(value={"gut": 0.0, "blood": 0.0}, std={"gut": 0.0, "blood": 0.0}),
     )
 )

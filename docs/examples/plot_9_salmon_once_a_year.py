@@ -40,7 +40,7 @@ record = cs.Record(
     name="river", t=generation, channels={"caught": caught * n, "counted": n + rng.normal(scale=4.0, size=40)}
 )
 problem = cs.Problem(
-    model, record, free=["r", "k"], measured={"n": "counted"}, constraints=[cs.parameter("k", lower=1.0)]
+    model, record, free=["r", "k"], measured={"n": "counted"}, constraints=[cs.limit_parameter("k", lower=1.0)]
 )
 
 # %%

@@ -22,9 +22,9 @@ from casid.estimation import (
     MultipleShooting,
     OutputError,
     Problem,
-    linear,
-    parameter,
-    path,
+    limit_combination,
+    limit_parameter,
+    limit_trajectory,
     solve,
 )
 from casid.estimation.constraints import Constraint, LinearConstraint, PathConstraint
@@ -84,36 +84,41 @@ class Experiment:
 def experiments() -> Mapping[str, Experiment]:
     """Every constraint in a line or two."""
     at = trim_point()
-    tied = tuple(linear({f"{n}[poor]": 1.0, f"{n}[good]": -1.0}, lower=0.0, upper=0.0) for n in ("Cm_alpha", "Cm_q"))
+    tied = tuple(
+        limit_combination({f"{n}[poor]": 1.0, f"{n}[good]": -1.0}, lower=0.0, upper=0.0) for n in ("Cm_alpha", "Cm_q")
+    )
     return MappingProxyType(
         {
             "none": Experiment(words="nothing is known", constraints=()),
             "none, roll": Experiment(words="nothing is known, roll derivatives", constraints=(), free=ROLL),
             "bounds": Experiment(
                 words="damping within 30 % of a handbook value",
-                constraints=(parameter("Cm_q", lower=-34.0, upper=-18.0),),
+                constraints=(limit_parameter("Cm_q", lower=-34.0, upper=-18.0),),
             ),
             "signs": Experiment(
                 words="roll is damped, dihedral effect positive, yawing to the right rolls to the right",
                 free=ROLL,
                 constraints=(
-                    parameter("Cl_p", upper=0.0),
-                    parameter("Cl_beta", upper=0.0),
-                    parameter("Cl_r", lower=0.0),
+                    limit_parameter("Cl_p", upper=0.0),
+                    limit_parameter("Cl_beta", upper=0.0),
+                    limit_parameter("Cl_r", lower=0.0),
                 ),
             ),
             "static margin": Experiment(
                 words=f"static margin {STATIC_MARGIN:.3f} from a wind tunnel: Cm_alpha = - margin * CL_alpha",
-                constraints=(linear({"Cm_alpha": 1.0}, lower=STABLE["Cm_alpha"], upper=STABLE["Cm_alpha"]),),
+                constraints=(limit_combination({"Cm_alpha": 1.0}, lower=STABLE["Cm_alpha"], upper=STABLE["Cm_alpha"]),),
             ),
             "trim moment": Experiment(
                 words="the moments balance in the known trim: Cm_0 + Cm_alpha alpha + Cm_delta_e delta_e = 0",
                 constraints=(
-                    linear({"Cm_0": 1.0, "Cm_alpha": at.alpha, "Cm_delta_e": at.delta_e}, lower=0.0, upper=0.0),
+                    limit_combination(
+                        {"Cm_0": 1.0, "Cm_alpha": at.alpha, "Cm_delta_e": at.delta_e}, lower=0.0, upper=0.0
+                    ),
                 ),
             ),
             "path": Experiment(
-                words=f"angle of attack stayed below {ALPHA_LIMIT} rad", constraints=(path("alpha", upper=ALPHA_LIMIT),)
+                words=f"angle of attack stayed below {ALPHA_LIMIT} rad",
+                constraints=(limit_trajectory("alpha", upper=ALPHA_LIMIT),),
             ),
             "tied": Experiment(
                 words="own values in each record, but Cm_alpha and Cm_q are those of the good record too",

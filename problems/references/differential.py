@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.estimation import Fit, InitialState, Problem, parameter
+from casid.estimation import Fit, InitialState, Problem, limit_parameter
 from casid.model.system import define_model
 from casid.records.record import Record
 
@@ -115,7 +115,7 @@ def _marine(s: Any) -> list[Any]:
 def marine(folder: Path) -> Problem:
     """A marine population in eight stages; its initial state is free."""
     free = InitialState(std={f"x{i}": 1e9 for i in range(8)})
-    limits = [parameter(f"p{i}", lower=0.0) for i in range(15)]
+    limits = [limit_parameter(f"p{i}", lower=0.0) for i in range(15)]
     record = _table(folder, "cops_marine.csv")
     return _all_seen(
         "marine population", record, 0.0, _marine, None, parameters=15, initial_state=free, constraints=limits
@@ -134,7 +134,7 @@ def _methanol(s: Any) -> list[Any]:
 
 def methanol(folder: Path) -> Problem:
     """Methanol to hydrocarbons."""
-    limits = [parameter(f"p{i}", lower=0.0) for i in range(5)]
+    limits = [limit_parameter(f"p{i}", lower=0.0) for i in range(5)]
     record = _table(folder, "cops_methanol.csv")
     return _all_seen(
         "methanol to hydrocarbons", record, 1.0, _methanol, [1.0, 0.0, 0.0], parameters=5, constraints=limits
@@ -240,7 +240,7 @@ def boehm(folder: Path, off: float = 2.0) -> Problem:
         state_scale=dict.fromkeys(states, 50.0),
     )
     start = {name: value * off ** (-1) ** i for i, (name, value) in enumerate(_BOEHM.items())}
-    limits = [parameter(name, lower=1e-5, upper=1e5) for name in _BOEHM]
+    limits = [limit_parameter(name, lower=1e-5, upper=1e5) for name in _BOEHM]
     record = Record(name="boehm", t=np.array(t), channels=channels)
     return Problem(model, [record], free=list(_BOEHM), log=["*"], start=start, constraints=limits)
 

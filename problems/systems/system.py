@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from casid.diagnosis.systems.library import Library
 from casid.errors import InputError
-from casid.model.port import Port, ports_of
+from casid.model.port import ModelPort, ports_of
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -66,7 +66,7 @@ class System:
     matters: Mapping[str, float] = field(default_factory=dict)
     records: int = 4
 
-    def ports(self) -> list[Port]:
+    def ports(self) -> list[ModelPort]:
         """Where reality may differ from the model."""
         found = ports_of(self.model(), self.exact)
         return [replace(p, matters=self.matters.get(p.name)) if p.kind == "output" else p for p in found]

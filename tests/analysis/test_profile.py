@@ -23,7 +23,7 @@ from casid.estimation import (
     Problem,
     RangeWeights,
     SingleShooting,
-    parameter,
+    limit_parameter,
     solve,
 )
 from casid.estimation.transcriptions.steps import output_function, step_function
@@ -140,7 +140,7 @@ def test_a_side_without_an_end_is_infinite_and_a_limit_cuts_it_off():
     problem = Problem(model, [line_record()], free=["*"], noise={"q": 12.0})
     found = profile(solve(problem), ["a"])["a"]
     assert found.lower == -np.inf and np.isfinite(found.upper) and "no lower end" in found.status
-    limited = replace(problem, constraints=[parameter("a", lower=-1.0)])
+    limited = replace(problem, constraints=[limit_parameter("a", lower=-1.0)])
     found = profile(solve(limited), ["a"])["a"]
     assert found.lower == -1.0 and "limit" in found.status
 

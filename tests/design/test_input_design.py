@@ -12,7 +12,7 @@ import pytest
 from estimation_cases import NOISE, TRUTH, short_period
 from scipy.stats import chi2
 
-from casid.design import Experiment, Multisine, Steps, design_input, standard_3211
+from casid.design import Experiment, Multisine, StepInput, design_input, standard_3211
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
 from casid.model.system import define_model
@@ -39,7 +39,7 @@ def experiment() -> Experiment:
 
 @cache
 def designed(criterion: str = "D", pulses: int = 4):
-    return design_input(experiment(), Steps(pulses=pulses), criterion=criterion, starts=2)
+    return design_input(experiment(), StepInput(pulses=pulses), criterion=criterion, starts=2)
 
 
 def static(duration: float = 4.0, **options) -> Experiment:
@@ -69,7 +69,7 @@ def static(duration: float = 4.0, **options) -> Experiment:
 def test_the_best_pulse_of_a_static_gain_is_as_large_and_as_long_as_it_may_be():
     """Rest is 0.02: a pulse to 0.12 tells more than one to -0.08."""
     problem = static()
-    design = design_input(problem, Steps(pulses=1), starts=3)
+    design = design_input(problem, StepInput(pulses=1), starts=3)
     u = design.record["delta_e"]
     assert design.std["a"] == pytest.approx(0.3 / np.sqrt((u**2).sum()), rel=1e-9)
     begin, length, size = design.unknowns["delta_e"]
@@ -77,7 +77,7 @@ def test_the_best_pulse_of_a_static_gain_is_as_large_and_as_long_as_it_may_be():
     assert begin == pytest.approx(2 * 0.12, abs=0.01) and begin + length == pytest.approx(4.0, abs=0.01)
 
 
-@pytest.mark.parametrize("shape", [Steps(pulses=4), Multisine(lines=5)])
+@pytest.mark.parametrize("shape", [StepInput(pulses=4), Multisine(lines=5)])
 def test_the_bound_is_that_of_an_estimation_on_the_record(shape):
     design = design_input(experiment(), shape, starts=1)
     fit = solve(Problem(short_period(), [design.record], free=["*"], noise=NOISE))
@@ -98,7 +98,7 @@ def test_the_standard_input_is_a_3_2_1_1_at_its_limit():
 
 def test_the_design_is_better_and_nothing_near_it_is_better_still():
     """Local optimality, by random small changes that keep all limits."""
-    design, shape = designed(), Steps(pulses=4)
+    design, shape = designed(), StepInput(pulses=4)
     assert design.status == "optimal"
     assert design.cost < standard_3211(experiment()).cost - 0.3
     z, rng, tried = design.unknowns["delta_e"], np.random.default_rng(0), 0
@@ -118,7 +118,7 @@ def test_the_design_is_better_and_nothing_near_it_is_better_still():
 def test_a_start_that_bfgs_does_not_finish_ends_at_an_optimum(monkeypatch):
     """The exact Hessian takes over: IPOPT's conditions hold, and the limit is reached as at every optimum."""
     monkeypatch.setattr("casid.design.input_design._ITERATIONS", 5)
-    shape, worse = Steps(pulses=4), standard_3211(experiment(), criterion="A").cost
+    shape, worse = StepInput(pulses=4), standard_3211(experiment(), criterion="A").cost
     monkeypatch.setattr("casid.design.input_design._EXACT_ITERATIONS", 0)
     begun = design_input(experiment(), shape, criterion="A", starts=1)
     monkeypatch.undo()
@@ -178,7 +178,7 @@ def test_what_cannot_be_designed_is_said():
     with pytest.raises(InputError, match="'D' or 'A'"):
         design_input(experiment(), criterion="E")
     with pytest.raises(InputError, match="do not fit"):
-        design_input(experiment(), Steps(pulses=40))
+        design_input(experiment(), StepInput(pulses=40))
     with pytest.raises(EstimationError, match="none fits"):
         standard_3211(static(duration=1.5))
 

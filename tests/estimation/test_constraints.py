@@ -15,10 +15,10 @@ from casid.estimation import (
     MultipleShooting,
     Problem,
     SingleShooting,
-    linear,
-    nonlinear,
-    parameter,
-    path,
+    limit_combination,
+    limit_function,
+    limit_parameter,
+    limit_trajectory,
     solve,
 )
 from casid.estimation.attempt import build_objective
@@ -41,7 +41,7 @@ def problem(*constraints, **options) -> Problem:
 def test_an_active_bound_is_met_and_its_multiplier_is_its_price(solver, limits):
     def fit_with(shift: float):
         moved = {side: value + shift for side, value in limits.items()}
-        return solve(problem(parameter("Mq", **moved)), MultipleShooting(), solver)
+        return solve(problem(limit_parameter("Mq", **moved)), MultipleShooting(), solver)
 
     fit = fit_with(0.0)
     assert fit.converged
@@ -57,7 +57,7 @@ def test_an_active_bound_is_met_and_its_multiplier_is_its_price(solver, limits):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_an_inactive_bound_changes_nothing(solver):
-    free, bounded = solve(problem(), solver=solver), solve(problem(parameter("Mq", upper=0.0)), solver=solver)
+    free, bounded = solve(problem(), solver=solver), solve(problem(limit_parameter("Mq", upper=0.0)), solver=solver)
     np.testing.assert_allclose(list(bounded.values.values()), list(free.values.values()), rtol=1e-7)
     assert bounded.multipliers[0] == 0.0 and bounded["Mq"].std == pytest.approx(free["Mq"].std, rel=1e-6)
 
@@ -65,7 +65,7 @@ def test_an_inactive_bound_changes_nothing(solver):
 @pytest.mark.parametrize("method", [SingleShooting(), MultipleShooting(interval=20), Collocation(degree=2)])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_an_equality_is_the_same_as_fixing_the_parameter(method, solver):
-    tied = solve(problem(parameter("Mq", lower=-2.0, upper=-2.0)), method, solver)
+    tied = solve(problem(limit_parameter("Mq", lower=-2.0, upper=-2.0)), method, solver)
     fixed = solve(problem(fixed={"Mq": -2.0}), method, solver)
     assert tied.converged
     for name in ("Za", "Zde", "Ma", "Mde"):
@@ -77,7 +77,7 @@ def test_an_equality_is_the_same_as_fixing_the_parameter(method, solver):
 def test_a_linear_combination_of_parameters_is_limited(solver):
     free = solve(problem())
     limit = free["Ma"].value - 2 * free["Mq"].value - 0.3
-    fit = solve(problem(linear({"Ma": 1.0, "Mq": -2.0}, upper=limit)), solver=solver)
+    fit = solve(problem(limit_combination({"Ma": 1.0, "Mq": -2.0}, upper=limit)), solver=solver)
     assert fit.converged
     assert fit["Ma"].value - 2 * fit["Mq"].value == pytest.approx(limit, abs=1e-7)
     assert fit.multipliers[0] > 0 and fit.cost > free.cost
@@ -91,14 +91,17 @@ def limited(kind: str, price: float | None = None) -> tuple:
     free = solve(problem())
     alpha, q = (free.predictions["m1"][:, i] for i in range(2))
     return {
-        "path": (path("alpha", upper=0.95 * float(alpha.max()), price=price),),
-        "paths": (path("alpha", upper=0.8 * float(alpha.max())), path("q", lower=0.8 * float(q.min()))),
-        "function": (nonlinear(lambda s: s.Za * s.Mq - s.Ma, upper=5.5),),
-        "equation": (nonlinear(lambda s: s.Ma / s.Mde, lower=0.6, upper=0.6),),
+        "path": (limit_trajectory("alpha", upper=0.95 * float(alpha.max()), price=price),),
+        "paths": (
+            limit_trajectory("alpha", upper=0.8 * float(alpha.max())),
+            limit_trajectory("q", lower=0.8 * float(q.min())),
+        ),
+        "function": (limit_function(lambda s: s.Za * s.Mq - s.Ma, upper=5.5),),
+        "equation": (limit_function(lambda s: s.Ma / s.Mde, lower=0.6, upper=0.6),),
         "all": (
-            nonlinear(lambda s: s.Za * s.Mq - s.Ma, upper=5.5),
-            path("alpha", upper=0.8 * float(alpha.max())),
-            parameter("Mq", upper=-2.0),
+            limit_function(lambda s: s.Za * s.Mq - s.Ma, upper=5.5),
+            limit_trajectory("alpha", upper=0.8 * float(alpha.max())),
+            limit_parameter("Mq", upper=-2.0),
         ),
     }[kind]
 
@@ -142,7 +145,7 @@ def test_the_optimum_under_a_path_limit_satisfies_the_conditions_of_kuhn_and_tuc
     (limit,) = limited("path")
 
     def solved(shift: float):
-        objective = build_objective(problem(path("alpha", upper=limit.upper + shift)), method)
+        objective = build_objective(problem(limit_trajectory("alpha", upper=limit.upper + shift)), method)
         return objective, GaussNewton(tolerance=1e-10).minimise(objective)
 
     objective, outcome = solved(0.0)
@@ -169,14 +172,14 @@ def test_constrained_fits_from_zero_come_to_those_from_near():
 
 
 def test_paths_that_contradict_each_other_end_with_a_word():
-    contrary = problem(path("alpha", upper=0.001), path("alpha", lower=0.002))
+    contrary = problem(limit_trajectory("alpha", upper=0.001), limit_trajectory("alpha", lower=0.002))
     fit = solve(contrary, solver=GaussNewton())
     assert not fit.converged and "cannot be satisfied together" in fit.status
 
 
 def test_a_path_that_begins_beyond_its_limit_ends_with_a_word():
     begin = InitialState(value={"alpha": 0.01, "q": -0.02}, std={"alpha": 0.0, "q": 0.0})
-    fit = solve(problem(path("alpha", upper=0.005), initial_state=begin), solver=GaussNewton())
+    fit = solve(problem(limit_trajectory("alpha", upper=0.005), initial_state=begin), solver=GaussNewton())
     assert not fit.converged and "cannot be satisfied together" in fit.status
 
 
@@ -193,7 +196,7 @@ def test_a_limit_on_a_function_of_logarithms_is_one_of_the_parameters():
     )
     t = np.linspace(0.0, 4.0, 60)
     record = Record(name="d", t=t, channels={"y": 2.0 * np.exp(-0.7 * t)})
-    sums = (linear({"a": 1.0, "k": 1.0}, upper=2.5), nonlinear(lambda s: s.a + s.k, upper=2.5))
+    sums = (limit_combination({"a": 1.0, "k": 1.0}, upper=2.5), limit_function(lambda s: s.a + s.k, upper=2.5))
     fits = [
         solve(Problem(positive, record, free=["*"], log=log, noise={"y": 0.1}, constraints=one))
         for log in ((), ("k",), ("a", "k"))
@@ -214,7 +217,7 @@ def test_a_limit_on_a_function_of_per_record_parameters_holds_in_every_record():
         free=["Ma", "Mq"],
         per_record=["Mde"],
         noise=NOISE,
-        constraints=[nonlinear(lambda s: s.Mde * s.Mq, upper=11.5)],
+        constraints=[limit_function(lambda s: s.Mde * s.Mq, upper=11.5)],
     )
     fit = solve(given)
     assert fit["Mde[m2]"].value * fit["Mq"].value == pytest.approx(11.5, abs=1e-8)
@@ -237,7 +240,7 @@ def test_constrained_linear_least_squares_is_the_analytic_solution():
     channels = {f"z{i}": z[:, i] for i in range(4)} | {"y": y}
     record = Record(name="r", t=np.arange(80.0), channels=channels)
     c, d = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 2.0, 0.0, -1.0]]), np.array([0.3, -4.0])
-    rows = [linear(dict(zip(b, row, strict=True)), lower=v, upper=v) for row, v in zip(c, d, strict=True)]
+    rows = [limit_combination(dict(zip(b, row, strict=True)), lower=v, upper=v) for row, v in zip(c, d, strict=True)]
     fit = solve(Problem(model, record, free=["*"], noise={"y": 0.1}, constraints=rows))
     information = z.T @ z / 0.01
     matrix = np.block([[information, c.T], [c, np.zeros((2, 2))]])
@@ -272,7 +275,7 @@ def test_the_quadratic_problem_is_solved_to_its_optimality_conditions(seed):
 
 
 def test_limits_that_contradict_each_other_end_with_a_word():
-    contrary = problem(parameter("Mq", upper=-3.0), linear({"Mq": 2.0}, lower=-2.0))
+    contrary = problem(limit_parameter("Mq", upper=-3.0), limit_combination({"Mq": 2.0}, lower=-2.0))
     for solver in SOLVERS:
         fit = solve(contrary, solver=solver)
         assert not fit.converged and "cannot be satisfied" in fit.status
@@ -280,19 +283,19 @@ def test_limits_that_contradict_each_other_end_with_a_word():
 
 def test_constraints_are_checked_when_they_are_made():
     with pytest.raises(EstimationError, match="above upper"):
-        parameter("Mq", lower=1.0, upper=0.0)
+        limit_parameter("Mq", lower=1.0, upper=0.0)
     with pytest.raises(EstimationError, match="neither"):
-        path("alpha")
+        limit_trajectory("alpha")
     with pytest.raises(InputError, match="did you mean 'Mq'"):
-        problem(parameter("MQ", upper=0.0))
+        problem(limit_parameter("MQ", upper=0.0))
     with pytest.raises(InputError, match="did you mean 'alpha'"):
-        problem(path("alfa", upper=0.0))
+        problem(limit_trajectory("alfa", upper=0.0))
     with pytest.raises(InputError, match="did you mean 'Mq'"):
-        problem(nonlinear(lambda s: s.MQ * s.Ma, upper=0.0))
+        problem(limit_function(lambda s: s.MQ * s.Ma, upper=0.0))
     with pytest.raises(InputError, match="no free parameter"):
-        problem(nonlinear(lambda s: s.Mq * s.Ma, upper=0.0), free=["Za"])
+        problem(limit_function(lambda s: s.Mq * s.Ma, upper=0.0), free=["Za"])
     with pytest.raises(InputError, match="price"):
-        path("alpha", upper=0.0, price=-1.0)
+        limit_trajectory("alpha", upper=0.0, price=-1.0)
 
 
 def test_a_bound_on_a_per_record_parameter_holds_in_every_record():
@@ -304,7 +307,7 @@ def test_a_bound_on_a_per_record_parameter_holds_in_every_record():
         free=["Ma", "Mq"],
         per_record=["Mde"],
         noise=NOISE,
-        constraints=[parameter("Mde", lower=-6.5)],
+        constraints=[limit_parameter("Mde", lower=-6.5)],
     )
     fit = solve(given)
     assert fit["Mde[m2]"].value == pytest.approx(-6.5, abs=1e-9) and fit["Mde[m1]"].value > -6.5

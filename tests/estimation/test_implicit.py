@@ -177,7 +177,9 @@ def elowitz() -> tuple[cs.Problem, float]:
     seen = [(float(r["time"]), float(r["measurement"])) for r in rows("measurementData")]
     t, z = np.array([0.0] + [one for one, _ in seen]), np.array([np.nan] + [value for _, value in seen])
     model = repressilator({name: float(r["nominalValue"]) for name, r in table.items()})
-    limits = [cs.parameter(n, lower=float(r["lowerBound"]), upper=float(r["upperBound"])) for n, r in table.items()]
+    limits = [
+        cs.limit_parameter(n, lower=float(r["lowerBound"]), upper=float(r["upperBound"])) for n, r in table.items()
+    ]
     record = cs.Record(name="m", t=t, channels={"fluorescence": np.log10(z)})
     problem = cs.Problem(model, record, free=["*"], log=["*"], constraints=limits)
     return problem, float(np.log(z[1:] * np.log(10.0)).sum())

@@ -19,7 +19,7 @@ def fitted(*limits) -> cs.Fit:
 
 def test_a_limit_that_only_just_holds_leaves_the_free_errors():
     free = fitted()
-    held = fitted(cs.parameter("Mq", upper=free["Mq"].value - 1e-7))
+    held = fitted(cs.limit_parameter("Mq", upper=free["Mq"].value - 1e-7))
     for name in TRUTH:
         assert held[name].std == pytest.approx(free[name].std, rel=0.02)
     np.testing.assert_allclose(held.covariance, free.covariance, rtol=1e-3, atol=1e-9)
@@ -32,10 +32,10 @@ def test_the_interval_ends_where_the_likelihood_has_fallen(beyond):
     """Where the profile, all other parameters estimated anew, has risen by 1.96^2/2."""
     free = fitted()
     limit = free["Mq"].value - beyond * free["Mq"].std_cramer_rao
-    held = fitted(cs.parameter("Mq", upper=limit))
+    held = fitted(cs.limit_parameter("Mq", upper=limit))
 
     def risen(value: float) -> float:
-        return fitted(cs.parameter("Mq", lower=value, upper=value)).cost - held.cost - 0.5 * 1.959964**2
+        return fitted(cs.limit_parameter("Mq", lower=value, upper=value)).cost - held.cost - 0.5 * 1.959964**2
 
     end = brentq(risen, limit - 4.0 * free["Mq"].std_cramer_rao, limit - 1e-6, xtol=1e-6)
     if held.uncertainty.is_coloured:
@@ -48,7 +48,7 @@ def test_the_interval_ends_where_the_likelihood_has_fallen(beyond):
 
 
 def test_a_start_beyond_a_limit_is_said():
-    fit = fitted(cs.parameter("Mq", upper=-1.5))
+    fit = fitted(cs.limit_parameter("Mq", upper=-1.5))
     assert any(remark.startswith("start: Mq is -1.26, beyond its limit -1.5") for remark in fit.remarks)
 
 

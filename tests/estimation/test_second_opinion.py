@@ -192,9 +192,9 @@ def test_a_constrained_fit_is_as_good_as_the_free_one_allows():
     free = cs.solve(problem)
     zero = dict.fromkeys(truth, 0.0)
     for limits in (
-        [cs.parameter("Mde", lower=truth["Mde"], upper=truth["Mde"])],
-        [cs.parameter("Mq", upper=free["Mq"].value - 0.5 * free["Mq"].std)],
-        [cs.parameter("Za", upper=0.0), cs.parameter("Zde", upper=0.0)],
+        [cs.limit_parameter("Mde", lower=truth["Mde"], upper=truth["Mde"])],
+        [cs.limit_parameter("Mq", upper=free["Mq"].value - 0.5 * free["Mq"].std)],
+        [cs.limit_parameter("Za", upper=0.0), cs.limit_parameter("Zde", upper=0.0)],
     ):
         fit = cs.solve(
             cs.Problem(problem.model, problem.records, free=["*"], start=zero, constraints=limits),

@@ -27,7 +27,7 @@ def wave(noise: float = 0.1) -> tuple[cs.Model, cs.Record]:
 def test_the_best_of_many_minima_is_returned_and_all_are_counted():
     model, record = wave()
     problem = cs.Problem(
-        model, [record], free=["*"], noise={"y": 0.1}, constraints=[cs.parameter("w", lower=0.5, upper=6.0)]
+        model, [record], free=["*"], noise={"y": 0.1}, constraints=[cs.limit_parameter("w", lower=0.5, upper=6.0)]
     )
     alone, fit = cs.solve(problem), cs.solve(problem, starts=12, seed=3)
     assert alone.converged and alone.starts is None and abs(alone["w"].value - 3.3) > 1.0
@@ -66,7 +66,7 @@ def test_starts_are_drawn_between_limits_by_the_prior_or_over_decades():
     )
     x = np.linspace(1.0, 2.0, 30)
     record = cs.Record(name="m1", t=x, channels={"x": x, "y": x})
-    problem = cs.Problem(model, [record], free=["*"], constraints=[cs.parameter("a", lower=-2.0, upper=4.0)])
+    problem = cs.Problem(model, [record], free=["*"], constraints=[cs.limit_parameter("a", lower=-2.0, upper=4.0)])
     table = drawn(problem, 256, 5)
     a, b, c = (np.array([start[name] for start in table]) for name in "abc")
     assert a.mean() == pytest.approx(1.0, abs=0.05) and a.std() == pytest.approx(6.0 / np.sqrt(12.0), rel=0.02)
@@ -79,7 +79,7 @@ def test_starts_are_drawn_between_limits_by_the_prior_or_over_decades():
 def test_a_start_at_zero_without_limits_has_no_range():
     model, record = wave()
     problem = cs.Problem(model, [record], free=["*"], start={"a": 0.0})
-    with pytest.raises(InputError, match=r"no range for 'a'.*cs.parameter\('a'"):
+    with pytest.raises(InputError, match=r"no range for 'a'.*cs.limit_parameter\('a'"):
         cs.solve(problem, starts=3)
     with pytest.raises(InputError, match="starts"):
         cs.solve(problem, starts=0)

@@ -110,7 +110,7 @@ def test_initial_states_that_are_known_exactly_and_differ(method, solver, record
 def test_limits_of_a_logarithm(records):
     """A limit that holds a parameter holds it, and its multiplier is that of the parameter itself."""
     model = decay(initial=lambda s: {"c": s.c0})
-    limits = [cs.parameter("k", lower=0.0, upper=0.25)]
+    limits = [cs.limit_parameter("k", lower=0.0, upper=0.25)]
     plain = cs.Problem(model, records, free=["k"], per_record=["c0"], noise={"y": "s_y"}, constraints=limits)
     by_log = cs.Problem(
         model, records, free=["k"], per_record=["c0"], noise={"y": "s_y"}, constraints=limits, log=["k"]
@@ -173,18 +173,18 @@ def test_what_has_no_meaning_is_refused_at_construction(records):
     with pytest.raises(EstimationError, match="start of 'k'"):
         cs.Problem(plain, records, free=["k"], log=["k"], start={"k": -1.0})
     with pytest.raises(EstimationError, match="logarithm"):
-        tied = cs.linear({"k[m1]": 1.0, "k[m2]": -1.0}, lower=0.0, upper=0.0)
+        tied = cs.limit_combination({"k[m1]": 1.0, "k[m2]": -1.0}, lower=0.0, upper=0.0)
         cs.Problem(model, records, free=["c0"], per_record=["k"], log=["k"], constraints=[tied])
     with pytest.raises(InputError, match="unknown record 'm3'"):
         cs.Problem(model, records, free=["k"], fixed={"c0[m3]": 1.0})
-    with pytest.raises(InputError, match=r"not 'c0\[m2\]'.*cs.linear"):
+    with pytest.raises(InputError, match=r"not 'c0\[m2\]'.*cs.limit_combination"):
         cs.Problem(model, records, free=["k"], fixed={"c0[m1]": 1.0})
     with pytest.raises(InputError, match="expected 0"):
         cs.Problem(plain, records, free=["k"], initial_state=cs.InitialState(std={"c": -1.0}))
     with pytest.raises(InputError, match="unknown symbol 'c'"):
         decay(initial=lambda s: {"c": s.c})
     with pytest.raises(EstimationError, match="path constraint"):
-        cs.Problem(model, records, free=["k"], constraints=[cs.path("c", lower=0.0)])
+        cs.Problem(model, records, free=["k"], constraints=[cs.limit_trajectory("c", lower=0.0)])
     bad = records[0].with_channels(s_y=np.zeros(len(T)))
     with pytest.raises(InputError, match="1-sigma of 'y'"):
         cs.Problem(plain, [bad], free=["k"], noise={"y": "s_y"})

@@ -38,8 +38,8 @@ def test_slopes_of_the_ports_are_those_of_the_places() -> None:
 
 def test_a_port_that_is_not_there_and_one_that_stands_twice() -> None:
     with pytest.raises(cs.InputError, match="did you mean 'level'"):
-        check_ports(model(), [cs.Port(kind="output", name="levl")])
+        check_ports(model(), [cs.ModelPort(kind="output", name="levl")])
     with pytest.raises(cs.InputError, match="stands twice"):
-        check_ports(model(), [cs.Port(kind="input", name="u")] * 2)
+        check_ports(model(), [cs.ModelPort(kind="input", name="u")] * 2)
     with pytest.raises(cs.InputError, match="positive"):
-        cs.Port(kind="input", name="u", matters=0.0)
+        cs.ModelPort(kind="input", name="u", matters=0.0)

@@ -86,7 +86,7 @@ def test_cvodes_flies_a_stiff_system_as_radau_and_collocation_do(published_data)
 
 def test_what_the_data_of_boehm_do_not_tell_is_named(published_data):
     problem = boehm(published_data, off=1.0)
-    limits = [*problem.constraints, cs.parameter("k_imp_homo", lower=1e-5, upper=1e5)]
+    limits = [*problem.constraints, cs.limit_parameter("k_imp_homo", lower=1e-5, upper=1e5)]
     fit = cs.solve(
         cs.Problem(
             problem.model,

@@ -17,7 +17,8 @@ from casid.diagnosis.systems.fit import Fitted, Question
 from casid.diagnosis.systems.library import Library, onsets
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, at_points, linearise, make_batch
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
-from casid.model.port import Port, with_ports
+from casid.model.port import ModelPort as Port
+from casid.model.port import with_ports
 from casid.native.compiler import Compilable
 from casid.records.record import Record
 

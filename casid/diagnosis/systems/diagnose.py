@@ -24,7 +24,8 @@ from casid.diagnosis.systems.library import Library, causes_for
 from casid.diagnosis.systems.naming import Searching, SystemNaming, share_of
 from casid.diagnosis.systems.result import ParameterValue, SystemCause, SystemDiagnosis, Unexplained
 from casid.errors import EstimationError, InputError
-from casid.model.port import Port, check_ports, ports_of
+from casid.model.port import ModelPort as Port
+from casid.model.port import check_ports, ports_of
 from casid.model.system import Model, check_continuous
 from casid.native.threads import single_threaded
 from casid.records.given import given_records

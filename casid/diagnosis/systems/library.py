@@ -21,7 +21,7 @@ from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.fit import Question
 from casid.errors import InputError, unknown
 from casid.model import operators
-from casid.model.port import Port
+from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.records.record import Record
 

@@ -23,7 +23,7 @@ from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Fitted, Question, fitted
 from casid.diagnosis.systems.library import Library
-from casid.model.port import Port
+from casid.model.port import ModelPort as Port
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

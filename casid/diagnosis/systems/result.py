@@ -15,7 +15,7 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.systems.extended import Extended
 from casid.diagnosis.systems.fit import Flown
 from casid.keeping import whole_file
-from casid.model.port import Port
+from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.records.record import Record
 

@@ -99,7 +99,7 @@ def test_the_document_has_the_keys_of_the_format(tmp_path: Path, clean: Outcome)
     [
         ({"exact": ("pry",)}, "did you mean 'prey'"),
         ({"exact": "prey"}, "expected a list"),
-        ({"ports": [cs.Port(kind="input", name="harvst")]}, "did you mean 'harvest'"),
+        ({"ports": [cs.ModelPort(kind="input", name="harvst")]}, "did you mean 'harvest'"),
     ],
 )
 def test_a_wrong_name_is_one_line_that_names_the_nearest(arguments: dict, says: str) -> None:

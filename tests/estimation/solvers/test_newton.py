@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from estimation_cases import cut
 
-from casid.estimation import Automatic, GaussNewton, Ipopt, OutputError, Problem, parameter, solve
+from casid.estimation import Automatic, GaussNewton, Ipopt, OutputError, Problem, limit_parameter, solve
 from casid.estimation.solvers import newton
 from casid.model.system import define_model
 from casid.records.record import Record
@@ -36,7 +36,7 @@ def nonlinear(bend: float, limited: bool = False) -> Problem:
         output=lambda s: {"p": s.a * s.u, "q": (bend * s.a**2 + s.a) * s.u, "r": s.b * s.u},
     )
     record = Record(name="m1", t=0.1 * np.arange(50), channels={"u": U, "p": -U, "q": U, "r": U})
-    limits = (parameter("b", upper=0.5),) if limited else ()
+    limits = (limit_parameter("b", upper=0.5),) if limited else ()
     noise = {"p": 1.0, "q": 1.0, "r": 1.0}
     return Problem(model, [record], free=["a", "b"], noise=noise, constraints=limits)
 

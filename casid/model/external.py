@@ -22,7 +22,7 @@ _NUMBERS = count()
 _POINTS = 8  # more than a step of the motion looks at
 
 
-def outside(
+def external_function(
     function: Function, takes: Sequence[str], gives: Sequence[str], sizes: Mapping[str, float] | None = None
 ) -> Callable[[Any], dict[str, Any]]:
     """Make any Python function of numbers the `dynamics` or the `output` of `define_model`.
@@ -53,7 +53,7 @@ def outside(
     -----
     First derivatives are good to about 1e-10 of the function's variation over a size, second ones to 1e-8. A function
     that numpy writes in one expression needs none of this: called with the symbols it gives expressions, exact and
-    compiled. A model with an outside function cannot be sent to other processes.
+    compiled. A model with an external function cannot be sent to other processes.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def outside(
     ...     return {"x": (point["u"] - np.tanh(point["x"])) / point["T"]}
     >>> model = cs.define_model(
     ...     "outside", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=cs.outside(rates, takes=["x", "u", "T"], gives=["x"]), output=lambda s: {"y": s.x},
+    ...     dynamics=cs.external_function(rates, takes=["x", "u", "T"], gives=["x"]), output=lambda s: {"y": s.x},
     ... )
     >>> t = 0.1 * np.arange(100)
     >>> rest = cs.Record(name="rest", t=t, channels={"u": np.full(100, 0.5)})
@@ -70,14 +70,16 @@ def outside(
     0.549
     """
     if not callable(function):
-        raise InputError(f"outside: the function is {given(function)}; expected one of arrays by name")
-    taken, given_names = names(takes, "outside: takes"), names(gives, "outside: gives")
+        raise InputError(f"external_function: the function is {given(function)}; expected one of arrays by name")
+    taken, given_names = names(takes, "external_function: takes"), names(gives, "external_function: gives")
     if not taken or not given_names:
-        raise InputError("outside: takes and gives need one name at least")
+        raise InputError("external_function: takes and gives need one name at least")
     for name in sizes or {}:
         if name not in taken:
-            raise unknown("name", name, taken, "outside: sizes")
-    scale = [number((sizes or {}).get(name, 1.0), f"outside: size of '{name}'", positive=True) for name in taken]
+            raise unknown("name", name, taken, "external_function: sizes")
+    scale = [
+        number((sizes or {}).get(name, 1.0), f"external_function: size of '{name}'", positive=True) for name in taken
+    ]
     values = _kept(_Batch(function, taken, given_names, np.array(scale)))
 
     def of_symbols(s: Any) -> dict[str, Any]:
@@ -106,14 +108,16 @@ class _Batch:
         """(N, gives) of (N, takes)."""
         found = self.function(dict(zip(self.takes, points.T.copy(), strict=True)))
         if not isinstance(found, Mapping):
-            raise InputError(f"outside: the function returned {given(found)}; expected arrays by name")
+            raise InputError(f"external_function: the function returned {given(found)}; expected arrays by name")
         for name in self.gives:
             if name not in found:
-                raise InputError(f"outside: the function returned no '{name}'; it gave {', '.join(map(str, found))}")
+                raise InputError(
+                    f"external_function: the function returned no '{name}'; it gave {', '.join(map(str, found))}"
+                )
         columns = [np.asarray(found[name], dtype=float) for name in self.gives]
         for name, column in zip(self.gives, columns, strict=True):
             if column.shape not in ((), (len(points),)):
-                raise InputError(f"outside: '{name}' has the shape {column.shape} for {len(points)} points")
+                raise InputError(f"external_function: '{name}' has the shape {column.shape} for {len(points)} points")
         return np.stack([np.broadcast_to(column, len(points)) for column in columns], axis=1)
 
     def steps(self, x: np.ndarray, relative: float) -> np.ndarray:

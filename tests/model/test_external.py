@@ -64,7 +64,7 @@ def test_all_columns_of_a_jacobian_cost_one_batch() -> None:
 
     x = ca.SX.sym("x", 3)
     space = type("S", (), {name: x[i] for i, name in enumerate("abc")})
-    found = cs.outside(product, ("a", "b", "c"), ("f", "g"))(space)
+    found = cs.external_function(product, ("a", "b", "c"), ("f", "g"))(space)
     both = ca.vertcat(found["f"], found["g"])
     slope = ca.Function("slope", [x], [ca.jacobian(both, x)])
     for at in ([1.0, 2.0, 3.0], [2.0, 2.0, 5.0]):
@@ -76,7 +76,7 @@ def test_all_columns_of_a_jacobian_cost_one_batch() -> None:
 
 def test_derivatives_of_first_and_second_order() -> None:
     """Of f = sin(a) b^2 exp(c) and g = a b + c^3 at arguments of sizes 1, 1000 and 0.01."""
-    f = cs.outside(
+    f = cs.external_function(
         lambda v: {
             "f": np.sin(v["a"]) * (v["b"] / 1e3) ** 2 * np.exp(1e2 * v["c"]),
             "g": v["a"] * v["b"] / 1e3 + (1e2 * v["c"]) ** 3,
@@ -105,7 +105,7 @@ def test_derivatives_of_first_and_second_order() -> None:
 @pytest.mark.slow
 def test_a_fault_is_found_through_it_as_through_expressions() -> None:
     flown = records()
-    opaque = tank(cs.outside(plain, NAMES, ("h",)))
+    opaque = tank(cs.external_function(plain, NAMES, ("h",)))
     found = [cs.diagnose(model, flown) for model in (traced(), opaque)]
     for one in found:
         assert [(c.kind, c.target) for c in one.causes] == [("sensor_bias", "out")]
@@ -123,14 +123,14 @@ def test_a_fault_is_found_through_it_as_through_expressions() -> None:
     ],
 )
 def test_a_wrong_result_is_said(function: Any, says: str) -> None:
-    model = tank(cs.outside(function, NAMES, ("h",)))
+    model = tank(cs.external_function(function, NAMES, ("h",)))
     with pytest.raises(RuntimeError, match=says):
         ca.Function("f", [model.x, model.u, model.p], [model.f])(0.1, 0.2, 1.0)
 
 
 def test_it_cannot_be_kept() -> None:
     with pytest.raises(InputError, match="cannot be kept"):
-        pickle.dumps(tank(cs.outside(plain, NAMES, ("h",))))
+        pickle.dumps(tank(cs.external_function(plain, NAMES, ("h",))))
 
 
 def test_bad_arguments() -> None:
@@ -141,7 +141,7 @@ def test_bad_arguments() -> None:
         ((plain, NAMES, ("h",), {"h": 0.0}), "size of 'h'"),
     ):
         with pytest.raises(InputError, match=says):
-            cs.outside(*arguments)
+            cs.external_function(*arguments)
 
 
 def test_two_functions_of_the_same_arguments_stay_two() -> None:
@@ -155,8 +155,8 @@ def test_two_functions_of_the_same_arguments_stay_two() -> None:
 
     plain = model(lambda s: {"x": s.a * (1.0 - s.x)}, lambda s: {"x": s.a**2 * s.x})
     opaque = model(
-        cs.outside(lambda v: {"x": v["a"] * (1.0 - v["x"])}, takes, ("x",)),
-        cs.outside(lambda v: {"x": v["a"] ** 2 * v["x"]}, takes, ("x",)),
+        cs.external_function(lambda v: {"x": v["a"] * (1.0 - v["x"])}, takes, ("x",)),
+        cs.external_function(lambda v: {"x": v["a"] ** 2 * v["x"]}, takes, ("x",)),
     )
     flown = cs.simulate(plain, Record(name="m", t=t, channels={}), [0.1], {"a": 1.3}).as_record("m")
     record = flown.with_channels(x=flown["x"] + np.random.default_rng(5).normal(scale=0.01, size=len(t)))
