@@ -191,7 +191,7 @@ def _late_surfaces() -> Effect:
         kind="sensor_delay",
         target="surfaces",
         linear=False,
-        grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2)),
+        grid=tuple({"value": sign * v} for v in (0.02, 0.05, 0.1, 0.2) for sign in (1.0, -1.0)),
         series=series,
         transfer=ahead,
         meaningful=0.01,
