@@ -51,6 +51,18 @@ class DataCriteria:
     )
     trim_density: float = number(0.25, "1-sigma of the logarithm of rho over that of the trim; 2 km are 0.2")
     trim_thrust: float = number(1.0, "1-sigma of the logarithm of thrust over that of the trim")
+    trim_drag: float = number(
+        0.3,
+        "1-sigma of the drag of a file's trim, as a part of it",
+        "measured: thrust is within 0.16 of it in eight simulated and two real flights; files are worse",
+    )
+    drag_part: float = number(
+        0.3, "thrust that drag and energy ask for, of the drag, below which its level is not judged", "chosen"
+    )
+    steady_thrust: float = number(
+        0.1, "range of a thrust, over its mean, below which its scale is not told from drag", "chosen"
+    )
+    path_by_altitude: float = number(0.005, "1-sigma of the angle of climb by the altitude", "chosen", unit="rad")
     atmosphere: float = number(
         0.08, "1-sigma of the logarithm of rho over the standard one", "derived: 25 K from the standard temperature"
     )

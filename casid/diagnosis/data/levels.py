@@ -111,6 +111,38 @@ def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[...,
     return level
 
 
+def _needed_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+    """Thrust balances the drag that the file has in its trim, and the rate at which kinetic and potential energy grow.
+
+    T = D + m (dV/dt + g sin(gamma)), with the drag of the trim scaled by dynamic pressure. Far from the airspeed of the
+    trim the drag coefficient is another one, and where the energy does most of it, the drag tells little."""
+    trim = aircraft.trim if aircraft is not None else {}
+    if aircraft is None or not {"V", "thrust"} <= trim.keys() or not (c.has("altitude") or c.has("theta", "alpha")):
+        return 0.0
+    density = trimmed_density(aircraft)
+    if density is None:
+        return 0.0
+    V, weight = max(_mean(c, "V"), 1e-3), aircraft.mass * g
+    drag = trim["thrust"] * _mean(c, "rho") * V**2 / (density * trim["V"] ** 2)
+    measured = c.has("altitude")
+    path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
+    unknown = criteria.path_by_altitude if measured else criteria.path_known
+    needed = drag + aircraft.mass * _slope(c, "V") + weight * path
+    if needed < criteria.drag_part * drag:
+        return 0.0
+    by_drag = math.hypot(criteria.trim_drag, 2.0 * math.log(V / trim["V"])) * drag
+    sigma = math.hypot(by_drag, unknown * weight) / needed
+    return _ratio(_mean(c, "thrust"), needed, sigma, criteria)
+
+
+def trimmed_density(aircraft: Aircraft) -> float | None:
+    """Density [kg/m3] of the trim of a file, where it says one."""
+    trim = aircraft.trim
+    if "rho" in trim:
+        return trim["rho"]
+    return float(standard_density(np.array(trim["altitude"]))) if "altitude" in trim else None
+
+
 def _usual_speed(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual_speed, criteria)
 
@@ -189,6 +221,7 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
     (("V",), ("V",), _usual_speed),
     (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim_density)),
     (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.trim_thrust)),
+    (("thrust", "V", "rho"), ("thrust", "V", "rho", "altitude", "theta", "alpha", "t"), _needed_thrust),
     (("rho",), ("rho",), _usual_density),
     (("thrust",), ("thrust",), _usual_thrust),
     (("ay", "beta"), ("ay", "beta", "p", "r", "delta_r"), _slope_of("ay", "beta", ("p", "r", "delta_r"))),

@@ -12,13 +12,12 @@ import numpy as np
 from casid.diagnosis.data.alternatives import INSTRUMENTS, TIMES, Alternative, alternatives
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.file_units import FILE_UNITS, FileUnit
-from casid.diagnosis.data.levels import level_terms
+from casid.diagnosis.data.levels import level_terms, trimmed_density
 from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
 from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
 from casid.diagnosis.data.response import Response
 from casid.diagnosis.data.smooth import Smooth, smooth
 from casid.model.aircraft import Aircraft
-from casid.model.dynamics import standard_density
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
 from casid.signals import SURFACES
@@ -56,7 +55,7 @@ class Weighing:
         self._criteria = criteria
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else 9.80665
-        density = _trimmed_density(aircraft)
+        density = trimmed_density(aircraft) if aircraft is not None else None
         self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
         self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
         self.names = [record.name for record in records]
@@ -285,14 +284,6 @@ def _clash(one: Weighed, other: Weighed) -> bool:
     a, b = one.alternative, other.alternative
     both = a.channels & b.channels and set(one.records) & set(other.records)
     return bool(both) and a.kind != b.kind and one.alone and other.alone
-
-
-def _trimmed_density(aircraft: Aircraft | None) -> float | None:
-    """Density [kg/m3] of the trim of a file, where it says one."""
-    trim = aircraft.trim if aircraft is not None else {}
-    if "rho" in trim:
-        return trim["rho"]
-    return float(standard_density(np.array(trim["altitude"]))) if "altitude" in trim else None
 
 
 def _surfaces_of(alternative: Alternative) -> set[str]:

@@ -12,7 +12,7 @@ from casid.diagnosis.given.contradicted import Contradiction, contradicted
 from casid.diagnosis.given.factors import Factor, common_factors
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged, left_open, of_other_records
-from casid.diagnosis.given.thrust import drag_level, with_thrust
+from casid.diagnosis.given.thrust import drag_level, or_thrust, with_thrust
 from casid.model.aircraft import Aircraft
 from casid.model.linearised import given_slopes
 from casid.records.record import Record
@@ -44,7 +44,9 @@ class Reach:
 
     def contradicted(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
         """What of an aircraft file stands against flight, as far as these records can tell."""
-        return contradicted(aircraft, self._open(aircraft, values), self.flight.criteria, self._slopes(aircraft))
+        slopes = self._slopes(aircraft)
+        found = contradicted(aircraft, self._open(aircraft, values), self.flight.criteria, slopes)
+        return tuple(or_thrust(aircraft, one, self.flight.records, self.flight.criteria.data) for one in found)
 
     def factors(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Factor, ...]:
         """The factors that groups of derivatives of an aircraft file have in common."""

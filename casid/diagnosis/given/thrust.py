@@ -4,10 +4,13 @@ judged."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
+from casid.diagnosis.data.criteria import DataCriteria
+from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model, flight_inputs
@@ -35,6 +38,35 @@ def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str) -> tup
 def drag_level(aircraft: Aircraft) -> str:
     """The derivative that a constant thrust cannot be told from."""
     return "CD_0" if aircraft.force_axes == "wind" else "CX_0"
+
+
+def or_thrust(aircraft: Aircraft, one: Contradiction, records: Sequence[Record], by: DataCriteria) -> Contradiction:
+    """A contradicted level of drag with its alternative: a steady thrust that is recorded too low or too high acts as
+    the level of drag does. Other contradictions stay as they are."""
+    steady = [
+        r for r in records if "thrust" in r and np.ptp(r["thrust"]) < by.steady_thrust * abs(np.mean(r["thrust"]))
+    ]
+    pressures = [_pressure(record) for record in steady]
+    if one.parameter != drag_level(aircraft) or not steady or len(steady) < len(records) or None in pressures:
+        return one
+    sign = 1.0 if one.parameter == "CD_0" else -1.0
+    less = sign * (one.given - one.flight) * aircraft.area * float(np.mean([p for p in pressures if p is not None]))
+    recorded = float(np.mean([np.mean(record["thrust"]) for record in steady]))
+    if recorded <= 0.0 or recorded + less <= 0.0:
+        return one
+    percent = 100.0 * (recorded / (recorded + less) - 1.0)
+    way = "low" if percent < 0.0 else "high"
+    other = (
+        f"or else the recorded thrust is {abs(percent):.0f} % too {way}: a steady thrust does not tell the two apart"
+    )
+    return replace(one, sentence=f"{one.sentence.removesuffix('.')}; {other}.")
+
+
+def _pressure(record: Record) -> float | None:
+    """Mean dynamic pressure [Pa]; None where airspeed or density is not recorded."""
+    if "V" not in record or "rho" not in record:
+        return None
+    return 0.5 * float(np.nanmean(record["rho"]) * np.nanmean(record["V"]) ** 2)
 
 
 def _balance(aircraft: Aircraft, record: Record) -> np.ndarray:

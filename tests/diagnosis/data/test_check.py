@@ -327,3 +327,21 @@ def test_a_reversed_elevator_makes_no_outlier() -> None:
     code[200] += 12.0
     found = cs.check([noisy.with_channels(az=code)], aircraft).findings
     assert [one.kind for one in found if one.target == "az"] == ["data_spikes"]
+
+
+@pytest.mark.parametrize("without", [(), ("altitude",)], ids=str)
+def test_thrust_in_pounds_against_the_drag_of_the_trim(without: tuple[str, ...]) -> None:
+    """The demonstration: in steady flight thrust is drag, which the trim of the file has."""
+    aircraft = Aircraft.read(DEMO / "aircraft.toml")
+    records = [one.without(*without) for one in read_records([DEMO / "m*.csv"])]
+    newton = 4.4482216152605
+    (found,) = cs.check([r.with_channels(thrust=r["thrust"] / newton) for r in records], aircraft).findings
+    assert (found.target, found.handled, found.value) == ("thrust", "corrected", pytest.approx(newton))
+    assert not cs.check(records, aircraft).findings
+
+
+def test_altitude_in_feet_without_a_file() -> None:
+    """The rate of climb is that of airspeed and attitude."""
+    records = read_records([DEMO / "m*.csv"])
+    feet = [r.with_channels(altitude=r["altitude"] / FOOT).without("rho") for r in records]
+    assert kinds(cs.check(feet).findings) == [("data_unit", "altitude")]
