@@ -15,7 +15,6 @@ from casid.diagnosis.engine.comparison import tempered
 from casid.diagnosis.engine.held_out import keep, split
 from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.search import State, search
-from casid.diagnosis.unexplained import beside_slow_noise, what_is_left
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.extension import extended_aircraft
@@ -28,6 +27,7 @@ from casid.diagnosis.given.reach import reach_of
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import remarks
 from casid.diagnosis.stages import Stages
+from casid.diagnosis.unexplained import beside_slow_noise, what_is_left
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.linearised import linearised

@@ -83,4 +83,5 @@ def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
     structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm)) if structure else calm
     moving = found.turbulence
     start = in_colour(kinematics.in_turbulence(calm.flight, moving, structured)) if moving.named else structured
+    calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # seldom looked at again
     return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)

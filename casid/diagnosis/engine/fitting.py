@@ -110,31 +110,34 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
 
 
-def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, Evidence, dict[str, Intervals]]:
-    """The winner fitted to the end, its evidence, and intervals of onsets by cause: what a half-converged cause leaves
-    behind looks like another cause. Events that were named before it move to where they belong beside it."""
+def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str, Intervals]]:
+    """The winner, the model that has it fitted to the end, and intervals of onsets by cause.
+
+    What a half-converged cause leaves behind looks like another cause. Events that were named before it move to where
+    they belong beside it.
+    """
     before, intervals = fitted.deviance, {}
     name = fitted.attached[-1].name
     fitted = _ended(fitted)
-    evidence = weigh(fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3))
-    earlier = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
+    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    events = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
     if fitted.attached[-1].effect.timed:
-        evidence, intervals[name] = at_peak(evidence)
+        evidence, intervals[name] = at_peak(weigh(fitted))
         fitted = evidence.fit
         wider = further_records(evidence, fitted.attached[-1])
         if len(wider.onsets) > len(fitted.attached[-1].onsets):
             attached = [*fitted.attached[:-1], wider]
             fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
-            evidence, intervals[name] = at_peak(weigh(fitted))
-    for i in earlier:
-        evidence, intervals[evidence.fit.attached[i].name] = at_peak(evidence, which=i)
-    if earlier and evidence.fit.attached[-1].effect.timed:
-        evidence, intervals[name] = at_peak(evidence)
-    fitted = evidence.fit
+            events.append(len(attached) - 1)
+        if events:
+            events.append(len(fitted.attached) - 1)
+    for i in dict.fromkeys(events):
+        evidence, intervals[fitted.attached[i].name] = at_peak(weigh(fitted), which=i)
+        fitted = evidence.fit
     one, more = fitted.attached[-1], before - fitted.deviance
     candidate = replace(trial.candidate, attached=one)
     trial = replace(trial, std=_std(fitted, one), candidate=candidate, gain=trial.gain.and_further(more))
-    return trial, evidence, intervals
+    return trial, fitted, intervals
 
 
 def _ended(fitted: FlightFit) -> FlightFit:

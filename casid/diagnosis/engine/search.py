@@ -159,10 +159,10 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     )
     if not named:
         return replace(state, rounds=(*state.rounds, this))
-    best, evidence, moved = settled(trials[0], fits[trials[0]])
+    best, fitted, moved = settled(trials[0], fits[trials[0]])
     this = replace(this, trials=(best, *this.rivals))
     grown = replace(state, rounds=(*state.rounds, this), intervals={**state.intervals, **intervals, **moved})
-    return _settled_in(grown, _without_needless(evidence, state, best), best.effect)
+    return _settled_in(grown, _without_needless(fitted, state, best), best.effect)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -200,10 +200,10 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     )
 
 
-def _settled_in(state: State, evidence: Evidence, changed: Effect) -> State:
+def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
     """The state with another model, in which a cause has `changed`, under its own noise and with small offsets of
     instruments that it shows."""
-    evidence = _in_colour(_with_offsets(_relaxed(evidence)))
+    evidence = weigh(in_colour(_with_offsets(_relaxed(fitted))))
     kinematic, observed = state.kinematic, state.observed
     if kinematic is not None and changed.kinematic:
         kinematic = kinematics.with_causes(kinematic, evidence.fit.attached)
@@ -256,18 +256,25 @@ def _left_behind(state: State) -> list[Candidate]:
     ][:1]
 
 
-def _without_needless(evidence: Evidence, state: State, last: Trial | None = None) -> Evidence:
-    """Evidence of the fit without those causes of a state that gain too little for a name beside the others. With a
-    `last` one, those that had it as a rival when they were named: what was missing then may have decided wrongly."""
-    for one in state.standing:
-        name, effect = one.leader.candidate.name, one.leader.effect
-        rival = last is None or last.effect.key in {trial.effect.key for trial in one.trials}
-        if not rival or _is_needed(evidence, name):
+def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None) -> FlightFit:
+    """The fit without those causes of a state that gain too little for a name beside the others. With a `last` one,
+    those that had it as a rival when they were named: what was missing then may have decided wrongly."""
+    doubted = [
+        one.leader
+        for one in state.standing
+        if last is None or last.effect.key in {trial.effect.key for trial in one.trials}
+    ]
+    if not doubted:
+        return fitted
+    evidence = weigh(fitted)
+    for one in doubted:
+        name = one.candidate.name
+        if _is_needed(evidence, name):
             continue
         others = weigh(without(evidence.fit, {name}))
-        if others.deviance < evidence.deviance + required_gain(effect, evidence.criteria):
+        if others.deviance < evidence.deviance + required_gain(one.effect, evidence.criteria):
             evidence = others
-    return evidence
+    return evidence.fit
 
 
 def _is_needed(evidence: Evidence, name: str) -> bool:
@@ -280,11 +287,11 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
 
 def dropped(state: State) -> State:
     """Without the causes that are not needed beside the others."""
-    evidence = _without_needless(state.evidence, state)
-    if evidence is state.evidence:
+    fitted = _without_needless(state.fit, state)
+    if fitted is state.fit:
         return state
-    gone = [one.leader.effect for one in state.standing if one.leader.candidate.name not in _names(evidence.fit)]
-    return _settled_in(state, evidence, next((e for e in gone if e.kinematic), gone[0]))
+    gone = [one.leader.effect for one in state.standing if one.leader.candidate.name not in _names(fitted)]
+    return _settled_in(state, fitted, next((e for e in gone if e.kinematic), gone[0]))
 
 
 def _names(fitted: FlightFit) -> set[str]:
@@ -330,7 +337,7 @@ def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
     this = replace(round_, equivalents=equivalents, ranked={**round_.ranked, **ranked_behind(first, ordered, criteria)})
     if first.effect.key == best.effect.key:
         return replace(state, rounds=_replaced(state.rounds, at, this))
-    first, evidence, moved = settled(first, fits[first])
+    first, fitted, moved = settled(first, fits[first])
     rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
     this = replace(this, trials=(first, *ordered[1:], *rest))
     swapped = replace(
@@ -338,31 +345,23 @@ def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
         rounds=_replaced(state.rounds, at, this),
         intervals={**state.intervals, **intervals, **moved},
     )
-    return _settled_in(swapped, evidence, first.effect)
+    return _settled_in(swapped, fitted, first.effect)
 
 
 def _replaced(rounds: tuple[Round, ...], at: int, one: Round) -> tuple[Round, ...]:
     return (*rounds[:at], one, *rounds[at + 1 :])
 
 
-def _relaxed(evidence: Evidence) -> Evidence:
-    """Evidence of the fit by its own noise, where it was compared under that of another."""
-    held = evidence.fit.filter_held or evidence.fit.noise_held
-    return weigh(relaxed(evidence.fit)) if held else evidence
+def _relaxed(fitted: FlightFit) -> FlightFit:
+    """The fit by its own noise, where it was compared under that of another."""
+    return relaxed(fitted) if fitted.filter_held or fitted.noise_held else fitted
 
 
-def _with_offsets(evidence: Evidence) -> Evidence:
-    """Evidence of the fit with small offsets of instruments that what was named before had hidden; none in moving air,
-    which they imitate."""
-    fitted = evidence.fit
+def _with_offsets(fitted: FlightFit) -> FlightFit:
+    """The fit with small offsets of instruments that what was named before had hidden; none in moving air, which they
+    imitate."""
     offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
-    return weigh(fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted)) if offsets else evidence
-
-
-def _in_colour(evidence: Evidence) -> Evidence:
-    """Evidence under the noise that its fit leaves, of channels whose noise is estimated with the fit."""
-    fitted = in_colour(evidence.fit)
-    return evidence if fitted is evidence.fit else weigh(fitted)
+    return fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted) if offsets else fitted
 
 
 def carried(baseline: Baseline, state: State) -> State:
@@ -374,9 +373,9 @@ def carried(baseline: Baseline, state: State) -> State:
     if not causes:
         return start
     model = baseline.start
-    evidence = weigh(fit(model.flight, [*model.attached, *causes], model.noise, state.fit, iterations=20))
+    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, iterations=20)
     moved = replace(start, rounds=rounds, intervals=state.intervals)
-    return _settled_in(moved, evidence, next((e.effect for e in causes if e.effect.kinematic), causes[0].effect))
+    return _settled_in(moved, fitted, next((e.effect for e in causes if e.effect.kinematic), causes[0].effect))
 
 
 def _noise_of_the_fit(state: State, say: Say) -> Baseline | None:

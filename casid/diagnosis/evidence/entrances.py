@@ -6,7 +6,7 @@ is the same for every history that enters at a place, and is done here once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,21 +25,10 @@ class Entrances:
     @classmethod
     def of(cls, evidence: Evidence, stations: Sequence[str]) -> Entrances:
         """Of disturbances of the model and of readings."""
-        fit = evidence.fit
-        (N, R, _), k = fit.white.shape, len(evidence.newton)
-        entering = [name for name in stations if Station.at(name).kind != "reading"]
-        index = [fit.model.disturbances.index(name) for name in entering]
-        channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
+        (N, R, _), k = evidence.fit.white.shape, len(evidence.newton)
         found = {name: np.empty((R, N, k + 1)) for name in stations}
-        together = fit.criteria.numerics.screening.columns
-        for first in range(0, k + 1, together):
-            some = slice(first, min(first + together, k + 1))
-            by_disturbance, by_output = fit.filter.entrances(index, _columns(evidence, some), read=bool(channels))
-            for name, one in zip(entering, by_disturbance, strict=True):
-                found[name][..., some] = one
-            for name, channel in channels.items():
-                seen = fit.linear.seen[:, :, channel].T[..., None]
-                np.multiply(by_output[channel], seen, out=found[name][..., some])
+        for name, some, part in _parts(evidence, stations):
+            found[name][..., some] = part
         return cls(by_station=found)
 
     def products(self, station: str, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,6 +36,33 @@ class Entrances:
         is fitted and with the innovations."""
         both = self.by_station[station].swapaxes(1, 2) @ series.swapaxes(0, 1)
         return both[:, :-1], both[:, -1]
+
+
+def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Station -> `Entrances.products` of the time histories (N, R, n) there, without a history of every column in
+    memory."""
+    R, k = len(evidence.by_record), len(evidence.newton)
+    both = {name: np.empty((R, k + 1, of.shape[2])) for name, of in series.items()}
+    for name, some, part in _parts(evidence, list(series)):
+        both[name][:, some] = part.swapaxes(1, 2) @ series[name].swapaxes(0, 1)
+    return {name: (of[:, :-1], of[:, -1]) for name, of in both.items()}
+
+
+def _parts(evidence: Evidence, stations: Sequence[str]) -> Iterator[tuple[str, slice, np.ndarray]]:
+    """(station, columns, (R, N, columns)) of some columns of all stations after the other: what the response to a unit
+    at a sample has in common with them."""
+    fit, k = evidence.fit, len(evidence.newton)
+    entering = [name for name in stations if Station.at(name).kind != "reading"]
+    index = [fit.model.disturbances.index(name) for name in entering]
+    channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
+    together = fit.criteria.numerics.screening.columns
+    for first in range(0, k + 1, together):
+        some = slice(first, min(first + together, k + 1))
+        by_disturbance, by_output = fit.filter.entrances(index, _columns(evidence, some), read=bool(channels))
+        for name, one in zip(entering, by_disturbance, strict=True):
+            yield name, some, one
+        for name, channel in channels.items():
+            yield name, some, by_output[channel] * fit.linear.seen[:, :, channel].T[..., None]
 
 
 def _columns(evidence: Evidence, some: slice) -> np.ndarray:

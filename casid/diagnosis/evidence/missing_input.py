@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from casid.diagnosis.evidence.entrances import Entrances
+from casid.diagnosis.evidence.entrances import products_at
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -73,8 +73,10 @@ def missing_inputs(evidence: Evidence) -> list[MissingInput]:
 
 def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
     """An unknown input at each of these stations, largest gain first."""
-    entrances = Entrances.of(evidence, names)
-    found = side_by_side(lambda station: _one_station(evidence, station, entrances), names)
+    grids = {slow: _grid(evidence, slow) for slow in {Station.at(name).kind == "reading" for name in names}}
+    hats = {name: grids[Station.at(name).kind == "reading"] for name in names}
+    products = products_at(evidence, {name: grid.hats for name, grid in hats.items()})
+    found = side_by_side(lambda name: _one_station(evidence, name, hats[name], products[name]), names)
     return sorted(found, key=lambda m: -m.gain)
 
 
@@ -153,19 +155,36 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
     return MissingInput(station=station, gain=gain, size=max(sizes), history=history, frequency=frequency)
 
 
-def _one_station(evidence: Evidence, station: str, entrances: Entrances) -> MissingInput:
-    fit, slow, numerics = evidence.fit, Station.at(station).kind == "reading", evidence.criteria.numerics.missing_input
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Grid:
+    """Nodes of an unknown time history [s], what a unit at each adds over time (N, R, n), straight lines between them,
+    and the correlation times that are tried [s]."""
+
+    nodes: np.ndarray
+    hats: np.ndarray
+    times: Sequence[float]
+
+
+def _grid(evidence: Evidence, slow: bool) -> _Grid:
+    """The grid of what is added to a reading (`slow`), or of what enters the motion."""
+    fit, numerics = evidence.fit, evidence.criteria.numerics.missing_input
     spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.spacing, numerics.times)
     longest = max(record.duration for record in fit.flight.records)
     spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
     nodes = np.arange(0.0, longest + spacing, spacing)
     since = fit.batch.t - fit.batch.t[0]
     hats = np.maximum(0.0, 1.0 - np.abs(since[..., None] - nodes) / spacing)
-    hats = np.where(fit.batch.live[..., None], hats, 0.0)
-    white = response(fit, station, hats)
-    by_record = [white[:, r].reshape(-1, len(nodes)) for r in range(len(fit.batch.names))]
-    left = Projection.by_record(evidence, by_record, entrances.products(station, hats))
-    return _most_likely(evidence, station, nodes, left, times)
+    return _Grid(nodes=nodes, hats=np.where(fit.batch.live[..., None], hats, 0.0), times=times)
+
+
+def _one_station(
+    evidence: Evidence, station: str, grid: _Grid, products: tuple[np.ndarray, np.ndarray]
+) -> MissingInput:
+    fit, n = evidence.fit, len(grid.nodes)
+    white = response(fit, station, grid.hats)
+    by_record = [white[:, r].reshape(-1, n) for r in range(len(fit.batch.names))]
+    left = Projection.by_record(evidence, by_record, products)
+    return _most_likely(evidence, station, grid.nodes, left, grid.times)
 
 
 def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
