@@ -61,14 +61,13 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
     causes, minor = ([cause for cause, named in told if named is wanted] for wanted in (True, False))
     missing = {m.station: m.gain for m in left}
     unexplained = still_missing(kept.evidence, left, causes, required)
-    strongest = max((*(c.statistic for c in causes), *(m.gain for m in unexplained)), default=0.0)
     usual = {one.name: kept.structure_gain for one in kept.structure}
     names = (one.leader.candidate.name for one in state.named if _is_structure(one, final))
     usual |= {name: kept.gains.get(name) for name in names}
     for name, held in usual.items():
         target = next(one.effect.target for one in final.attached if one.name == name)
         left_there = np.inf if unexplained else missing.get(station.coefficient(target), 0.0)
-        put_in = _expected(name, kept.evidence, held, required, left_there, strongest)
+        put_in = _expected(name, kept.evidence, held, required, left_there)
         (causes if put_in.meaningful else minor).append(put_in)
     return tuple(sorted(causes, key=lambda c: -c.statistic)), tuple(minor)
 
@@ -228,25 +227,19 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
-def _expected(
-    name: str, evidence: Evidence, held: float | None, required: float, left: float, strongest: float
-) -> Cause:
+def _expected(name: str, evidence: Evidence, held: float | None, required: float, left: float) -> Cause:
     """Something that was put in beforehand, which is a cause (`meaningful`) only when it is unusually large.
 
-    It must be sure, gain more than is `required`, and have lost nothing on the `held` out records. It must matter twice
-    as much as what is named must, three times where the `strongest` gains more. And little may be `left` missing at its
-    coefficient, as that distorts it.
+    It must be sure, matter, gain more than is `required`, and have lost nothing on the `held` out records. And little
+    may be `left` missing at its coefficient, as that distorts it.
     """
     fit, criteria = evidence.fit, evidence.criteria
-    by = criteria.verdict
     one = next(a for a in fit.attached if a.name == name)
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
-    notable = by.structure * (by.structure_with_others if strongest > statistic else 1.0)
     usual = one.nuisance or is_induced_drag(effect, value, fit)
     gates = (
         at_most("expected of any aircraft", float(usual), 0.0),
-        at_least("size, of what matters", share, notable, "verdict.structure"),
         at_least("gain", statistic, required, "turbulence.left"),
         *matters(share, statistic, clear_gain(evidence.fit), criteria),
         *sure(evidence, name),

@@ -248,9 +248,6 @@ class DoubtCriteria:
         0.25, "part of an unknown input's gain that may stay", "measured: causes leave hardly any, imitations a fifth"
     )
     left_by_terms: float = number(0.1, "part that may stay of a term or a switch, which imitate anything")
-    left_exactly: float = number(
-        0.01, "part that may stay, structure taken as exact", "measured: causes leave 0.0025 at most, imitations 0.15"
-    )
     helped: float = number(0.35, "part of a cause's gain that an input must lose for its station to be judged")
     worse: float = number(1.3, "times what was missing at a station, above which a cause makes more missing")
     worse_part: float = number(0.02, "part of the cause's gain that may be missing besides")
@@ -278,8 +275,6 @@ class VerdictCriteria:
         "1-sigmas of the smallest detectable size",
         "derived: power 90 %, false alarm 1e-4 over a hundred candidates",
     )
-    structure: float = number(2.0, "times what matters, from which an expected term is a cause")
-    structure_with_others: float = number(1.5, "times that, where another cause gains more")
     minor_part: float = number(0.75, "part of what is missing that a minor cause must gain to be what is missing")
     small_term: float = number(6.0, "1-sigmas of a small term that is worth a line")
     stated: int = number(3, "findings of a kind that the sentence states one by one; the page has all")

@@ -12,13 +12,12 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.decision import NOT_TRIED, Decision, Gate
 from problems.blind.table import markdown
-from problems.campaign.store import open_store
+from problems.campaign.store import read_results
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +84,7 @@ def main(folders: list[str]) -> None:
     """Print the table of one or more campaign folders together."""
     results: dict[str, Any] = {}
     for folder in folders:
-        with open_store(Path(folder), {}, must_exist=True) as store:
-            results |= {f"{folder}/{name}": found for name, found in store.results().items()}
+        results |= {f"{folder}/{name}": found for name, found in read_results(folder).items()}
     print(f"{len(results)} sets\n\n{markdown(rows(results))}")
 
 

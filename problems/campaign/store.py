@@ -6,7 +6,7 @@ import hashlib
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +97,17 @@ def open_store(folder: str | Path, protocol: Mapping[str, Any], must_exist: bool
         raise
     finally:
         connection.close()
+
+
+def read_results(folder: str | Path) -> dict[str, Any]:
+    """Key -> result of what is finished in the store of a folder, whatever protocol it was made under. Raises
+    InputError for a folder without a store."""
+    path = Path(folder) / FILE
+    try:
+        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=0.2)) as connection:
+            return Store(connection).results()
+    except sqlite3.Error as error:
+        raise InputError(f"{path}: cannot be read: {error}; name the folder of a campaign") from None
 
 
 def _take_away(made: list[Path]) -> None:

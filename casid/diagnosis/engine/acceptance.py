@@ -16,8 +16,8 @@ from casid.diagnosis.criteria import Criteria, DoubtCriteria
 from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
 from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
 from casid.diagnosis.engine.trial import Trial
-from casid.diagnosis.evidence.evidence import Evidence, sure, weigh
-from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
+from casid.diagnosis.evidence.evidence import Evidence, sure
+from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
@@ -102,8 +102,7 @@ def explains(
 
     None of `_OBJECTIONS` may hold. And what was missing must be gone where it enters and where it helped most, and not
     only thinned out. Instead, it may gain more than an input of any shape could where it enters, or anywhere; or
-    kinematics, which know no aerodynamics, find it too; or it explains nearly all that is missing where it enters,
-    small terms of the structure apart.
+    kinematics, which know no aerodynamics, find it too.
     """
     seen = _Seen(was={m.station: m.gain for m in before}, after=after, last=last, evidence=evidence)
     gates: list[Gate] = []
@@ -125,11 +124,6 @@ def mostly_gone(before: float, left: float, criteria: Criteria, part: tuple[floa
 def _nearness(gate: Gate) -> tuple[bool, float]:
     """How near a gate is to failing, for the worst of several that each have alternatives."""
     return not gate.passed, min(one.value / one.threshold for one in (gate, *gate.or_else))
-
-
-def _left_exactly(evidence: Evidence, stations: Sequence[str]) -> list[float]:
-    """What an unknown input gains at these stations while the structure is taken as exact."""
-    return [m.gain for m in missing_at(weigh(evidence.fit, discrepancy=False), stations)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,14 +166,6 @@ class _Seen:
     def _gone(self, station: str, part: tuple[float, str] | None, least: float) -> Gate:
         gate = mostly_gone(max(self.was[station], least), self.left[station], self.criteria, part)
         return replace(gate, gate=f"{gate.gate} at {Station.at(station).words}")
-
-    @cached_property
-    def nearly_all(self) -> Gate:
-        """Little is left where it enters while the structure is taken as exact. Small terms that may be as large as
-        they must be leave both the cause and what is missing little to gain."""
-        left = _left_exactly(self.evidence, self.own)
-        worst = max((gain / max(self.last.gain.exact + gain, 1e-300) for gain in left), default=1.0)
-        return at_most("part still missing, structure exact", worst, self.by.left_exactly, "doubt.left_exactly")
 
     @property
     def judged(self) -> set[str]:
@@ -237,11 +223,7 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
     effect = seen.effect
     if effect.improbable or not (effect.quasi_steady or effect.members):
         return []
-    part = seen.by.left_by_terms, "doubt.left_by_terms"
-    return [
-        gate if gate.passed else replace(gate, or_else=(*gate.or_else, seen.nearly_all))
-        for gate in seen.gone(seen.own, part, seen.last.gain.total)
-    ]
+    return seen.gone(seen.own, (seen.by.left_by_terms, "doubt.left_by_terms"), seen.last.gain.total)
 
 
 def _explains_what_was_missing(seen: _Seen) -> Gate:
@@ -256,8 +238,6 @@ def _explains_what_was_missing(seen: _Seen) -> Gate:
     (found,) = seen.gone(judged) or [
         at_most("largest gain still missing, of it", max(seen.left.values()) / max(seen.last.gain.total, 1e-300), 1.0)
     ]
-    if not found.passed and not any(gate.passed for gate in alternatives):
-        alternatives.append(seen.nearly_all)
     return replace(found, or_else=(*found.or_else, *alternatives))
 
 
