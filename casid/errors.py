@@ -7,15 +7,41 @@ from difflib import get_close_matches
 
 
 class CasidError(Exception):
-    """Base class of every error that casid raises on purpose; `str()` is one line."""
+    """Base class of every error that casid raises on purpose; `str()` is one line.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> try:
+    ...     cs.read_record("absent.csv")
+    ... except cs.CasidError as error:
+    ...     print(error)
+    absent.csv: cannot be read: No such file or directory
+    """
 
 
 class InputError(CasidError):
-    """Bad input from the user: a file, a name, a value. Scripts end with exit status 2."""
+    """Bad input from the user: a file, a name, a value. Scripts end with exit status 2.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> cs.read_record("absent.csv")
+    Traceback (most recent call last):
+    casid.errors.InputError: absent.csv: cannot be read: No such file or directory
+    """
 
 
 class EstimationError(CasidError):
-    """An estimation that cannot be carried out as it was posed."""
+    """An estimation that cannot be carried out as it was posed.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> cs.limit_parameter("Cm_q", lower=1.0, upper=0.0)
+    Traceback (most recent call last):
+    casid.errors.EstimationError: constraint on 'Cm_q': lower 1 is above upper 0
+    """
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:

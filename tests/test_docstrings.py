@@ -5,9 +5,14 @@ from __future__ import annotations
 import doctest
 import inspect
 import re
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from pkgutil import resolve_name
+from types import FunctionType
 
 import pytest
+from numpydoc import validate
 
 import casid
 
@@ -25,6 +30,9 @@ USED_MOST = (
     "Record",
     "SingleShooting",
 )
+RULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["numpydoc_validation"]
+OF_MEMBERS = {"PR01", "RT01", "YD01", "EX01"}  # types and one sentence tell these of a method
+OF_THE_DIAGNOSIS = {"PR01", "PR02", "SS02", "EX01"}  # one function for aircraft and systems takes any arguments
 WITH_EXAMPLES = [name for name in casid.__all__ if ">>>" in (inspect.getdoc(getattr(casid, name)) or "")]
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
@@ -53,6 +61,32 @@ def test_a_function_says_what_it_takes_and_gives(name: str) -> None:
 @pytest.mark.parametrize("name", [*FUNCTIONS, *USED_MOST])
 def test_a_name_that_is_used_first_has_an_example(name: str) -> None:
     assert ">>>" in sections(inspect.getdoc(getattr(casid, name)) or "").get("Examples", "")
+
+
+def public_objects() -> Iterator[tuple[str, bool]]:
+    """(qualified name, whether it is a member of a class) of all exported names and their public members."""
+    for name in sorted(set(casid.__all__) - {"__version__"}):
+        one = getattr(casid, name)
+        home = f"{one.__module__}.{one.__qualname__}"
+        yield home, False
+        if inspect.isclass(one):
+            members = {key: value for key, value in vars(one).items() if not key.startswith("_")}
+            kinds = (FunctionType, property, classmethod, staticmethod)
+            yield from ((f"{home}.{key}", True) for key, value in members.items() if isinstance(value, kinds))
+
+
+@pytest.mark.parametrize(("name", "is_member"), list(public_objects()))
+def test_numpydoc_finds_nothing(name: str, is_member: bool) -> None:
+    """The checks of [tool.numpydoc_validation]."""
+    text = inspect.getdoc(resolve_name(name)) or ""
+    left_out = OF_MEMBERS if is_member else set()
+    if name.startswith("casid.diagnosis."):
+        left_out = left_out | OF_THE_DIAGNOSIS
+    for code in RULES["checks"]:
+        if any(re.search(pattern, text) for pattern in RULES.get(f"override_{code}", ())):
+            left_out = left_out | {code}
+    wanted = set(RULES["checks"]) - left_out
+    assert {code: message for code, message in validate.validate(name)["errors"] if code in wanted} == {}
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)

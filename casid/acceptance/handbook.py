@@ -84,6 +84,15 @@ class Handbook:
         Level flight over speed.
     notes
         What could not be had, or was left out, a sentence each.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> handbook = cs.modes("casid/cli/demo/aircraft.toml")
+    >>> list(handbook.modes)
+    ['short period', 'phugoid', 'dutch roll', 'roll', 'spiral']
+    >>> handbook.numbers["alpha"].unit
+    'rad'
     """
 
     aircraft: str
@@ -173,6 +182,7 @@ def modes(
     Returns
     -------
     Handbook
+        Trim, natural modes, stability margins and performance at the flight point.
 
     Raises
     ------

@@ -109,6 +109,14 @@ class Isolability:
         Further channels and manoeuvres, the one that would add most first.
     left_out
         Causes that are not judged: a size says nothing of them, or the manoeuvre does not touch them.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> demo = "casid/cli/demo/"
+    >>> found = cs.isolability(demo + "aircraft.toml", [demo + "m1.csv"], causes=["actuator_lag(*)"], suggest=False)
+    >>> found.confusion.shape == (len(found.causes), len(found.causes))
+    True
     """
 
     aircraft: str
@@ -207,6 +215,7 @@ def isolability(
     Returns
     -------
     Isolability
+        Detection and confusion of every cause, and the channels and manoeuvres that would help.
 
     Raises
     ------

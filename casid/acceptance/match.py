@@ -69,6 +69,7 @@ def proof_of_match(
     Returns
     -------
     ProofOfMatch
+        Every test of the standard that was flown, with its tolerances and results.
 
     Raises
     ------

@@ -88,6 +88,13 @@ class MatchedTest:
         "as given", and "extended" where there is one.
     costs
         Of each part of the extended aircraft.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> proof = cs.proof_of_match("casid/cli/demo/aircraft.toml", "casid/cli/demo/m1.csv")
+    >>> proof.tests[0].test.title, proof.tests[0].axes
+    ('Short period dynamics', 'full')
     """
 
     test: StandardTest
@@ -135,6 +142,13 @@ class ProofOfMatch:
         Id of a test that was not -> why.
     closed_loop
         Whether small corrections of the surfaces followed the measured attitude.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> proof = cs.proof_of_match("casid/cli/demo/aircraft.toml", "casid/cli/demo/m1.csv")
+    >>> proof.standard.name, len(proof.tests)
+    ('14 CFR Part 60, appendix A, table A2A', 4)
     """
 
     standard: Standard

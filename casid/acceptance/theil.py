@@ -38,6 +38,13 @@ class Theil:
         all that is left; their sum is 1. All 0 where there is no error.
     rms
         Of measured minus simulated, in the unit of the channel.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> q = cs.theil("casid/cli/demo/aircraft.toml", ["casid/cli/demo/m4.csv"])["m4"]["q"]
+    >>> 0.0 < q.coefficient < 1.0, round(q.bias + q.variance + q.covariance, 9)
+    (True, 1.0)
     """
 
     coefficient: float

@@ -159,6 +159,12 @@ class Standard:
         Of the standard, and where its text was read.
     tests
         By their id.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> cs.Standard.read("part60").name
+    '14 CFR Part 60, appendix A, table A2A'
     """
 
     name: str

@@ -37,6 +37,22 @@ class Bootstrap:
         Parameter -> estimate from the real data.
     failed
         Number of runs that did not converge.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * np.random.default_rng(1).standard_normal(len(t)))
+    >>> fit = cs.solve(cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01}))
+    >>> drawn = cs.bootstrap(fit, 5, seed=1, method=cs.SingleShooting(), solver=cs.GaussNewton())
+    >>> list(drawn.values), drawn.estimates.shape
+    (['T'], (5, 1))
     """
 
     estimates: np.ndarray

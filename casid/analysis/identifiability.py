@@ -120,6 +120,20 @@ class Identifiability:
         Parameters with an a-priori uncertainty.
     excitation
         How the controls moved.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> gains = cs.define_model(
+    ...     "gains", states=["x"], inputs=["u"], parameters={"k1": 2.0, "k2": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": s.u - s.x}, output=lambda s: {"y": s.k1 * s.k2 * s.x},
+    ... )
+    >>> t = 0.05 * np.arange(200)
+    >>> flown = cs.simulate(gains, cs.Record(name="m1", t=t, channels={"u": np.sin(t)}), [0.0]).as_record("m1")
+    >>> fit = cs.solve(cs.Problem(model=gains, records=[flown], free=["k1", "k2"], noise={"y": 0.01}))
+    >>> found = cs.identifiability(fit)
+    >>> found.inflation["k1"] > 100.0
+    True
     """
 
     names: tuple[str, ...]

@@ -48,6 +48,22 @@ class ProfileInterval:
         (value, deviance) of every estimation made, sorted by value.
     status
         "found", or in words what is wrong with an end.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * np.random.default_rng(1).standard_normal(len(t)))
+    >>> fit = cs.solve(cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01}))
+    >>> interval = cs.profile(fit, ["T"])["T"]
+    >>> interval.status, interval.lower < 0.4 < interval.upper
+    ('found', True)
     """
 
     name: str
@@ -69,7 +85,7 @@ def profile(
     method: Transcription = _DEFAULT_METHOD,
     solver: Solver = _DEFAULT_SOLVER,
 ) -> dict[str, ProfileInterval]:
-    """name -> interval for parameters of a converged fit of OutputError with noise given or estimated.
+    """Profile-likelihood intervals for parameters of a converged fit of OutputError with noise given or estimated.
 
     Each end is found by a secant on the signed root of the deviance, which is nearly a straight line. Each estimation
     starts from the last one moved along the line on which the others follow. A limit on the parameter alone cuts the

@@ -40,12 +40,6 @@ def check(
         Files, or patterns like 'flight/m*.csv'.
     aircraft
         The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which records are read.
-    end
-        Time [s] up to which records are read.
     out
         Folder for the page.
     as_json

@@ -41,12 +41,6 @@ def compatibility(
         An aircraft file (TOML), for the places of the instruments and their noise.
     axes
         Default: what the channels allow.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which records are read.
-    end
-        Time [s] up to which records are read.
     out
         Folder for the page.
     as_json

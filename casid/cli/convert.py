@@ -32,12 +32,6 @@ def convert(
     ----------
     paths
         The records to read, or patterns like 'logs/*', and behind them the file or folder to write to.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which records are read.
-    end
-        Time [s] up to which records are read.
     """
     if len(paths) < 2:
         raise InputError("SOURCE or TARGET is missing; expected: convert SOURCE ... TARGET.csv, or a folder as target")

@@ -77,12 +77,6 @@ def diagnose(
         extended.toml then, but diagnosis.txt.
     hold_out
         Records that are never fitted. Without, the last record is held back, or of a single one its last third.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which records are read.
-    end
-        Time [s] up to which records are read.
     axes
         What is judged. Without, what surfaces and motion of the records can tell of.
     out

@@ -96,12 +96,6 @@ def estimate(
         Globs of the parameters to estimate; default: all derivatives and terms that move the axes.
     axes
         Default: what the surfaces allow.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which records are read.
-    end
-        Time [s] up to which records are read.
     out
         Folder for the results.
     as_json

@@ -43,8 +43,6 @@ def identifiability(
         Globs of the parameters to estimate; default: all derivatives.
     axes
         Default: what the surfaces allow.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
     out
         Folder for the results.
     as_json

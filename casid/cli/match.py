@@ -49,8 +49,6 @@ def match(
         Let small corrections of the surfaces follow the measured attitude; what they are is told.
     axes
         Default: what the surfaces allow and the aircraft has aerodynamics of.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
     out
         Folder for the page.
     as_json

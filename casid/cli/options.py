@@ -35,9 +35,9 @@ DEMO = Path(__file__).resolve().parent / "demo"
 
 Files = Annotated[list[str], Parameter(consume_multiple=True, negative="")]
 Folder = Annotated[Path, Parameter(name="--out", converter=_folder)]
-Maps = Annotated[list[str], Parameter(name="--map", negative="")]
-Begin = Annotated[float | None, Parameter(name="--from")]
-End = Annotated[float | None, Parameter(name="--to")]
+Maps = Annotated[list[str], Parameter(name="--map", negative="", help="Column map: alpha=ALCG:deg, or a TOML file.")]
+Begin = Annotated[float | None, Parameter(name="--from", help="Time [s] from which records are read.")]
+End = Annotated[float | None, Parameter(name="--to", help="Time [s] up to which records are read.")]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Flag = Annotated[bool, Parameter(negative="")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="")]

@@ -66,8 +66,6 @@ def response(
         Lengths of windows, s; default: five, from half of the longest record down.
     envelope
         CSV file with bounds of the mismatch: omega, gain_low_db, gain_high_db, phase_low_deg, phase_high_deg.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
     out
         Folder for the results.
     as_json

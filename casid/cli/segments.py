@@ -38,12 +38,6 @@ def segments(
     ----------
     logs
         Files, or patterns like 'logs/*.bin'.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which logs are read.
-    end
-        Time [s] up to which logs are read.
     out
         Folder for the manoeuvres.
     as_json

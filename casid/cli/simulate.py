@@ -52,12 +52,6 @@ def simulate(
         Aircraft files (TOML), such as an original and its extended one.
     axes
         Default: what the surfaces allow.
-    maps
-        Column map: alpha=ALCG:deg, or a TOML file.
-    begin
-        Time [s] from which records are read.
-    end
-        Time [s] up to which records are read.
     out
         Folder for the results.
     as_json

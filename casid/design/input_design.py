@@ -52,6 +52,21 @@ class InputDesign:
         Surface -> vector of its shape (see `StepInput`, `Multisine`).
     status
         "optimal" where IPOPT's conditions hold to 1e-5, or in words why not; "given" for a standard input.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> experiment = cs.Experiment(
+    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
+    ...     duration=6.0, dt=0.1, parameters=["T"],
+    ... )
+    >>> design = cs.standard_3211(experiment)
+    >>> design.status, list(design.std), len(design.record)
+    ('given', ['T'], 61)
     """
 
     record: Record

@@ -28,6 +28,21 @@ class StepInput:
         Duration of each, at least [s].
     rise_s
         What an edge takes, about [s].
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> experiment = cs.Experiment(
+    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
+    ...     duration=6.0, dt=0.1, parameters=["T"],
+    ... )
+    >>> design = cs.design_input(experiment, cs.StepInput(pulses=2), starts=2)
+    >>> design.status
+    'optimal'
     """
 
     pulses: int = 4
@@ -89,7 +104,30 @@ class StepInput:
 
 @dataclass(frozen=True, kw_only=True)
 class Multisine:
-    """Sines and cosines at `lines` multiples of 1/duration from the first on, faded in and out over `rise_s` [s]."""
+    """Sines and cosines at multiples of 1/duration, faded in and out.
+
+    Attributes
+    ----------
+    lines
+        Number of multiples, from the first on.
+    rise_s
+        Time of the fade at each end [s].
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> experiment = cs.Experiment(
+    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
+    ...     duration=6.0, dt=0.1, parameters=["T"],
+    ... )
+    >>> design = cs.design_input(experiment, cs.Multisine(lines=3), starts=2)
+    >>> design.status
+    'optimal'
+    """
 
     lines: int = 8
     rise_s: float = 0.5

@@ -97,12 +97,35 @@ class EquationError:
 
 @dataclass(frozen=True, kw_only=True)
 class CombinedError:
-    """Both (paper eq. 11-12): (1 - equation_weight) * output part + equation_weight * equation part.
+    """Weighted sum of output and equation error: (1 - equation_weight) * output + equation_weight * equation.
+
+    Equations 11 and 12 of E. Özger, AIAA 2010-34.
+
+    Attributes
+    ----------
+    equation_weight
+        Weight of the equation error, inside (0, 1).
 
     Raises
     ------
     EstimationError
         When the weight is not inside (0, 1): at the ends it is one of the two pure costs.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> both = flown.with_channels(x=flown["y"])  # an equation error needs the states
+    >>> cost = cs.CombinedError(equation_weight=0.3)
+    >>> problem = cs.Problem(model=lag, records=[both], free=["T"], noise={"y": 0.01, "xdot": 0.1}, cost=cost)
+    >>> round(cs.solve(problem).values["T"], 2)
+    0.4
     """
 
     equation_weight: float = 0.5
@@ -122,9 +145,29 @@ class CombinedError:
 
 @dataclass(frozen=True, kw_only=True)
 class RangeWeights:
-    """Weights instead of noise variances: w = min(1/(max z - min z), maximum) per channel (paper eq. 13).
+    """Weights instead of noise variances: w = min(1/(max z - min z), maximum) per channel.
 
-    Only their proportions matter; standard errors use the variance found in the residuals of each channel.
+    Equation 13 of E. Özger, AIAA 2010-34. Only the proportions of the weights matter: standard errors use the variance
+    of the residuals of each channel.
+
+    Attributes
+    ----------
+    maximum
+        Largest weight, for channels that hardly move.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise=cs.RangeWeights())
+    >>> round(cs.solve(problem).values["T"], 2)
+    0.4
     """
 
     maximum: float = 1e4

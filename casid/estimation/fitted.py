@@ -27,6 +27,22 @@ class Estimate:
         that of the logarithm.
     prior, prior_std
         A-priori value and its 1-sigma, infinite where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * np.random.default_rng(1).standard_normal(len(t)))
+    >>> fit = cs.solve(cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01}))
+    >>> T = fit["T"]
+    >>> T.interval[0] < 0.4 < T.interval[1], round(T.std, 4)
+    (True, 0.0018)
     """
 
     name: str
@@ -53,6 +69,22 @@ class ChannelFit:
         Theil's inequality coefficient rms / (rms measured + rms predicted).
     samples
         How many are present.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> fit = cs.solve(problem)
+    >>> y = fit.channels["y"]
+    >>> y.samples, round(y.R2, 3)
+    (200, 1.0)
     """
 
     rms: float
@@ -77,6 +109,12 @@ class Population:
         Of 95 % for the spread.
     logarithmic
         Whether all of these are of the natural logarithm of the parameter.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> fit = cs.solve(cs.Problem(model=lag, records=flown, per_record=["T"], spread={"T": 0.1}))  # doctest: +SKIP
+    >>> fit.population["T"].mean, fit.population["T"].spread  # doctest: +SKIP
     """
 
     name: str
@@ -97,6 +135,22 @@ class StateHistory:
         (N, states) at the record's samples.
     nodes, node_times
         (M, states) at the starts of the segments, and their times (M,) [s].
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> fit = cs.solve(problem)
+    >>> history = fit.states["flown"]
+    >>> history.trajectory.shape
+    (200, 1)
     """
 
     trajectory: np.ndarray

@@ -8,7 +8,25 @@ ANOTHER_MINIMUM = "another minimum likely"
 
 
 class Results(Enum):
-    """How a solution ended. The value of each is a sentence that says what to do; `Fit.status` has the particulars."""
+    """How a solution ended. The value of each is a sentence that says what to do; `Fit.status` has the particulars.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> fit = cs.solve(problem)
+    >>> fit.result is cs.Results.CONVERGED
+    True
+    >>> print(cs.Results.NO_MINIMUM.value)
+    The gradient vanishes where there is no minimum: start elsewhere.
+    """
 
     CONVERGED = "A minimum of the cost that nothing contradicts."
     ANOTHER_MINIMUM = (

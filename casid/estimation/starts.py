@@ -32,6 +32,21 @@ class Minimum:
         By how much -ln(likelihood x prior) is larger than at the best.
     values
         Name -> estimate.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> best = cs.solve(problem, starts=3).starts.minima[0]
+    >>> best.behind, round(best.values["T"], 2)
+    (0.0, 0.4)
     """
 
     count: int
@@ -50,6 +65,21 @@ class Starts:
         Distinct ends that converged, the best first.
     lost
         Status -> how many starts ended with it instead.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> starts = cs.solve(problem, starts=3).starts
+    >>> len(starts.minima), starts.lost
+    (1, Counter())
     """
 
     minima: tuple[Minimum, ...]

@@ -69,7 +69,41 @@ class Innovations:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FilterFit:
-    """Result of `filter_error`; `covariance` (parameters, parameters) by Cramer-Rao at the noise found."""
+    """Result of `filter_error`.
+
+    Attributes
+    ----------
+    problem
+        What was estimated.
+    values, std
+        Parameter -> estimate and its 1-sigma.
+    covariance
+        (parameters, parameters) Cramer-Rao bound at the estimated noise.
+    noise
+        Measurement and process noise.
+    innovations
+        Of all records, with their log-likelihood.
+    status
+        "converged", or why not.
+    iterations, seconds
+        How many, and how long.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"], disturbances=["w_x"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T + s.w_x}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t, rng = 0.05 * np.arange(200), np.random.default_rng(1)
+    >>> square = cs.Record(name="square", t=t, channels={"u": np.sign(np.sin(t))})
+    >>> gust = {"w_x": 0.5 * rng.standard_normal(len(t))}
+    >>> flown = cs.simulate(lag, square, [0.0], {"T": 0.4}, gust).as_record("flown")
+    >>> noisy = flown.with_channels(y=flown["y"] + 0.02 * rng.standard_normal(len(t)))
+    >>> fit = cs.filter_error(cs.Problem(model=lag, records=[noisy], free=["T"]), {"w_x": 0.0})
+    >>> fit.covariance.shape, fit.status
+    ((1, 1), 'converged')
+    """
 
     problem: Problem
     values: Mapping[str, float]

@@ -46,6 +46,16 @@ class MismatchEnvelope:
     ------
     InputError
         For frequencies that do not increase, and bounds that cross.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> envelope = cs.MismatchEnvelope(
+    ...     omega=[0.5, 10.0], gain_low_db=[-3.0, -6.0], gain_high_db=[3.0, 6.0],
+    ...     phase_low_deg=[-20.0, -40.0], phase_high_deg=[20.0, 40.0],
+    ... )
+    >>> envelope.bounds([0.5])["gain_low_db"]
+    array([-3.])
     """
 
     omega: np.ndarray
@@ -126,6 +136,22 @@ class Mismatch:
         (frequencies,) whether both are within the envelope; None without one.
     judged
         (frequencies,) where coherence, band and envelope allow to judge.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(3000)
+    >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
+    >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
+    >>> flight = cs.frequency_response([flown], "u", "y")
+    >>> slow = cs.linear_model(lag, {}, values={"T": 1.0})
+    >>> mismatch = cs.compare_responses(flight, {"slow": slow}, band=(1.0, 5.0)).mismatches["slow"]
+    >>> mismatch.cost > 100.0
+    True
     """
 
     response: np.ndarray
@@ -160,6 +186,21 @@ class ResponseComparison:
         Lowest and highest frequency [rad/s] of the cost.
     envelope
         Bounds of the mismatch, or None.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(3000)
+    >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
+    >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
+    >>> flight = cs.frequency_response([flown], "u", "y")
+    >>> compared = cs.compare_responses(flight, {"model": cs.linear_model(lag, {})}, band=(1.0, 5.0))
+    >>> compared.band, compared.mismatches["model"].cost < 50.0
+    ((1.0, 5.0), True)
     """
 
     flight: FrequencyResponse

@@ -26,7 +26,7 @@ Point = Record | str | Path | Sequence[Record | str | Path] | Trim | Mapping[str
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class LinearModel:
-    """dx/dt = A x + B u, y = C x + D u, for deviations from an operating point.
+    """Linear model dx/dt = A x + B u, y = C x + D u, for deviations from an operating point.
 
     Attributes
     ----------
@@ -40,6 +40,17 @@ class LinearModel:
         State and input -> its value at the operating point.
     not_linear
         Effects of the aircraft file that have no linear response, such as a dead zone: they are left out.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> linear = cs.linear_model(lag, {})
+    >>> linear.A, linear.B
+    (array([[-2.]]), array([[2.]]))
     """
 
     name: str

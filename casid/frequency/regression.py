@@ -63,6 +63,10 @@ class FourierEquationError:
     InputError
         For what is no band.
 
+    References
+    ----------
+    Klein and Morelli, Aircraft System Identification: Theory and Practice, AIAA 2006, ch. 7.
+
     Examples
     --------
     >>> import numpy as np, casid as cs
@@ -76,26 +80,14 @@ class FourierEquationError:
     >>> cost = cs.FourierEquationError(band=(0.5, 6.0))
     >>> round(cs.solve(cs.Problem(roll, [record], free=["Lp"], cost=cost))["Lp"].value, 2)
     -2.0
-
-    References
-    ----------
-    Klein and Morelli, Aircraft System Identification: Theory and Practice, AIAA 2006, ch. 7.
     """
 
     band: tuple[float, float]
 
+    output_weight, equation_weight = 0.0, 1.0  # nothing is simulated in time
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "band", check_band(self.band, "FourierEquationError"))
-
-    @property
-    def output_weight(self) -> float:
-        """No part of the cost: nothing is simulated."""
-        return 0.0
-
-    @property
-    def equation_weight(self) -> float:
-        """The whole cost."""
-        return 1.0
 
     def equations(self, problem: Problem) -> FourierEquations:
         """The transformed equations of a problem.

@@ -41,6 +41,16 @@ class MeasuredResponse:
     ------
     InputError
         For arrays of unlike length, and values that are no numbers.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> omega = np.geomspace(0.5, 12.0, 20)
+    >>> roll = cs.TransferFunction(gain="K", poles=["1/T_roll"])
+    >>> truth = roll.response(omega, {"K": -3.0, "1/T_roll": 1.5})
+    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
+    >>> bool(np.all(measured.coherence == 1.0))
+    True
     """
 
     input: str
@@ -80,7 +90,26 @@ AnyResponse = FrequencyResponse | MeasuredResponse
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseParameter:
-    """A parameter of a response fit, with its standard deviation."""
+    """A parameter of a response fit.
+
+    Attributes
+    ----------
+    name
+        Of the parameter.
+    value, std
+        Estimate and its standard deviation.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> omega = np.geomspace(0.5, 12.0, 20)
+    >>> roll = cs.TransferFunction(gain="K", poles=["1/T_roll"])
+    >>> truth = roll.response(omega, {"K": -3.0, "1/T_roll": 1.5})
+    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
+    >>> K = cs.fit_transfer_functions(measured, {"p": roll})["K"]
+    >>> round(K.value, 6), K.std < 1e-3
+    (-3.0, True)
+    """
 
     name: str
     value: float
@@ -109,6 +138,17 @@ class ResponseFit:
         "output/input" -> the model's complex response there.
     status
         "converged", or in words why not.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> omega = np.geomspace(0.5, 12.0, 20)
+    >>> roll = cs.TransferFunction(gain="K", poles=["1/T_roll"])
+    >>> truth = roll.response(omega, {"K": -3.0, "1/T_roll": 1.5})
+    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
+    >>> fit = cs.fit_transfer_functions(measured, {"p": roll})
+    >>> fit.status, sorted(fit.parameters)
+    ('converged', ['1/T_roll', 'K'])
     """
 
     parameters: dict[str, ResponseParameter]

@@ -20,8 +20,27 @@ PRODUCTS = ("Ixy", "Iyz")  # of an aircraft that is not symmetric
 
 @dataclass(frozen=True, kw_only=True)
 class Inertia:
-    """Inertia tensor [kg m2]: [[Ixx, -Ixy, -Ixz], [-Ixy, Iyy, -Iyz], [-Ixz, -Iyz, Izz]]. Ixy and Iyz are zero for an
-    aircraft that is symmetric. Raises InputError unless it is positive definite."""
+    """Inertia tensor [[Ixx, -Ixy, -Ixz], [-Ixy, Iyy, -Iyz], [-Ixz, -Iyz, Izz]] in body axes.
+
+    Attributes
+    ----------
+    Ixx, Iyy, Izz
+        Moments of inertia [kg m2].
+    Ixz, Ixy, Iyz
+        Products of inertia [kg m2]; Ixy and Iyz are zero for a symmetric aircraft.
+
+    Raises
+    ------
+    InputError
+        If the tensor is not positive definite.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> inertia = cs.Inertia(Ixx=200e3, Iyy=330e3, Izz=480e3, Ixz=13e3)
+    >>> inertia.symmetric
+    True
+    """
 
     Ixx: float
     Iyy: float

@@ -36,6 +36,16 @@ class EffectValue:
     ------
     InputError
         When kind, target, term and unit do not fit together.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.EffectValue(kind="actuator_lag", target="delta_e", value=0.12)
+    >>> lag.unit
+    's'
+    >>> aircraft = cs.Aircraft.read("casid/cli/demo/aircraft.toml").with_effects([lag])
+    >>> len(aircraft.effects)
+    1
     """
 
     kind: str

@@ -28,6 +28,17 @@ class SampledFeedback:
     ------
     EstimationError
         For a law that depends on parameters, or such an output.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> law = cs.SampledFeedback(model=lag, received=lag.u - 0.5 * lag.x)
+    >>> law.received.shape
+    (1, 1)
     """
 
     model: Model

@@ -22,14 +22,32 @@ Place = Literal["state derivative", "input", "output"]
 
 @dataclass(frozen=True, kw_only=True)
 class ModelPort:
-    """One place where something unknown may enter.
+    """A place of a model where something unknown may enter.
 
-    kind     what it adds to
-    name     of the state, input or output
-    unit     of what it adds, "" when nobody said
-    matters  the r.m.s. size that matters, in `unit`; None: a share of the variation there, see `diagnosis.systems`
-    words    how a person calls it; default from kind and name
-    Raises InputError for a size that is not positive.
+    Attributes
+    ----------
+    kind
+        What it adds to: "state derivative", "input" or "output".
+    name
+        Of the state, input or output.
+    unit
+        Of what it adds; "" if unknown.
+    matters
+        The r.m.s. size that matters, in `unit`; None: 5 % of the variation there.
+    words
+        How a report calls it; by default from kind and name.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind, and a size that is not positive.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> port = cs.ModelPort(kind="input", name="u", unit="V", matters=0.1)
+    >>> port.words
+    'the input u'
     """
 
     kind: Place

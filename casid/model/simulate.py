@@ -27,7 +27,16 @@ _MOST_STEPS = 100_000  # of CVODES between two samples
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Simulation:
-    """States (N, states) and outputs (N, outputs) at the time stamps t (N,) of the record that gave the inputs.
+    """A simulated motion.
+
+    Attributes
+    ----------
+    model
+        What was simulated.
+    record
+        Its time stamps t (N,) and inputs.
+    states, outputs
+        (N, states) and (N, outputs) at the time stamps.
 
     Examples
     --------

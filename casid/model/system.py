@@ -39,7 +39,7 @@ class EquationForm:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Model:
-    """dx/dt = f(x, u, p, w),  y = h(x, u, p, w), all SX column vectors in the order of the names.
+    """Dynamic system dx/dt = f(x, u, p, w),  y = h(x, u, p, w), of SX column vectors in the order of the names.
 
     In discrete time x[k+1] = f(x[k], u[k], p, w[k]),  y[k] = h(x[k], u[k], p, w[k]).
 

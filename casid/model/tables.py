@@ -39,6 +39,13 @@ class Table:
         Term that it is multiplied by, "q": a table of the derivative Cm_q; "0": by nothing.
     free
         Whether its values are parameters of the model; otherwise they are as they are.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> pitch = cs.table("Cm", "alpha", [-0.1, 0.0, 0.1], [0.08, 0.0, -0.12])
+    >>> pitch.coefficient, pitch.axes, pitch.free
+    ('Cm', ('alpha',), False)
     """
 
     name: str

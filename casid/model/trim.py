@@ -31,6 +31,13 @@ class Trim:
         Of all engines [N].
     rho
         Density of the air [kg/m3].
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> level = cs.trim("casid/cli/demo/aircraft.toml", V=95.0, rho=0.957)
+    >>> round(level.alpha - level.theta, 9)
+    0.0
     """
 
     V: float

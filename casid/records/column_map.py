@@ -31,7 +31,22 @@ class ColumnTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """Channel -> columns whose weighted sum it is; `variable` names the matrix of a .mat or .npz file."""
+    """Which columns of a file are which channels.
+
+    Attributes
+    ----------
+    columns
+        Channel -> columns whose weighted sum it is.
+    variable
+        Name of the matrix of a .mat or .npz file; None if the file has one only.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> columns = cs.ColumnMap.of({"alpha": "ALCG:deg", "q": "QCG:deg/s"})
+    >>> list(columns.columns)
+    ['alpha', 'q']
+    """
 
     columns: Mapping[str, tuple[ColumnTerm, ...]] = field(default_factory=dict)
     variable: str | None = None

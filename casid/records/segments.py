@@ -42,6 +42,13 @@ class Segment:
         Surface -> r.m.s. deflection [rad] about its mean.
     rates
         Rate of rotation -> its range [rad/s], of those recorded.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> one = cs.segments("casid/cli/demo/m1.csv")[0]
+    >>> one.axes, one.stop > one.start
+    (('pitch', 'roll', 'yaw'), True)
     """
 
     start: float
