@@ -4,7 +4,8 @@ Question     how often is the hidden effect named first, how often something wro
              once, on effects that the catalogue does not have; are sizes and onsets inside their intervals?
 Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSBSim with the effect made there; "f16":
              the F-16 of NASA's check cases, on its tables and in closed loop (CASID_DATA names its files); the same
-             with "_instruments": recorded by instruments as they are (`problems.blind.instruments`). Every set has
+             with "_instruments": recorded by instruments as they are (`problems.blind.instruments`); "independent": a
+             simulator that shares no code with casid (`problems.independent`, five records). Every set has
              four records and an aircraft file with derivatives that are 10 to 30 % off; inputs, rates, noise, kind,
              place, size and onset come from the seed. Seeds below 1000 are for development, seeds from 1000 on
              for reported results. The sealed answers are opened only when all diagnoses are done; the process that
@@ -41,13 +42,19 @@ from casid.report.style import settings
 from problems.blind.calibration import log_score, reliability, stated
 from problems.blind.case import OUTSIDE, Answer
 from problems.blind.score import NOTHING, UNEXPLAINED, Score, score
-from problems.blind.sets import CASES, REPORTING_FROM, SETS, generate, set_name
+from problems.blind.sets import REPORTING_FROM, SETS, cases_of, generate, set_name
 from problems.blind.solve import solve
 from problems.blind.table import by_kind, columns, confusion, markdown, power, rows, summary
 from problems.campaign.run import counted, run_campaign
 from problems.campaign.store import ENGINE, open_store, source_digest
 
-GENERATOR = ("problems/blind/*.py", "problems/jsbsim/*.py", "problems/do328.py", "casid/model/**/*.py")
+GENERATOR = (
+    "problems/blind/*.py",
+    "problems/jsbsim/*.py",
+    "problems/do328.py",
+    "problems/independent/*.py",
+    "casid/model/**/*.py",
+)
 SOLVER = ("casid/diagnosis/**/*.py", *ENGINE)
 
 
@@ -97,15 +104,16 @@ def tasks(
     """Name of a set -> task for `generate`. What hides nothing has one size."""
     if min(sizes) <= 0.0:
         raise InputError(f"--sizes {' '.join(map(str, sizes))}: expected factors above zero, like 1 0.5")
-    chosen = [case for case in CASES if any(fnmatchcase(case, glob) for glob in globs)]
-    if not chosen:
-        raise InputError(f"--kinds {' '.join(globs)}: fits none of {', '.join(CASES)}")
+    chosen = {of: [case for case in cases_of(of) if any(fnmatchcase(case, glob) for glob in globs)] for of in sets}
+    if not any(chosen.values()):
+        cases = dict.fromkeys(case for of in sets for case in cases_of(of))
+        raise InputError(f"--kinds {' '.join(globs)}: fits none of {', '.join(cases)}")
     where = {"sets": str(out / "sets"), "answers": str(out / "answers")}
     return {
         set_name(of, case, seed, size): {"of": of, "case": case, "seed": seed, "size": size, **where}
         for seed in seeds
         for of in sets
-        for case in chosen
+        for case in chosen[of]
         for size in (sizes if case in KINDS else (1.0,))
     }
 

@@ -21,10 +21,12 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "sensor_drift": "instrument whose zero wanders slowly",
         "fuel_slosh": "lightly damped mass of fuel that swings sideways under the lateral acceleration",
         "stall_break": "wing that drops when the flow separates above an angle of attack, until below a lower one",
+        "wing_bending": "wing that bends, and so loses incidence, as a lightly damped mode",
     }
 )
-# kinds of which `problems.faults` has the generator, put into records of any flight; and what needs a table in the file
-NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
+# kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file; and
+# what only `problems.independent` has
+NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment", "wing_bending")
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

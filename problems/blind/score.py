@@ -11,12 +11,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from problems.blind.case import LOADING, RECORDS, Answer, Hidden, family
+from problems.blind.case import LOADING, Answer, Hidden, family
 
 Found = Mapping[str, Any]
 # effects outside the catalogue that the catalogue can say in other words
 OTHER_WORDS: Mapping[str, tuple[tuple[str, str, str | None], ...]] = {
     "rotor_gyroscope": (("aero_term", "Cm", "r"), ("aero_term", "Cn", "q")),
+    "wing_bending": (("unsteady_aero", "CL", None),),
 }
 ELSEWHERE = "same kind, elsewhere"
 NOTHING, UNEXPLAINED, FAILED = "adequate", "unexplained", "failed"
@@ -80,7 +81,7 @@ def score(answer: Answer, found: Found) -> Score:
         wrong=sum(not any(same(h, o) for h in hidden for o in _set(c)) for c in causes),
         described=bool(words) and all(words),
         onsets=_onsets(hidden, causes),
-        sized=_sized(hidden, own),
+        sized=_sized(answer, own),
         seconds=sum(found["seconds"].values()),
     )
 
@@ -141,11 +142,12 @@ def _onsets(hidden: tuple[Hidden, ...], causes: list[Found]) -> tuple[int, int]:
     return inside, total
 
 
-def _sized(hidden: tuple[Hidden, ...], own: Found | None) -> tuple[float, bool] | None:
-    if own is None or not hidden:
+def _sized(answer: Answer, own: Found | None) -> tuple[float, bool] | None:
+    if own is None or not answer.hidden:
         return None
-    one, value = hidden[0], own["value"]
-    if one.kind in LOADING and set(own["records"]) == set(RECORDS[:-1]) - set(one.records):
+    one, value = answer.hidden[0], own["value"]
+    fitted = {f"m{i}" for i in range(1, len(answer.conditions["durations_s"]))}  # the last record is held back
+    if one.kind in LOADING and set(own["records"]) == fitted - set(one.records):
         value = -value  # the same difference, told of the other fitted records
     error = value - one.value
     return error / abs(one.value), abs(error) <= 1.96 * own["std"]

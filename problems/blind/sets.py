@@ -5,7 +5,8 @@
 writes sets/<name>/m1.csv .. m4.csv and aircraft.toml, which know nothing of it, and answers/<name>.json. The name says
 nothing either. Sets of "do328" and "f16" are flown by casid with its own effects, the F-16 on its tables and in closed
 loop; sets of "jsbsim" by JSBSim, with the effect made there. All also come as instruments as they are record them
-(`instruments`): "do328_instruments" and so on. Seeds below REPORTING_FROM are for development, the others for reported
+(`instruments`): "do328_instruments" and so on. Sets of "independent" are flown, with the effect, by a simulator that
+shares no code with casid. Seeds below REPORTING_FROM are for development, the others for reported
 results; in "jsbsim" the two do not even share an aircraft.
 """
 
@@ -28,7 +29,7 @@ from casid.model.vocabulary import KINDS
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.signals import SURFACES
-from problems.blind import do328, f16
+from problems.blind import do328, f16, independent
 from problems.blind import jsbsim as blind_jsbsim
 from problems.blind.case import NOT_DRAWN, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
@@ -47,12 +48,12 @@ REPORTING_FROM = 1000
 WITH_INSTRUMENTS = "_instruments"
 _FLOWN = MappingProxyType({"do328": do328.plane, "f16": f16.plane})  # by casid
 _AIRCRAFT = ("do328", "jsbsim", "f16")
-SETS = (*_AIRCRAFT, *(name + WITH_INSTRUMENTS for name in _AIRCRAFT))
+SETS = (*_AIRCRAFT, *(name + WITH_INSTRUMENTS for name in _AIRCRAFT), independent.NAME)
 CASES: tuple[str, ...] = (
     *(f"clean-{i}" for i in range(1, 11)),
     *(kind for kind in KINDS if kind not in NOT_DRAWN),
     *(f"two-{i}" for i in range(1, 6)),
-    *OUTSIDE,
+    *(kind for kind in OUTSIDE if kind not in NOT_DRAWN),
 )
 _OFF = (0.1, 0.3)  # by which the a-priori derivatives miss the truth
 _RATES_HZ, _RATE_ODDS = (20.0, 25.0, 40.0, 50.0, 100.0), (0.1, 0.2, 0.2, 0.4, 0.1)
@@ -63,6 +64,11 @@ _DEG = np.pi / 180.0
 Structure = Mapping[str, Sequence[str]]
 
 
+def cases_of(of: str) -> tuple[str, ...]:
+    """Cases of one of SETS."""
+    return independent.CASES if of == independent.NAME else CASES
+
+
 def set_name(of: str, case: str, seed: int, size: float = 1.0) -> str:
     """Name of a set's folder and answer; it does not tell what is inside."""
     return hashlib.sha256(f"{of} {case} {seed} {size:g}".encode()).hexdigest()[:10]
@@ -71,7 +77,7 @@ def set_name(of: str, case: str, seed: int, size: float = 1.0) -> str:
 def hide(of: str, case: str, seed: int, sets: str | Path, answers: str | Path, size: float = 1.0) -> str:
     """Fly a set, write its records and aircraft file below `sets` and its answer below `answers`; returns its name.
 
-    of, case   one of SETS and of CASES;  size  factor on the size that is drawn
+    of, case   one of SETS and of its `cases_of`;  size  factor on the size that is drawn
     Raises InputError for an unknown set or case, and without jsbsim for "jsbsim".
     """
     flown = fly_set(of, case, seed, size)
@@ -108,8 +114,11 @@ def fly_set(of: str, case: str, seed: int, size: float = 1.0, structure: Structu
     """
     if of not in SETS:
         raise unknown("set", of, SETS)
-    if case not in CASES:
-        raise unknown("case", case, CASES)
+    if case not in cases_of(of):
+        raise unknown("case", case, cases_of(of))
+    if of == independent.NAME:
+        records, aircraft, answer = independent.flight(case, seed, size)
+        return Set(records=records, aircraft=aircraft, answer=answer)
     if of.startswith("jsbsim") and find_spec("jsbsim") is None:
         raise InputError("sets of 'jsbsim' need the extra jsbsim; install it: pip install 'casid[jsbsim]'")
     for attempt in range(_ATTEMPTS):
