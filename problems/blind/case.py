@@ -24,7 +24,7 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "wing_bending": "wing that bends, and so loses incidence, as a lightly damped mode",
     }
 )
-# kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file; and
+# kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file;
 # what only `problems.independent` has
 NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment", "wing_bending")
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only

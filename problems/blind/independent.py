@@ -1,6 +1,6 @@
 """Sets of the independent simulator: the only file that knows both `problems.independent` and casid.
 
-It writes down what that simulator recorded as casid's flight records, and what an engineer would know of the aircraft as
+It turns what that simulator recorded into flight records of casid, and what an engineer would know of the aircraft into
 an aircraft file.
 """
 

@@ -12,8 +12,10 @@ from problems.independent.integrate import step
 
 
 def follow(command: np.ndarray, dt: float, frequency: float, damping: float) -> np.ndarray:
-    """Position of a second-order servo at rest at the first command. The command is given every half `dt` [s], along the
-    first axis; the position is returned every `dt`."""
+    """Position of a second-order servo that rests at the first command.
+
+    The command is given every half `dt` [s], along the first axis; the position is returned every `dt`.
+    """
 
     def slope(half: int, x: np.ndarray) -> np.ndarray:
         position, rate = x

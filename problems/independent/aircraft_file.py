@@ -1,7 +1,7 @@
 """What an engineer would know of the aircraft: mass properties, trim, and derivatives that are not exact.
 
-Derivatives are a least-squares fit of the tables around the trim point, each then off by a stated percentage. What lines
-and parabolas leave of the tables stays in the file as an error of structure.
+Derivatives are a least-squares fit of the tables around the trim point, each then changed by a percentage within OFF.
+What straight lines and parabolas leave of the tables remains as an error of structure.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ _SHARE = (0.08, 0.12)  # of the variation of Cm, that alpha*q adds and the terms
 
 
 def draw(case: str, plane: Plane, healthy: Mapping[str, np.ndarray], rng: np.random.Generator) -> Effect | None:
-    """The effect of a case; None for a clean one. `healthy` are the variables of the tables along the healthy flights."""
+    """The effect of a case; None for a clean one. `healthy` has the tables' variables along healthy flights."""
     if case.startswith("clean"):
         return None
     if case in OUTSIDE:

@@ -80,7 +80,7 @@ def fly_set(case: str, seed: int, size: float = 1.0) -> Flown:
     plane = (LIGHT, JET)[(number + seed) % 2]
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([_STREAM, seed, number, attempt])
-        plan = _plan(plane, rng)
+        plan = plan_of(plane, rng)
         healthy = healthy_craft(plane, len(RECORDS))
         level, log = fly(healthy, plan, None)
         points = variables(plane, plan, log)
@@ -104,7 +104,8 @@ def fly_set(case: str, seed: int, size: float = 1.0) -> Flown:
     )
 
 
-def _plan(plane: Plane, rng: np.random.Generator) -> Plan:
+def plan_of(plane: Plane, rng: np.random.Generator) -> Plan:
+    """What the pilot does in the records of a set, how long they are, and how they are recorded."""
     durations = tuple(float(d) for d in rng.integers(25, 31, len(RECORDS)))
     t = np.arange(round(max(durations) / STEP_S) * 4 + 1) * 0.25 * STEP_S
     moves = [flown(name, duration, rng) for name, duration in zip(RECORDS, durations, strict=True)]
@@ -153,7 +154,8 @@ def with_effect(craft: Craft, effect: Effect | None) -> Craft:
 def fly(craft: Craft, plan: Plan, effect: Effect | None) -> tuple[Level, dict[str, np.ndarray]]:
     """Trim, then all records side by side: what `integrate` logs, and the `servo` positions (steps + 1, surfaces, n).
 
-    A gust blows along the body axis that it is named after when it begins: it is flown once without, to know where that is.
+    A gust blows along the body axis that it is named after, as that axis is when the gust begins. A flight without the
+    gust gives the attitude there.
     """
     level = level_flight(craft)
     craft = craft.from_alpha(level.alpha)
@@ -190,7 +192,7 @@ def _inputs(craft: Craft, plan: Plan, level: Level, effect: Effect | None) -> tu
 
 
 def linked(effect: Effect, position: np.ndarray, has: np.ndarray) -> np.ndarray:
-    """Surface positions behind a linkage with an effect, of servo positions (halves, n); `has` (n,) is 1 where it is."""
+    """Positions of a surface behind a faulty linkage, from servo positions (halves, n); `has` (n,) is 1 for those."""
     if effect.kind == "actuator_lag":
         return lag(position, _HALF_S, effect.value * has)
     if effect.kind == "rate_limit":
@@ -265,11 +267,17 @@ def _instruments(effect: Effect | None) -> Instruments:
     if effect is None:
         return Instruments()
     one = {effect.target: effect.value}
-    if effect.kind == "accelerometer_position":
-        x, y, z = (one.get(axis, 0.0) for axis in "xyz")
-        return Instruments(accelerometer=(x, y, z))
-    name = {"sensor_delay": "delay_s", "sensor_scale": "scale", "sensor_bias": "bias"}.get(effect.kind)
-    return Instruments() if name is None else Instruments(**{name: one})
+
+    def of(kind: str) -> dict[str, float]:
+        return one if effect.kind == kind else {}
+
+    place = of("accelerometer_position")
+    return Instruments(
+        accelerometer=(place.get("x", 0.0), place.get("y", 0.0), place.get("z", 0.0)),
+        delay_s=of("sensor_delay"),
+        scale=of("sensor_scale"),
+        bias=of("sensor_bias"),
+    )
 
 
 def _as_met(effect: Effect | None, plan: Plan, plane: Plane) -> Effect | None:

@@ -26,8 +26,8 @@ _SHAPES = {
     "doublet": ((1.0, 1.0), (-1.0, 1.0)),
     "step": ((1.0, 1.0),),
 }
-# record -> moves in their order: control, shape, sign. The last record is for holding back. Ailerons come late: whatever
-# they leave behind rolls the aircraft until the end.
+# record -> moves in their order: control, shape, sign. The last record is held back. Ailerons come last, because an
+# aileron that does not return to zero rolls the aircraft until the end.
 CARDS = {
     "m1": (("delta_e", "3211", 1), ("throttle", "step", 1), ("delta_a", "doublet", 1)),
     "m2": (("delta_r", "doublet", 1), ("delta_e", "doublet", -1), ("throttle", "step", -1), ("delta_a", "doublet", 1)),

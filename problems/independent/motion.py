@@ -1,8 +1,7 @@
 """Equations of motion: a rigid body over a flat earth, attitude as a quaternion, several records side by side.
 
-The state has one column per record: position north, east, down [m]; velocity in body axes [m/s]; quaternion from earth to
-body axes; angular velocity [rad/s]; then what swings inside: position and rate of a sloshing mass [m], twist of the wing
-and its rate [rad].
+The state has one column per record: position north, east, down [m]; velocity in body axes [m/s]; quaternion from earth
+to body axes; angular velocity [rad/s]; position [m] and rate of a sloshing mass; twist [rad] of the wing and its rate.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ SURFACES = ("delta_e", "delta_a", "delta_r")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Loading:
-    """What the records have, (n,) or (3, n) each: mass, and the position of the centre of gravity from `reference`, the
-    point about which the tables have their moments and from which engines and instruments are measured."""
+    """What the records have, (n,) or (3, n) each: mass, and the position of the centre of gravity from the reference
+    point, about which the tables give moments and from which engines and instruments are measured."""
 
     mass: np.ndarray
     cg: np.ndarray
@@ -33,8 +32,10 @@ class Loading:
 
 @dataclass(frozen=True, kw_only=True)
 class Slosh:
-    """A part of the mass that swings sideways at `place` [m]; it moves with the aircraft along the other axes. Its swing
-    does not see the rotation of the aircraft."""
+    """A part of the mass that swings sideways at `place` [m] and is fixed along the other axes.
+
+    The rotation of the aircraft does not drive the swing.
+    """
 
     mass: float
     frequency: float
@@ -119,7 +120,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def acceleration(craft: Craft, inputs: Inputs, half: int, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Derivative of the state at a half step, and what instruments may read: `force` (3, n) the specific force [m/s2],
-    `turning` (3, n) the angular acceleration, V, alpha, beta, rho and the `thrust` that the engine model gives, (n,)."""
+    `turning` (3, n) the angular acceleration, (n,) each V, alpha, beta, rho and the `thrust` of the engine model."""
     R = rotation_matrix(x[ATTITUDE])
     velocity, omega = x[VELOCITY], x[ROTATION]
     air = velocity - np.einsum("ijn,jn->in", R, inputs.wind[half])

@@ -1,8 +1,9 @@
 """The two aircraft: a light single and a small jet. Invented numbers, see the package.
 
-Lift and drag are in stability axes, the side force is along body y. Moments are about `reference`, divided by the whole
-span or the chord; p and r are made dimensionless with half the span, q with half the chord, over the airspeed. A positive
-elevator lowers the nose, a positive aileron rolls to the left, a positive rudder yaws to the left.
+Lift and drag are in stability axes, the side force is along body y. Moments are about the reference point, which is the
+centre of gravity of the healthy aircraft, and are divided by the whole span or the chord. The rates p and r are made
+dimensionless with half the span, q with half the chord, over the airspeed. A positive elevator lowers the nose, a
+positive aileron rolls to the left, a positive rudder yaws to the left.
 """
 
 from __future__ import annotations

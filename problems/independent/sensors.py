@@ -24,8 +24,8 @@ class Instruments:
 
 
 def readings(log: Mapping[str, np.ndarray], instruments: Instruments, cg: np.ndarray) -> dict[str, np.ndarray]:
-    """Channel -> (N,) of one record, at the steps of the simulation; `log` has its columns, `cg` (3,) from the reference
-    point. Vanes read at the centre of gravity."""
+    """Channel -> (N,) of one record, at the steps of the simulation. `log` has the columns of that record, `cg` (3,) is
+    measured from the reference point. Vanes are corrected to the true centre of gravity."""
     omega, turning = log["x"][:, ROTATION], log["turning"]
     arm = np.asarray(instruments.accelerometer) - cg
     force = log["force"] + np.cross(turning, arm) + np.cross(omega, np.cross(omega, arm))
@@ -51,8 +51,8 @@ def recorded(
     instruments: Instruments,
     rng: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """Channel -> samples: late, scaled, off and noisy. A channel that has no noise is not recorded, but for the density,
-    which is computed from the altitude and exact."""
+    """Channel -> samples with delay, scale error, bias and noise. A channel without noise is not recorded, except the
+    density, which is exact."""
     samples = {"t": np.round(t[::every], 6), "rho": read["rho"][::every]}
     for name, sigma in noise.items():
         late = np.interp(t - instruments.delay_s.get(name, 0.0), t, read[name])

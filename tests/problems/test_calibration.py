@@ -10,7 +10,16 @@ from problems.blind.case import RECORDS, Answer, Hidden
 
 
 def answer(*hidden: Hidden) -> Answer:
-    return Answer(of="do328", case="two-1", seed=1, size=1.0, aircraft="A", hidden=hidden, mismatch={}, conditions={})
+    return Answer(
+        of="do328",
+        case="two-1",
+        seed=1,
+        size=1.0,
+        aircraft="A",
+        hidden=hidden,
+        mismatch={},
+        conditions={"durations_s": (26.0,) * 4},
+    )
 
 
 def test_probabilities_are_scored_against_what_was_hidden() -> None:

@@ -73,20 +73,22 @@ def test_the_file_is_off_by_the_stated_percentage_and_the_tables_are_no_lines(pl
     assert max(fit.left.values()) > 0.01
 
 
-def test_a_servo_answers_a_step_as_a_second_order_system() -> None:
-    w, d, dt = 28.0, 0.8, 0.005
-    t = dt * np.arange(201)
-    command = np.ones((401, 2)) * [1.0, -2.0]
-    command[0] = 0.0
+def test_a_servo_answers_a_step_and_a_ramp_as_a_second_order_system() -> None:
+    w, d = 28.0, 0.8
     damped = w * np.sqrt(1.0 - d**2)
+    dt = 0.005 / 16.0  # fine: the first step sees five sixths of the jump
+    t = dt * np.arange(1601)
+    command = np.ones((3201, 2)) * [1.0, -2.0]
+    command[0] = 0.0
+    step = follow(command, dt, w, d)
     exact = 1.0 - np.exp(-d * w * t) * (np.cos(damped * t) + d * w / damped * np.sin(damped * t))
-    command[1:] = [1.0, -2.0]
-    ramped = follow(command, dt, w, d)
-    # the first step sees half of the command's jump; a quarter step later it is exact
-    assert np.abs(ramped[:, 0] - exact).max() < 0.03
-    fine = follow(np.concatenate([command[:1], np.repeat(command[1:], 16, axis=0)]), dt / 16.0, w, d)[::16]
-    assert np.abs(fine[:, 0] - exact[: len(fine)]).max() < 0.002
-    assert np.allclose(ramped[:, 1], -2.0 * ramped[:, 0])
+    assert np.abs(step[:, 0] - exact).max() < 1e-3
+    assert np.allclose(step[:, 1], -2.0 * step[:, 0])
+    dt = 0.005
+    t = dt * np.arange(201)
+    ramp = follow(0.5 * dt * np.arange(401), dt, w, d)
+    swing = 2.0 * d / w * np.cos(damped * t) + (2.0 * d**2 - 1.0) / damped * np.sin(damped * t)
+    assert np.abs(ramp - (t - 2.0 * d / w + np.exp(-d * w * t) * swing)).max() < 2e-7
 
 
 def test_an_engine_and_a_lag_answer_in_their_time_constant() -> None:
@@ -109,16 +111,16 @@ def test_a_limited_surface_keeps_to_its_rate_and_a_play_to_its_width() -> None:
     assert np.allclose(after[:, 1], swing[:, 1], atol=1e-14)
     loose = played(swing, np.array([0.1, 0.0]))
     assert np.abs(loose[:, 0] - swing[:, 0]).max() <= 0.1 + 1e-15
-    assert np.allclose(loose[100:200, 0], (swing[:, 0] - 0.1)[100:200])  # on its way up it hangs by the play
+    assert np.allclose(loose[100:150, 0], (swing[:, 0] - 0.1)[100:150])  # on its way up it hangs by the play
     assert np.allclose(loose[:, 1], swing[:, 1], atol=1e-14)
 
 
 def test_turbulence_has_the_variance_and_the_correlation_of_its_spectra() -> None:
-    rng, T, dt = np.random.default_rng(11), 0.5, 0.01
+    rng, T, dt = np.random.default_rng(11), 0.5, 0.1
     lag_s = round(0.5 / dt)
     for series, at_half in (
-        (along_path(rng, 200_000, dt, 1.5, T), np.exp(-1.0)),  # exp(-tau / T)
-        (across_path(rng, 200_000, dt, 1.5, T), 0.5 * np.exp(-1.0)),  # exp(-tau / T) (1 - tau / 2 T)
+        (along_path(rng, 40_000, dt, 1.5, T), np.exp(-1.0)),  # exp(-tau / T)
+        (across_path(rng, 40_000, dt, 1.5, T), 0.5 * np.exp(-1.0)),  # exp(-tau / T) (1 - tau / 2 T)
     ):
         assert np.var(series) == pytest.approx(1.5**2, rel=0.05)
         correlation = np.mean(series[lag_s:] * series[:-lag_s]) / np.var(series)

@@ -104,7 +104,7 @@ def test_in_trim_nothing_accelerates(plane: Plane) -> None:
     slope = accelerations_at(craft, np.array([level.alpha, level.elevator, level.throttle]))
     assert np.abs(slope[3:]).max() < 1e-10  # all but the position
     assert np.abs(slope[2]).max() < 1e-10  # level
-    assert np.all((0.1 < level.throttle) & (level.throttle < 0.9))
+    assert np.all((level.throttle > 0.1) & (level.throttle < 0.9))
     assert np.all(np.abs(level.elevator) < 0.1)
 
 
