@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,8 @@ from casid.estimation.integration import Stepping, integrated, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import is_found, to_second_order
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.timed import Timed
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
 
@@ -49,37 +48,6 @@ class Attempt:
         """Name -> estimate, of the problem as it is solved."""
         names, theta = self.objective.problem.parameters, self.outcome.point.theta
         return dict(zip(names, theta.tolist(), strict=True))
-
-
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """A solver that all its runs together give no more than its `seconds`, counted from when this was made."""
-
-    solver: Solver
-    deadline: float
-
-    @property
-    def left(self) -> float:
-        """Seconds."""
-        return self.deadline - time.perf_counter()
-
-    def with_solver(self, solver: Solver) -> Timed:
-        """Another solver with the same deadline."""
-        return replace(self, solver=solver)
-
-    def minimise(self, objective: Objective) -> Outcome:
-        """As the solver does, within the time that is left."""
-        seconds: Any = getattr(self.solver, "seconds", math.inf)
-        left = max(self.left, _LEAST_SECONDS)
-        limited: Any = self.solver
-        if left < 0.9 * seconds:  # else as it is: IPOPT keeps one programme for each limit of time
-            limited = replace(limited, seconds=left)
-        return limited.minimise(objective)
-
-
-def timed(solver: Solver) -> Timed:
-    """From now on; a solver of one's own without `seconds` has no limit."""
-    return Timed(solver, time.perf_counter() + float(getattr(solver, "seconds", math.inf)))
 
 
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:

@@ -22,6 +22,7 @@ from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.solvers.timed import timed
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.estimation.way import Ending, ending
@@ -100,24 +101,25 @@ def solve(
     an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     check_part(solver, "minimise", "solver", "cs.GaussNewton()")
+    begin = time.perf_counter()
     if problem.spread:
         return solved_with_population(
             problem,
             lambda one: solve(one, method, solver, starts=starts, seed=seed),
-            lambda one: solve(one, method, solver),
+            lambda one: solve(one, method, timed(solver, begin).limited()),
         )
     if problem.noise_formulas:
         return solved_with_formulas(
             problem,
             lambda one: solve(one, method, solver, starts=starts, seed=seed),
-            lambda one: solve(one, method, solver),
+            lambda one: solve(one, method, timed(solver, begin).limited()),
         )
     if isinstance(problem.noise, StudentT | Huber):
         return solved_robustly(
             problem,
             problem.noise,
             lambda one: solve(one, method, solver, starts=starts, seed=seed),
-            lambda one: solve(one, method, solver),
+            lambda one: solve(one, method, timed(solver, begin).limited()),
         )
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
@@ -134,7 +136,7 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
     taken = working(problem)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        end = ending(taken.problem, method, solver)
+        end = ending(taken.problem, method, solver, begin)
         return taken.returned(_fit(taken.problem, end, method, begin))
 
 

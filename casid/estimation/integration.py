@@ -17,7 +17,8 @@ import numpy as np
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
-from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.timed import Timed
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
@@ -48,18 +49,18 @@ class Integrated:
     fine: bool = False
 
 
-def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Solver) -> Integrated:
+def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Integrated:
     """The solution on a motion that is integrated well enough: with more steps where the data are worth them."""
     if method.substeps is not None or objective.problem.model.period is not None:
         return Integrated(objective=objective, outcome=outcome, method=method)
     found = _finely(objective, outcome, method, solver)
-    if found.outcome.status == "converged" or not isinstance(found.method, Collocation):
+    if found.outcome.status == "converged" or not isinstance(found.method, Collocation) or solver.left <= 0.0:
         return found
     other = _by_implicit_shooting(objective, method, solver)
     return other if _is_lower(other, found) else found
 
 
-def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Solver) -> Integrated:
+def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed) -> Integrated:
     """Where collocation finds no solution: it may lead states out of the range in which the model has numbers, which
     the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
@@ -77,13 +78,15 @@ def _is_lower(one: Integrated, other: Integrated) -> bool:
     return bool(costs[0] < costs[1] or not np.isfinite(costs[1]))
 
 
-def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Solver) -> Integrated:
+def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Integrated:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
     problem, end = objective.problem, Integrated(objective=objective, outcome=outcome, method=method)
     if not _is_judged(objective):
         return end
     steps = objective.layout.substeps
     for _ in range(_REFINEMENTS):
+        if solver.left <= 0.0:
+            break
         needed = _needed_steps(end.objective, end.outcome, replace(method, substeps=2 * steps))
         if needed <= steps:
             return replace(end, fine=_is_motion(end.outcome))
@@ -99,13 +102,13 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: So
         dynamics = method.dynamics(problem)
         begin = _begin(end.outcome.point, coarse, dynamics) if near else None
         end = _solved(Objective(problem, dynamics, begin), method, solver)
-        if near and end.outcome.status != "converged":
+        if near and end.outcome.status != "converged" and solver.left > 0.0:
             anew = _solved(Objective(problem, dynamics), method, solver)
             end = anew if _is_lower(anew, end) else end
     return end
 
 
-def _solved(objective: Objective, method: Stepping, solver: Solver) -> Integrated:
+def _solved(objective: Objective, method: Stepping, solver: Timed) -> Integrated:
     return Integrated(objective=objective, outcome=solver.minimise(objective), method=method)
 
 

@@ -27,6 +27,7 @@ _DOMINATE = 0.2  # of the squared residuals: the standard errors are a tenth too
 _RARE = 0.01  # of the readings: more of them are a misfit of the model
 _NOTICED = 1.2  # times the standard error
 _ONE_SIDED = 1e-3  # of the other side
+_REACHED = 1e-6  # of the largest value: as near a path is at its limit
 
 
 def remarks(fit: Any) -> tuple[str, ...]:
@@ -38,7 +39,8 @@ def remarks(fit: Any) -> tuple[str, ...]:
     found = [*_start(fit.problem), *_channels(fit.channels), *readings, *_parameters(fit.problem, fit.parameters)]
     if not fit.converged:
         return tuple(found)
-    errors = [*_colour(fit.uncertainty.coloured_channels, fit.parameters), *_held(fit), *_errors(fit.parameters)]
+    held = [*_held(fit), *_held_paths(fit)]
+    errors = [*_colour(fit.uncertainty.coloured_channels, fit.parameters), *held, *_errors(fit.parameters)]
     return (*_noise(fit), *found, *errors)
 
 
@@ -102,6 +104,23 @@ def _held(fit: Any) -> Iterator[str]:
         low, high = e.value - e.interval[0], e.interval[1] - e.value
         if min(low, high) < _ONE_SIDED * max(low, high):
             yield f"{name}: held by a limit; its 95 % interval is one-sided, {e.interval[0]:.4g} to {e.interval[1]:.4g}"
+
+
+def _held_paths(fit: Any) -> Iterator[str]:
+    """Path limits that samples reach, of which the standard errors know nothing."""
+    model = fit.problem.model
+    for limit in fit.problem.path_constraints:
+        state = limit.name in model.states
+        column = (model.states if state else model.outputs).index(limit.name)
+        paths = [fit.states[r.name].trajectory if state else fit.predictions[r.name] for r in fit.problem.records]
+        values = np.concatenate([path[:, column] for path in paths])
+        room = np.minimum(limit.upper - values, values - limit.lower)
+        reached = int((room <= _REACHED * max(float(np.abs(values).max()), 1e-300)).sum())
+        if reached:
+            yield (
+                f"{limit.name}: its limit holds {reached} of {len(values)} samples; the standard errors are those "
+                "without it, and no smaller than within it"
+            )
 
 
 def _noise(fit: Any) -> Iterator[str]:

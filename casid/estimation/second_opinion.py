@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from casid.estimation.attempt import Attempt
-from casid.estimation.integration import EXACT
+from casid.estimation.integration import EXACT, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import ObjectiveValue
@@ -42,7 +42,7 @@ def doubtful(attempt: Attempt) -> bool:
         return False
     if _exact(objective, value) or largest_autocorrelation(objective, value) < _SLOW:
         return False
-    return by_stretches(objective, value).left < _LEFT
+    return by_stretches(objective, value, is_implicit(attempt.method)).left < _LEFT
 
 
 def _exact(objective: Objective, value: ObjectiveValue) -> bool:
@@ -80,8 +80,9 @@ class Stretches:
     theta: np.ndarray | None
 
 
-def by_stretches(objective: Objective, value: ObjectiveValue) -> Stretches:
-    """Parameters and initial states of all stretches by some steps of Gauss and Newton from those of a value."""
+def by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) -> Stretches:
+    """Parameters and initial states of all stretches by some steps of Gauss and Newton from those of a value, by
+    `implicit` or explicit steps of integration."""
     problem, whole, n = objective.problem, objective.layout, len(objective.scale)
     weights, trajectory = objective.whitening(value.noise.levels), value.trajectory
     assert trajectory is not None
@@ -90,7 +91,7 @@ def by_stretches(objective: Objective, value: ObjectiveValue) -> Stretches:
     length = max(_STRETCH, math.ceil(_PER_STATE * n / channels))
     if max(len(record) for record in problem.records) < 2 * length:
         return Stretches(left=0.0, theta=None)
-    dynamics = MultipleShooting(interval=length, substeps=whole.substeps).dynamics(problem)
+    dynamics = MultipleShooting(interval=length, substeps=whole.substeps, implicit=implicit).dynamics(problem)
     layout, weak = dynamics.layout, np.diag(1.0 / objective.scale**2)
     nodes, parameters = layout.start.copy(), value.parameters
     theta = np.zeros(len(problem.parameters))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.attempt import Attempt, Timed, as_motion, attempted, build_objective, timed
+from casid.estimation.attempt import Attempt, as_motion, attempted, build_objective
 from casid.estimation.integration import Stepping, doubt_of_steps, is_implicit
 from casid.estimation.problem import Problem
 from casid.estimation.results import ANOTHER_MINIMUM
@@ -24,6 +24,7 @@ from casid.estimation.second_opinion import by_stretches, doubtful
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
 _EQUAL = 0.01  # of ln(likelihood), as good as the integration is
@@ -39,16 +40,16 @@ class Ending:
     remark: str = ""
 
 
-def ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
-    """The solution of a problem, see above, with its integration checked. Raises as the solver does."""
-    end = _ending(problem, method, solver)
+def ending(problem: Problem, method: Transcription, solver: Solver, begin: float) -> Ending:
+    """The solution of a problem, see above, with its integration checked; the solver's seconds count from `begin`.
+    Raises as the solver does."""
+    end = _ending(problem, method, solver, timed(solver, begin))
     attempt = end.attempt
     doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
     return replace(end, remark="; ".join(filter(None, (end.remark, doubt)))) if doubt else end
 
 
-def _ending(problem: Problem, method: Transcription, solver: Solver) -> Ending:
-    clock = timed(solver)
+def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
     if not isinstance(method, SingleShooting | MultipleShooting | Collocation) or not problem.simulated:
         return Ending(attempt=attempted(problem, method, clock))
     if isinstance(method, MultipleShooting) and method.process_noise:
@@ -105,7 +106,7 @@ def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Ti
 def _others(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> Iterator[tuple[Attempt, bool]]:
     """Attempts from other starts, each made when it is asked for, as long as there is time, and whether their start
     does not depend on where the first ended."""
-    fine = _fine(problem, method)
+    fine = _fine(problem, method, is_implicit(first.method))
     if problem.constraints and quick.left > 0.0:
         free = replace(problem, constraints=())
         unbound = replace(quick, solver=GaussNewton(patient=False))
@@ -133,18 +134,18 @@ def _suiting_stretches(first: Attempt) -> np.ndarray | None:
     if value.trajectory is None or not np.isfinite(value.parameters).all():
         return None
     try:
-        return by_stretches(first.objective, value).theta
+        return by_stretches(first.objective, value, is_implicit(first.method)).theta
     except np.linalg.LinAlgError:
         return None
 
 
-def _fine(problem: Problem, method: Transcription) -> Transcription:
-    """With a state at every sample; the same integration as was asked for."""
+def _fine(problem: Problem, method: Transcription, implicit: bool) -> Transcription:
+    """With a state at every sample; the same integration as was asked for, by `implicit` steps where it took them."""
     if isinstance(method, Collocation):
         return method
     assert isinstance(method, SingleShooting | MultipleShooting)
     most = max(len(record) for record in problem.records)
-    return MultipleShooting(interval=-(-most // _NODES), substeps=method.substeps)
+    return MultipleShooting(interval=-(-most // _NODES), substeps=method.substeps, implicit=method.implicit or implicit)
 
 
 def _same(first: Attempt, other: Attempt) -> bool:

@@ -14,7 +14,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import casid as cs
+from casid.estimation.attempt import attempted
 from casid.estimation.results import result_of
+from casid.estimation.second_opinion import doubtful
+from casid.estimation.solvers.timed import timed
 
 Motion = Callable[[float, np.ndarray], list[float]]
 
@@ -111,6 +114,25 @@ def test_an_unstable_aircraft_from_the_truth(poles, method):
 def test_a_pendulum_from_afar(start, method):
     fit = cs.solve(pendulum(start), method)
     assert fit.converged and fit["p"].value == pytest.approx(10.0, abs=4.0 * fit["p"].std)
+
+
+@pytest.mark.parametrize("start, contradicted", [(18.0, True), (10.0, False)])
+def test_stretches_of_a_stiff_motion_are_judged_too(start, contradicted):
+    """A pendulum behind a sensor of 10 microseconds, which explicit steps of a sample do not follow."""
+    given = pendulum(start)
+    model = cs.define_model(
+        "sensed pendulum",
+        states=("a", "w", "seen"),
+        inputs=(),
+        parameters={"p": start},
+        outputs=("a", "w"),
+        dynamics=lambda s: {"a": s.w, "w": -s.p * ca.sin(s.a), "seen": 1e5 * (s.a - s.seen)},
+        output=lambda s: {"a": s.seen, "w": s.w},
+        guess=lambda r: np.stack([r["a"], r["w"], r["a"]], axis=1),
+    )
+    posed = cs.Problem(model, given.records, free=["p"])
+    begun = timed(cs.GaussNewton(iterations=3), time.perf_counter())
+    assert doubtful(attempted(posed, cs.SingleShooting(implicit=True), begun)) is contradicted
 
 
 @pytest.mark.parametrize("start", [0.5, 12.0, 60.0])

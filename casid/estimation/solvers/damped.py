@@ -14,6 +14,7 @@ import numpy as np
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.timed import Clock
 
 _FIRST, _MOST = 1e-3, 1e30  # damping
 _SINGULAR = 1e-10  # damping by which it is judged where the undamped step does not exist
@@ -27,7 +28,8 @@ class DampedIteration:
     """State of one minimisation, from the objective's start."""
 
     def __init__(self, objective: Objective, tolerance: float, iterations: int, deadline: float) -> None:
-        self.objective, self.tolerance, self.iterations, self.deadline = objective, tolerance, iterations, deadline
+        self.objective, self.tolerance, self.iterations = objective, tolerance, iterations
+        self.clock = Clock(deadline - time.perf_counter())
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping, self.raise_by, self.price = _FIRST, 2.0, 0.0
@@ -44,7 +46,7 @@ class DampedIteration:
         while not status:
             iteration += 1
             status = self._iterate()
-            if not status and (iteration >= self.iterations or time.perf_counter() > self.deadline):
+            if not status and (iteration >= self.iterations or self.clock.is_up()):
                 status = f"stopped after {iteration} damped iterations, not converged"
         return Outcome(
             point=self.point,

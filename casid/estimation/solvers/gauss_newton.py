@@ -10,6 +10,7 @@ import numpy as np
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome, check_limits
+from casid.estimation.solvers.timed import Clock
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +78,8 @@ class _Iteration:
 
     def __init__(self, objective: Objective, solver: GaussNewton) -> None:
         self.objective, self.solver = objective, solver
-        self.deadline = time.perf_counter() + solver.seconds
-        self._late = f"stopped after {solver.seconds:g} s, not converged"
+        self.clock = Clock(solver.seconds)
+        self._late = f"stopped after {solver.seconds:.3g} s, not converged"
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping = 0.0
@@ -103,7 +104,7 @@ class _Iteration:
                 return self._outcome(status, iteration)
             if not self.solver.patient and self._creeps():
                 return self._outcome(CREEPS, iteration)
-            if time.perf_counter() > self.deadline:
+            if self.clock.is_up():
                 return self._outcome(self._late, iteration)
         return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
 
@@ -140,7 +141,7 @@ class _Iteration:
                 if not step.feasible:
                     return "failed: the constraints cannot be satisfied together"
                 return "failed: no descent from a point that is not stationary"
-            if time.perf_counter() > self.deadline:
+            if time.perf_counter() > self.clock.deadline:
                 return self._late
         whole = found[2] == 1.0 and self.damping < _WHOLE
         self.before, self.attracted = self.stationarity if whole else 0.0, self.attracted and whole

@@ -83,8 +83,9 @@ class Ipopt:
             )
         begin = time.perf_counter()
         outcome = _minimise(objective, self)
-        left = self.seconds - (time.perf_counter() - begin)
-        if self.hessian == "exact" and left > 0.0 and _on_plateau(objective, outcome):
+        took = time.perf_counter() - begin
+        left = self.seconds - took
+        if self.hessian == "exact" and left > took and _on_plateau(objective, outcome):  # the other takes as long
             other = _minimise(objective, replace(self, hessian="gauss-newton", seconds=left))
             if other.status == "converged" and not _on_plateau(objective, other):
                 return other

@@ -162,6 +162,7 @@ class _Newton:
         self.objective, self.solver, self.begun, self.deadline = objective, solver, begun, deadline
         self.damping = 0.0
         self.multipliers = begun.limit_multipliers
+        self._late = f"stopped after {solver.seconds:.3g} s, not converged"
 
     def run(self) -> Outcome:
         # where the states are far from a motion of the model they start from the measured ones
@@ -185,8 +186,7 @@ class _Newton:
         root = self._root(at)
         exact = self._curvature(at, root)
         if exact is None:
-            late = time.perf_counter() > self.deadline
-            return at, f"stopped after {self.solver.seconds:g} s, not converged" if late else _NO_MOTION
+            return at, self._late if self._is_late else _NO_MOTION
         exact += root.T @ self.objective.limits.curvature(at.point.theta, self.multipliers) @ root
         first = self._step(at, root, exact, 0.0)
         if self.objective.negligible(first, at.value, self.solver.tolerance):
@@ -204,7 +204,11 @@ class _Newton:
             step = self._step(at, root, exact, self.damping)
         if self.objective.negligible(first, at.value, _ROUNDED):
             return at, self._judged(at, root, exact, first)
-        return at, "failed: no descent from a point that is not stationary"
+        return at, self._late if self._is_late else "failed: no descent from a point that is not stationary"
+
+    @property
+    def _is_late(self) -> bool:
+        return time.perf_counter() > self.deadline
 
     def _root(self, at: _Settled) -> np.ndarray:
         """Directions of unit curvature of Gauss-Newton, each no longer than moves a parameter by its own size."""
@@ -248,7 +252,7 @@ class _Newton:
         the points has no motion or when time is up."""
         columns = []
         for direction in root.T:
-            if time.perf_counter() > self.deadline:
+            if self._is_late:
                 return None
             ends = [self._gradient(at, sign * _APART * direction) for sign in (1.0, -1.0)]
             if ends[0] is None or ends[1] is None:
@@ -268,7 +272,7 @@ class _Newton:
         fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.limits))
         value = objective.value(point, noise)
         for _ in range(_INNER):
-            if not np.isfinite(value.cost):
+            if not np.isfinite(value.cost) or self._is_late:
                 return None
             try:
                 value, change = objective.relaxed(point, value)
