@@ -24,15 +24,19 @@ _CLIFF = 16.0  # amplitude ratio of neighbouring octaves above that of any motio
 _OUTLYING = 5.0  # scatters from which a reading is none of the noise whose spectrum is read
 _MOTION_SHARE = 0.9  # of the power of angular acceleration
 _FEWEST = 64  # samples from which a spectrum is judged
+_STRETCH = 32  # samples of a short stretch
+_QUIET = 0.25  # part of the stretches in which noise is judged
+_OF_QUANTILE = 1.36  # scatter of that quantile over that of the mean, Gaussian
 
 
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
     """Whether the high-band noise of a channel may stand for its noise at all frequencies.
 
-    Not when the upper half of its spectrum falls (a gentle filter). Nor when somewhere beyond twice the frequency
-    `edge_hz`, the end of the motion, it falls more steeply from one octave to the next than motion does. That is
-    a sharp filter, with what came in behind it as floor. Nor when the high band shows little more than the
-    quantisation. Short records, and few levels, do not tell; they are taken as good.
+    Not when the upper half of its spectrum falls where the motion is quiet (a gentle filter). Surfaces that jump, and
+    quick aircraft at low rates, move in that half, too, but a filter is there all the time. Nor when somewhere beyond
+    twice the frequency `edge_hz`, the end of the motion, it falls more steeply from one octave to the next than motion
+    does. That is a sharp filter, with what came in behind it as floor. Nor when the high band shows little more than
+    the quantisation. Short records, and few levels, do not tell; they are taken as good.
     """
     series = [record[channel] for record in records]
     sigma = pooled_sigma(series)
@@ -42,12 +46,32 @@ def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> 
     if sigma < _COARSE * step / math.sqrt(12.0):
         return False
     nyquist = 0.5 * min(1.0 / _own_step(record, channel) for record in records)
-    share, power = _spectrum(records, channel, 0.5 / nyquist)
-    middle, top = power[(share >= 0.5) & (share < 0.75)], power[share >= 0.75]
-    scatter = math.sqrt(_SCATTER / len(middle) + _SCATTER / len(top))
-    if middle.mean() > _ROLL_OFF * math.exp(3.0 * scatter) * min(sigma**2, top.mean()):
+    middle, top, count = _quiet_levels(records, channel, 0.5 / nyquist)
+    scatter = _OF_QUANTILE * math.sqrt(2.0 * _SCATTER / max(count, 1))
+    if middle > _ROLL_OFF * math.exp(3.0 * scatter) * top:
         return False
+    share, power = _spectrum(records, channel, 0.5 / nyquist)
     return edge_hz == 0.0 or not _falls_off(share, power, 2.0 * edge_hz / nyquist)
+
+
+def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple[float, float, int]:
+    """Power from a half to three quarters of half the sampling rate, `step` [s] over half of that rate, and above; in
+    the quiet quarter of all short stretches of the records; and how many bins of each there are."""
+    middle, top, count = [], [], 0
+    for record in records:
+        values = record[channel]
+        values = values[np.isfinite(values)]
+        values = values[~isolated(values, _OUTLYING)]
+        frequency, _, power = signal.spectrogram(values, 2.0, "hann", _STRETCH, _STRETCH // 2, detrend="linear")
+        share = frequency * step / _own_step(record, channel)
+        bands = (share >= 0.5) & (share < 0.75), (share >= 0.75) & (share < 1.0)
+        if all(band.any() for band in bands):
+            middle.append(power[bands[0]].mean(axis=0))
+            top.append(power[bands[1]].mean(axis=0))
+            count += len(values) // 8
+    if not middle:
+        return 0.0, 0.0, 0
+    return *(float(np.quantile(np.concatenate(one), _QUIET)) for one in (middle, top)), count
 
 
 def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float, float]) -> float:

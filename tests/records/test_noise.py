@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from casid.records.noise import pooled_sigma, real_updates, resolution
 from casid.records.noise_spectrum import high_band_holds
@@ -26,6 +27,24 @@ def test_noise_below_the_step_is_not_believed_after_a_conversion() -> None:
     degrees = np.round((3.0 * np.sin(T) + 0.002 * rng.standard_normal(len(T))) / 0.01) * 0.01
     record = Record(name="m", t=T, channels={"beta": degrees * 0.017453292519943295})
     assert not high_band_holds([record], "beta", 0.5)
+
+
+def quick(filtered: float | None) -> Record:
+    """A rate of roll at 10 Hz that answers to a surface of steps within 0.15 s, with white noise before the anti-alias
+    filter, whose corner is a part of half the sampling rate."""
+    rng, fine = np.random.default_rng(4), np.arange(0.0, 80.0, 0.01)
+    steps = np.where((fine > 10.0) & (fine < 40.0), np.sign(np.sin(2.0 * fine)), 0.0)
+    p = signal.lfilter([1.0 / 16.0], [1.0, -15.0 / 16.0], 0.3 * steps)[::10]
+    noise = rng.normal(0.0, 0.002, len(p))
+    if filtered is not None:
+        noise = signal.sosfilt(signal.butter(2, filtered, output="sos"), noise)
+    return Record(name="m", t=fine[::10], channels={"p": p + noise})
+
+
+def test_quick_motion_in_white_noise_is_no_filter() -> None:
+    """The answer to steps reaches to the highest frequencies, but not where nothing moves."""
+    assert high_band_holds([quick(None)], "p", 1.0)
+    assert not high_band_holds([quick(0.4)], "p", 1.0)
 
 
 def test_a_staircase_has_as_many_readings_as_updates() -> None:
