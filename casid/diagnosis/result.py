@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.parameter import Parameter
 from casid.keeping import save, whole_file
@@ -174,6 +176,13 @@ class Diagnosis:
                 found.setdefault(effect.target, {})[kind] = size if size <= effect.limit else math.inf
         return found
 
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Curves of what is unexplained at coefficients, where held-out records bear them out; no causes."""
+        return shapes_of(
+            self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.above_noise
+        )
+
     @property
     def is_extended(self) -> bool:
         """Whether the extended model has anything that the refitted file has not, be it a cause or minor."""
@@ -269,6 +278,7 @@ class Diagnosis:
             "ranking": [rank_entry(candidate) for candidate in self.ranking],
             "decisions": [one.to_dict() for one in self.trace.decisions],
             "unexplained": [self._unexplained(one) for one in self.unexplained],
+            "shapes": [one.to_dict() for one in self.shapes],
             "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
             "believed": dict(self.believed),
             "nothing": self.nothing,

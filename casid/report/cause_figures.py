@@ -16,6 +16,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import without
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.view import View
+from casid.diagnosis.given.shape import Shape
 from casid.diagnosis.kinematics.kinematics import WIND
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
@@ -139,6 +140,34 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
         alt=f"Scatter of the reconstructed missing {place(missing.station)} over {term}; the curve of the named term "
         "runs through the dots.",
     )
+
+
+def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
+    """Every curve of what is unexplained at a coefficient, with its band."""
+    for number, one in enumerate(shapes, 1):
+        rate = one.over in ("p", "q", "r")
+        scale, unit = (1.0, "1") if rate else shown_unit(unit_of(one.over))
+        figure = blank(3.6)
+        ax = figure.subplots()
+        x = one.x * scale
+        ax.fill_between(x, one.y - 2.0 * one.std, one.y + 2.0 * one.std, color="#BBD7EA", lw=0, label="±2σ")
+        ax.plot(x, one.y, color=EXTENDED, lw=2, label="curve of the fitted records")
+        ax.axhline(0.0, color=FAINT, lw=0.8)
+        ax.set_xlabel(f"{one.over} [{unit}]")
+        ax.set_ylabel(f"missing {one.coefficient}{f' over {one.times}' if one.times else ''}")
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        depends = f"{one.times} times a function of {one.over}" if one.times else f"a function of {one.over}"
+        yield Picture(
+            name="unexplained_shape" if number == 1 else f"unexplained_shape-{number}",
+            figure=figure,
+            title=f"The missing {one.coefficient} has the shape of {depends}",
+            caption=(
+                f"A smooth curve through what is missing in the fitted records. On held-out records it leaves "
+                f"{100.0 / one.held_out:.0f} % of the missing {one.coefficient}. It describes what is missing and "
+                "names no cause; its straight line is shared with the derivatives."
+            ),
+            alt=f"Curve of the missing {one.coefficient} over {one.over}, with a band of two deviations.",
+        )
 
 
 def missing_history(diagnosis: Diagnosis, missing: MissingInput, curve: bool, name: str = "missing_history") -> Picture:

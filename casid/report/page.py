@@ -18,7 +18,16 @@ from casid.records.readers import write_record
 from casid.report import tables
 from casid.report.aircraft_figures import derivatives, envelope, envelope_table
 from casid.report.budget_figures import budget
-from casid.report.cause_figures import Reconstruction, cause_response, missing_history, onset, reconstruct, shape, wind
+from casid.report.cause_figures import (
+    Reconstruction,
+    cause_response,
+    missing_history,
+    onset,
+    reconstruct,
+    shape,
+    unexplained_shapes,
+    wind,
+)
 from casid.report.claims import Claim, claims, numbered
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
@@ -126,6 +135,7 @@ def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Itera
 def _of_the_unexplained(diagnosis: Diagnosis) -> Iterator[Picture]:
     for number, one in enumerate(diagnosis.unexplained[:_MOST], 1):
         yield missing_history(diagnosis, one, curve=False, name=numbered("unexplained", number))
+    yield from unexplained_shapes(diagnosis.shapes)
 
 
 def _before_and_after(diagnosis: Diagnosis):
@@ -146,7 +156,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "evidence": (
             "Evidence",
             "figures.html",
-            ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "residuals"),
+            ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals"),
         ),
         "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
         "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),

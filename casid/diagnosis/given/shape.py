@@ -1,0 +1,261 @@
+"""The shape of what stays unexplained at a coefficient: a curve over the motion, kept only where it helps elsewhere.
+
+The unknown time history of a coefficient is regressed on the motion of the same model: on a smooth function of one
+variable, or on such a function times a second one. The curve says how what is missing depends on the motion. It names
+no cause, and its straight line is shared with the derivatives of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from casid.diagnosis.criterion import number
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.model.terms import VARIABLES
+
+_ALONE = "1"  # in place of a second variable
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeNumerics:
+    """How a curve is fitted."""
+
+    degree: int = number(3, "degree of the spline")
+    pieces: int = number(6, "pieces of the spline", "chosen: nodes of one manoeuvre tell no more")
+    penalties: tuple[float, ...] = number(
+        (0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5),
+        "penalties on second differences that are tried, over the information on a coefficient",
+    )
+    ridge: float = number(1e-6, "the same on the coefficients", "derived: rounding")
+    outside: float = number(0.01, "part of the nodes on either side that the curve does not reach")
+    shown: int = number(41, "points of a curve")
+
+
+_BY = ShapeNumerics()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Points:
+    """An unknown history of one record at its nodes: values `y` (n,) with 1-sigma, and the variables there (n,)."""
+
+    y: np.ndarray
+    sigma: np.ndarray
+    variables: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shape:
+    """What is missing at a coefficient as a curve.
+
+    Attributes
+    ----------
+    coefficient
+        Where it enters, as "Cm".
+    over
+        The variable of the curve, as "alpha"; rates are dimensionless.
+    times
+        A second variable that the curve is multiplied by; empty: it is an increment of the coefficient itself.
+    x, y, std
+        Points of the curve, (points,), and the 1-sigma of y; an increment of the coefficient is zero on average.
+    held_out
+        Root mean square of what is missing on records that no fit has seen, before over after the curve is taken off.
+    """
+
+    coefficient: str
+    over: str
+    times: str
+    x: np.ndarray
+    y: np.ndarray
+    std: np.ndarray
+    held_out: float
+
+    @property
+    def sentence(self) -> str:
+        """The curve in words."""
+        what = f"{self.times} times a function of {self.over}" if self.times else f"a function of {self.over}"
+        return (
+            f"What is missing in {self.coefficient} has the shape of {what}; on records that no fit has seen, the "
+            f"curve leaves {100.0 / self.held_out:.0f} % of it. This is a description, and no cause."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `shapes` in diagnosis.json."""
+        return {
+            "coefficient": self.coefficient,
+            "over": self.over,
+            "times": self.times or None,
+            "x": self.x.tolist(),
+            "y": self.y.tolist(),
+            "std": self.std.tolist(),
+            "held_out": self.held_out,
+            "sentence": self.sentence,
+        }
+
+
+def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInput], gains: float) -> tuple[Shape, ...]:
+    """The shapes of what is unexplained at coefficients of a fit; `held` is the same model on held-out records, and
+    `gains` the ratio of errors there from which a shape is kept."""
+    found = []
+    for missing in unexplained:
+        if missing.place.kind != "coefficient" or not missing.concerns(fit.batch.names):
+            continue
+        (unseen,) = missing_at(weigh(held), [missing.station])
+        shape = shape_of(missing.place.name, _points(fit, missing), _points(held, unseen), gains)
+        found += [shape] if shape is not None else []
+    return tuple(found)
+
+
+def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points], gains: float) -> Shape | None:
+    """The curve that the fitted records tell best of each other, if held-out ones bear it out; None where none does.
+
+    Parameters
+    ----------
+    coefficient
+        In whose words it is told.
+    fitted, held
+        Histories of the records.
+    gains
+        Ratio of the errors before and after it, on records left out, from which a curve is kept.
+    """
+    parts = _stretches(fitted)
+    scored = [(*_left_out(parts, basis), basis) for basis in _bases(fitted)]
+    if not scored:
+        return None
+    single = max((row[0] for row in scored if row[2].times == _ALONE), default=1.0)  # the simpler curve comes first
+    able = [row for row in scored if row[2].times == _ALONE or row[0] > gains * single]
+    ratio, penalty, basis = max(able, key=lambda row: row[0])
+    if ratio < gains:
+        return None
+    coefficients, covariance = basis.fitted([basis.equations(one) for one in fitted], penalty)
+    before, after = np.sum([_squares(basis.equations(one), coefficients) for one in held], axis=0)
+    if before < gains**2 * after:
+        return None
+    x = np.linspace(basis.low, basis.high, _BY.shown)
+    design = basis.design(x)
+    if basis.times == _ALONE:  # a constant is not told: every record has an offset of its own
+        design -= np.mean(np.concatenate([basis.design(one.variables[basis.over]) for one in fitted]), axis=0)
+    return Shape(
+        coefficient=coefficient,
+        over=basis.over,
+        times="" if basis.times == _ALONE else basis.times,
+        x=x,
+        y=design @ coefficients,
+        std=np.sqrt(np.einsum("ij,jk,ik->i", design, covariance, design)),
+        held_out=float(np.sqrt(before / after)),
+    )
+
+
+Equations = tuple[np.ndarray, np.ndarray]  # whitened rows (n, coefficients) and right-hand side (n,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Basis:
+    """Splines over one variable between two of its values, times another variable."""
+
+    over: str
+    times: str
+    low: float
+    high: float
+
+    def design(self, x: np.ndarray) -> np.ndarray:
+        """(n, coefficients) of the spline; constant beyond its range."""
+        step = (self.high - self.low) / _BY.pieces
+        knots = self.low + step * np.arange(-_BY.degree, _BY.pieces + _BY.degree + 1)
+        inside = np.clip(x, self.low, self.high - 1e-9 * step)
+        return BSpline.design_matrix(inside, knots, _BY.degree).toarray()
+
+    def equations(self, one: Points) -> Equations:
+        """Those of a record; it has a mean of its own, which is taken off."""
+        factor = np.ones(len(one.y)) if self.times == _ALONE else one.variables[self.times]
+        rows = factor[:, None] * self.design(one.variables[self.over])
+        weight = one.sigma**-2.0 / np.sum(one.sigma**-2.0)
+        rows, y = rows - weight @ rows, one.y - weight @ one.y
+        return rows / one.sigma[:, None], y / one.sigma
+
+    def fitted(self, equations: Sequence[Equations], penalty: float) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients and their covariance, by least squares with a penalty on second differences."""
+        rows, y = (np.concatenate(part) for part in zip(*equations, strict=True))
+        gram, size = rows.T @ rows, rows.shape[1]
+        bend, scale = np.diff(np.eye(size), 2, axis=0), float(np.trace(gram)) / size
+        inverse = np.linalg.pinv(gram + scale * (_BY.ridge * np.eye(size) + penalty * bend.T @ bend), hermitian=True)
+        coefficients = inverse @ rows.T @ y
+        freedom = max(len(y) - float(np.trace(inverse @ gram)), 1.0)
+        left = y - rows @ coefficients
+        return coefficients, max(float(left @ left) / freedom, 1.0) * inverse
+
+
+def _bases(fitted: Sequence[Points]) -> Iterator[_Basis]:
+    """Over every variable that moves, alone and times every other one."""
+    there = set.intersection(*(set(one.variables) for one in fitted)) if fitted else set()
+    moving = [name for name in VARIABLES if name in there and _moves(fitted, name)]
+    for over in moving:
+        low, high = np.quantile(
+            np.concatenate([one.variables[over] for one in fitted]), (_BY.outside, 1.0 - _BY.outside)
+        )
+        for times in (_ALONE, *(name for name in moving if name != over)):
+            yield _Basis(over=over, times=times, low=float(low), high=float(high))
+
+
+def _moves(fitted: Sequence[Points], name: str) -> bool:
+    pooled = np.concatenate([one.variables[name] for one in fitted])
+    low, high = np.quantile(pooled, (_BY.outside, 1.0 - _BY.outside))
+    return bool(high - low > 1e-9 * max(1.0, float(np.abs(pooled).max())))
+
+
+def _stretches(fitted: Sequence[Points]) -> list[Points]:
+    """Records to be left out in turn; of a single one its halves."""
+    if len(fitted) > 1:
+        return list(fitted)
+    return [_part(one, at) for one in fitted for at in np.array_split(np.arange(len(one.y)), 2)]
+
+
+def _part(one: Points, at: np.ndarray) -> Points:
+    return Points(
+        y=one.y[at], sigma=one.sigma[at], variables={name: series[at] for name, series in one.variables.items()}
+    )
+
+
+def _left_out(parts: Sequence[Points], basis: _Basis) -> tuple[float, float]:
+    """Ratio of errors without and with the curve, each record by a curve of the others, and the penalty at which it is
+    largest."""
+    equations = [basis.equations(one) for one in parts]
+    found = []
+    for penalty in _BY.penalties:
+        squares = np.zeros(2)
+        for i, one in enumerate(equations):
+            coefficients, _ = basis.fitted([*equations[:i], *equations[i + 1 :]], penalty)
+            squares += _squares(one, coefficients)
+        found.append((float(np.sqrt(squares[0] / squares[1])), penalty))
+    return max(found)
+
+
+def _squares(equations: Equations, coefficients: np.ndarray) -> tuple[float, float]:
+    """Weighted squares of a history before and after the curve is taken off."""
+    rows, y = equations
+    left = y - rows @ coefficients
+    return float(y @ y), max(float(left @ left), 1e-300)
+
+
+def _points(fit: FlightFit, missing: MissingInput) -> list[Points]:
+    """The history in every record of a fit, with the variables averaged about each of its nodes."""
+    found = []
+    for r, record in enumerate(fit.flight.records):
+        if record.name not in missing.history:
+            continue
+        t, mean, sigma = missing.history[record.name]
+        weight = np.maximum(0.0, 1.0 - np.abs(record.t[:, None] - t) / (t[1] - t[0]))
+        weight /= np.maximum(weight.sum(axis=0), 1e-300)
+        variables = {
+            name: weight.T @ np.broadcast_to(series, fit.batch.live.shape)[: len(record), r]
+            for name, series in fit.regressors.items()
+            if name in VARIABLES
+        }
+        found.append(Points(y=mean, sigma=np.maximum(sigma, 1e-12), variables=variables))
+    return found

@@ -1,0 +1,61 @@
+"""The shape of what is missing. Truth: the function that made the histories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from casid.diagnosis.given.shape import Points, shape_of
+
+RECORDS = 3
+
+
+def histories(makes: Callable[[np.ndarray, np.ndarray], np.ndarray], seed: int, count: int = RECORDS) -> list[Points]:
+    """Motion of three frequencies, and what a function of angle of attack and sideslip makes of it, with noise."""
+    rng, t, found = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.25), []
+    for _ in range(count):
+        alpha, beta, q = (
+            np.sum([a * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.0)) for f in (0.1, 0.27, 0.4)], axis=0)
+            for a in (0.06, 0.05, 0.004)
+        )
+        y = makes(alpha, beta) + rng.normal(0.0, 0.003, len(t))
+        variables = {"alpha": alpha, "beta": beta, "q": q}
+        found.append(Points(y=y, sigma=np.full(len(t), 0.003), variables=variables))
+    return found
+
+
+def bend(alpha: np.ndarray) -> np.ndarray:
+    return -0.8 * np.maximum(alpha - 0.03, 0.0)
+
+
+def test_a_bend_over_one_variable() -> None:
+    found = shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: bend(a), 2, 1), 1.1)
+    assert found is not None and (found.over, found.times) == ("alpha", "")
+    off = found.y - bend(found.x)
+    assert np.abs(off - off.mean()).max() < 0.006  # twice the noise of one node; a constant is no part of a shape
+    assert np.median(np.abs(off - off.mean()) / found.std) < 3.0 and found.std.max() < 0.01
+    assert "no cause" in found.sentence and found.to_dict()["times"] is None
+
+
+def test_a_slope_that_depends_on_another_variable() -> None:
+    """Cl = 30 alpha^2 beta."""
+
+    def makes(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return 30.0 * a**2 * b
+
+    found = shape_of("Cl", histories(makes, 3), histories(makes, 4, 1), 1.1)
+    assert found is not None and (found.over, found.times) == ("alpha", "beta")
+    off = np.abs(found.y - 30.0 * found.x**2) / np.maximum(found.std, 1e-12)
+    assert np.median(off) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_noise_has_no_shape(seed: int) -> None:
+    assert shape_of("Cm", histories(lambda a, b: 0.0 * a, seed), histories(lambda a, b: 0.0 * a, 99, 1), 1.1) is None
+
+
+def test_a_shape_that_held_out_records_do_not_have_is_dropped() -> None:
+    """The bend of the fitted records is the other way on the one that is held out."""
+    assert shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: -bend(a), 2, 1), 1.1) is None
