@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Begin, End, Folder, Maps, between, say_notes
+from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, between, say_notes
 from casid.diagnosis.data.check import check as checked
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -25,6 +25,7 @@ def check(
     maps: Maps | None = None,
     begin: Begin = None,
     end: End = None,
+    believe: Files | None = None,
     out: Folder | None = None,
     as_json: AsJson = False,
 ) -> int:
@@ -40,6 +41,8 @@ def check(
         Files, or patterns like 'flight/m*.csv'.
     aircraft
         The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
+    believe
+        Channels that are believed as they were recorded: what they contradict is explained otherwise.
     out
         Folder for the page.
     as_json
@@ -52,7 +55,9 @@ def check(
     if not read:
         raise next(iter(refused.values()))
     say_notes(read)
-    found = replace(checked(read, file), unread={str(one): str(error) for one, error in refused.items()})
+    found = replace(
+        checked(read, file, undo=believe or False), unread={str(one): str(error) for one, error in refused.items()}
+    )
     text = json.dumps(found.to_dict(), indent=1)
     if out is not None:
         with whole_folder(out) as folder:

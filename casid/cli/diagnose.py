@@ -58,6 +58,7 @@ def diagnose(
     quick: Flag = False,
     criteria: Path | None = None,
     as_recorded: Flag = False,
+    believe: Files | None = None,
     as_json: AsJson = False,
 ) -> None:
     """Diagnose what a flight simulation lacks, from flight records.
@@ -89,6 +90,8 @@ def diagnose(
         TOML file with other numbers to decide by.
     as_recorded
         Leave the data as they are: what is wrong with them is told, and neither corrected nor left out.
+    believe
+        Channels that are believed as they were recorded: `--believe thrust` undoes a correction of the thrust alone.
     as_json
         Print diagnosis.json and nothing else.
     """
@@ -98,8 +101,8 @@ def diagnose(
         raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
     if model is not None and (aircraft is not None or axes is not None or not records):
         raise InputError("--model FILE.py:NAME takes records, and neither --aircraft nor --axes")
-    if model is not None and as_recorded:
-        raise InputError("--as-recorded is for an aircraft file; leave it out beside --model")
+    if model is not None and (as_recorded or believe):
+        raise InputError("--as-recorded and --believe are for an aircraft file; leave them out beside --model")
     if records and aircraft is None and model is None:
         raise InputError("--aircraft FILE is missing; the records alone do not say what flew")
     if aircraft is not None and not records:
@@ -113,7 +116,7 @@ def diagnose(
         diagnose_model(system, fitted, held_out, by, out, seed, as_json)
         return
     file = aircraft or DEMO / "aircraft.toml"
-    choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded}
+    choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
     _write(diagnosed, file, by, out, seed, as_json)
 

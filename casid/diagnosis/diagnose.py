@@ -48,7 +48,7 @@ def diagnose(
     report: Callable[[str], None] = lambda stage: None,
     criteria: Criteria | None = None,
     *,
-    as_recorded: bool = False,
+    as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
 ) -> Diagnosis:
     """Diagnose an aircraft file on flight records.
@@ -66,7 +66,8 @@ def diagnose(
     criteria
         The numbers by which the diagnosis decides; by default those of `Criteria()`.
     as_recorded
-        The data stay as they were recorded: faults are told, and neither corrected nor left out.
+        True: the data stay as they were recorded; faults are told, and neither corrected nor left out. Names of
+        channels: these are believed as they were recorded.
     axes
         "longitudinal", "lateral" or "full": what is judged; by default what the records can tell of.
 
@@ -77,7 +78,6 @@ def diagnose(
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
-    an(as_recorded, bool, "diagnose: as_recorded", "as_recorded=True or as_recorded=False")
     criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     stages = Stages(report)
     stages.begin("faults of the data")

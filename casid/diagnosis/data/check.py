@@ -21,7 +21,7 @@ from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.file_units import SI_OF, FileUnit
 from casid.diagnosis.data.finding import Finding, Handled
 from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
-from casid.errors import InputError
+from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
@@ -30,7 +30,7 @@ from casid.records.channel_table import ChannelRow, as_text, channel_table, gaps
 from casid.records.checks import INPUTS, LONG_GAP
 from casid.records.given import given_records
 from casid.records.record import Record
-from casid.signals import SURFACES, for_a_person, unit_of
+from casid.signals import CHANNELS, SURFACES, for_a_person, unit_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,7 +106,7 @@ def check(
     records: Sequence[Record | str | Path] | Record | str | Path,
     aircraft: Aircraft | str | Path | None = None,
     *,
-    undo: bool = False,
+    undo: bool | Sequence[str] = False,
     criteria: DataCriteria | None = None,
 ) -> DataFindings:
     """What is wrong with flight data, before anything is believed.
@@ -121,7 +121,8 @@ def check(
     aircraft
         Brings in weight, trim and the signs of responses to surfaces; without it these are not checked.
     undo
-        Findings are only told, and `records` stay as they are.
+        True: findings are only told, and `records` stay as they are. Names of channels: these are believed as they were
+        recorded, so that what they contradict is explained otherwise.
     criteria
         By which it decides; by default those of `DataCriteria()`.
 
@@ -146,17 +147,20 @@ def check(
     if not given:
         raise InputError("no record was given to be checked; expected at least one")
     plane = None if aircraft is None else given_aircraft(aircraft, "check")
-    an(undo, bool, "check: undo", "undo=True or undo=False")
+    believed_as_read = _channels_of(undo)
+    undo = undo is True
     if criteria is not None:
         an(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
     answered = [answers(record, plane) if plane is not None else None for record in given]
     alone = (channel_faults(record, answers=known) for record, known in zip(given, answered, strict=True))
     faults = [fault for some in alone for fault in some] + constant_in_one(given)
+    faults = [fault for fault in faults if not {*fault.target.split("+")} & believed_as_read]
     kept = tuple(without_faults(record, faults) for record in given)
     cannot_be = doubts(plane) if plane is not None else ()
     believed = believable(plane, cannot_be) if plane is not None else None
-    weighing = Weighing(kept, believed, criteria or DataCriteria())
-    weighed = weighing.found()
+    weighing = Weighing(kept, believed, criteria or DataCriteria(), believed_as_read)
+    most = (criteria or DataCriteria()).most_told
+    weighed = [replace(one, log_odds=min(one.log_odds, most)) for one in weighing.found()]
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     missing = [*_pauses(given), *_without_samples(given), *_no_input(given)]
@@ -170,6 +174,16 @@ def check(
         doubts=_of_the_file(plane, cannot_be, weighing.units),
         impossible=impossibilities(plane) if plane is not None else (),
     )
+
+
+def _channels_of(undo: bool | Sequence[str]) -> frozenset[str]:
+    """Names of the channels that are believed as they were recorded."""
+    if isinstance(undo, bool):
+        return frozenset()
+    for name in an(undo, (list, tuple), "check: undo", 'undo=True or names of channels, undo=["q"]'):
+        if name not in CHANNELS:
+            raise unknown("channel", str(name), CHANNELS, "check: undo")
+    return frozenset(undo)
 
 
 def _of_the_file(
@@ -279,6 +293,7 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
         value=one.value,
         unit="1" if one.value is not None else None,
         handled=handled,
-        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo, weighed.refused),
+        odds=math.exp(weighed.log_odds),
+        sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo, weighed.refused, weighed.log_odds),
         indistinguishable_from=tuple({"kind": r.kind, "target": r.target} for r in weighed.rivals),
     )

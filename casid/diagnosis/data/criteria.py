@@ -24,6 +24,11 @@ class DataCriteria:
         signed=True,
     )
     said: float = number(7.0, "log posterior odds from which a fault is said", "derived: 1000 to 1")
+    most_told: float = number(
+        13.8,
+        "log odds of a fault that are told at most",
+        "derived: 1e6 to 1; what healthy records do is not known better",
+    )
     file_said: float = number(
         3.0,
         "log posterior odds from which a unit of the file is said, where nothing is changed",

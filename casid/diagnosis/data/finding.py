@@ -26,6 +26,8 @@ class Finding:
     handled
         "excluded": these samples take no part; "corrected": the data are judged as they should read; "reported":
         neither can be done, so that nothing which rests on them can be judged.
+    odds
+        Of a sign, a unit or a swap against records that are well, 1e6 to 1 at most; None of samples.
     indistinguishable_from
         Kind and target of other faults that explain these data as well.
     """
@@ -39,6 +41,7 @@ class Finding:
     unit: str | None = None
     handled: Handled
     sentence: str
+    odds: float | None = None
     indistinguishable_from: tuple[Mapping[str, str], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -52,6 +55,7 @@ class Finding:
             "std": self.std,
             "unit": self.unit,
             "handled": self.handled,
+            "odds": self.odds,
             "sentence": self.sentence,
             "indistinguishable_from": [dict(one) for one in self.indistinguishable_from],
         }

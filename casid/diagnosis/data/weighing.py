@@ -51,7 +51,15 @@ class Weighed:
 class Weighing:
     """Records under readings, and the gain of every alternative to them."""
 
-    def __init__(self, records: Sequence[Record], aircraft: Aircraft | None, criteria: DataCriteria) -> None:
+    def __init__(
+        self,
+        records: Sequence[Record],
+        aircraft: Aircraft | None,
+        criteria: DataCriteria,
+        as_read: frozenset[str] = frozenset(),
+    ) -> None:
+        """`as_read`: channels that are believed as they were recorded."""
+        self._believed = as_read
         self._criteria = criteria
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else 9.80665
@@ -166,7 +174,7 @@ class Weighing:
 
     def _outputs(self) -> list[Alternative]:
         channels = {name for one in self._quick for name in one.values}
-        return [a for a in alternatives(channels, self._stretched()) if not a.channels & set(SURFACES)]
+        return [a for a in alternatives(channels, self._stretched()) if not a.channels & {*SURFACES, *self._believed}]
 
     def _stretched(self) -> list[float]:
         """The factors on time that make rates of rotation what the gyros say, of all records or of some; no units."""
@@ -233,7 +241,7 @@ class Weighing:
         assert self._response is not None
         reads = [self._read(j, False, reading) for j, reading in enumerate(self.readings)]
         channels = {name for one in self._quick for name in one.values}
-        able = [a for a in alternatives(channels) if a.channels and a.channels <= set(SURFACES)]
+        able = [a for a in alternatives(channels) if a.channels and a.channels <= {*SURFACES} - self._believed]
         able = [a for a in able if self._are_deflections(a)]
         return self._response.gains(reads, able)
 

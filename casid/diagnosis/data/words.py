@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from casid.signals import CHANNELS, SURFACES, label_of, unit_of
@@ -55,17 +56,21 @@ def of_alternative(
     return f"The recorded {label} {stands} in {where}"
 
 
-def handled_as(kind: str, value: float | None, rivals: Sequence[str], undone: bool, refused: bool = False) -> str:
-    """What was done about it; `refused` where another kind of correction concerns the same channel."""
+def handled_as(
+    kind: str, value: float | None, rivals: Sequence[str], undone: bool, refused: bool, log_odds: float
+) -> str:
+    """What was done about it; `refused` where another kind of correction concerns the same channel. `log_odds`: of the
+    fault, against records that are well."""
     if rivals:
         return f"; or else {' or '.join(rivals[:3])}: these data cannot tell, and nothing was changed."
     if refused:
         return "; but the channel has another kind of fault, too: two corrections at once are not made."
     if undone:
         return "; nothing was changed, as asked."
+    odds = f"odds of {math.exp(log_odds):.0e} to 1".replace("e+0", "e").replace("e+", "e")
     if kind == "data_swap":
-        return "; they were changed back."
-    return f"; it was multiplied by {value:.4g}."
+        return f"; they were changed back ({odds})."
+    return f"; it was multiplied by {value:.4g} ({odds})."
 
 
 def of_pauses(record: str, pauses: Sequence[tuple[float, float]]) -> str:

@@ -345,3 +345,18 @@ def test_altitude_in_feet_without_a_file() -> None:
     records = read_records([DEMO / "m*.csv"])
     feet = [r.with_channels(altitude=r["altitude"] / FOOT).without("rho") for r in records]
     assert kinds(cs.check(feet).findings) == [("data_unit", "altitude")]
+
+
+def test_a_channel_that_is_believed_stays_as_it_was_recorded(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """Both are reversed: without the belief both are corrected, with it the elevator alone, each with its odds."""
+    aircraft, records = flown
+    turned = [r.with_channels(ay=-r["ay"], delta_e=-r["delta_e"]) for r in records]
+    found = cs.check(turned, aircraft)
+    assert sorted(kinds(found.findings)) == [("data_sign", "ay"), ("data_sign", "delta_e")]
+    assert all(one.odds is not None and one.odds > 1000.0 and "odds of" in one.sentence for one in found.findings)
+    believed = cs.check(turned, aircraft, undo=["ay"])
+    assert ("data_sign", "ay") not in kinds(believed.findings)
+    assert all(np.array_equal(a["ay"], b["ay"]) for a, b in zip(believed.records, turned, strict=True))
+    assert all(np.array_equal(a["delta_e"], b["delta_e"]) for a, b in zip(believed.records, records, strict=True))
+    with pytest.raises(InputError, match="unknown channel 'delta_x'"):
+        cs.check(turned, aircraft, undo=["delta_x"])
