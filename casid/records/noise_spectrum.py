@@ -71,7 +71,8 @@ def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple
             count += len(values) // 8
     if not middle:
         return 0.0, 0.0, 0
-    return *(float(np.quantile(np.concatenate(one), _QUIET)) for one in (middle, top)), count
+    low, high = (float(np.quantile(np.concatenate(one), _QUIET)) for one in (middle, top))
+    return low, high, count
 
 
 def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float, float]) -> float:
