@@ -24,15 +24,29 @@ def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str) -> tup
     Of longitudinal motion the thrust is, record by record, the constant that balances drag and acceleration on average;
     lateral motion has nothing of it.
     """
-    if "thrust" in aircraft.trim or all("thrust" in record for record in records):
+    if all("thrust" in record for record in records):
         return list(records), ()
+    throttled = () if axes == "lateral" else _throttled(records)
+    if "thrust" in aircraft.trim:
+        return list(records), throttled
     why = "no channel thrust and none in [trim]"
     if axes == "lateral":
         found = [r if "thrust" in r else r.with_channels(thrust=np.zeros(len(r))) for r in records]
         return found, (NotJudged(what="asymmetric thrust", because=why),)
     found = [r if "thrust" in r else r.with_channels(thrust=_balance(aircraft, r)) for r in records]
     because = f"{why}: a constant that balances the drag of the file stands for it"
-    return found, (NotJudged(what="thrust, its line, and the level of drag", because=because),)
+    return found, (NotJudged(what="thrust, its line, and the level of drag", because=because), *throttled)
+
+
+def _throttled(records: Sequence[Record]) -> tuple[NotJudged, ...]:
+    """What a throttle that moves leaves open where the thrust is not recorded."""
+    without = [r for r in records if "thrust" not in r and "throttle" in r]
+    if not any(
+        np.isfinite(r["throttle"]).any() and np.nanmax(r["throttle"]) > np.nanmin(r["throttle"]) for r in without
+    ):
+        return ()
+    because = "the throttle moves, and throttle is no thrust: the thrust is taken as constant"
+    return (NotJudged(what="the motion along x that the engine makes, in airspeed, ax and drag", because=because),)
 
 
 def drag_level(aircraft: Aircraft) -> str:

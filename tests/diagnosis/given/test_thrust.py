@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_flights import flights
@@ -10,7 +12,7 @@ from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.given.contradicted import contradicted
 from casid.diagnosis.given.flight_values import FlightValue
-from casid.diagnosis.given.thrust import or_thrust
+from casid.diagnosis.given.thrust import or_thrust, with_thrust
 from casid.records.record import Record
 from problems.do328 import do328
 from problems.faults.fault import DataFault, with_fault
@@ -40,6 +42,22 @@ def test_a_level_of_drag_has_the_scale_of_a_steady_thrust_as_its_alternative(tru
 
 def test_thrust_that_moves_is_told_from_drag_by_its_motion() -> None:
     assert "thrust" not in drag_off([level(np.linspace(6000.0, 10000.0, 100))], 10000.0)
+
+
+@pytest.mark.parametrize("trimmed", [True, False])
+def test_a_throttle_that_moves_is_no_thrust(trimmed: bool) -> None:
+    """Which motion is lost is said, also where the file has a thrust in its trim; nothing is, where it rests."""
+    aircraft = do328() if trimmed else replace(do328(), trim={})
+    aircraft = replace(aircraft, trim={**aircraft.trim, "thrust": 1e4} if trimmed else {})
+    (flown,) = flights(seed=5, count=1, duration_s=10.0)
+    bare = flown.without("thrust")
+    for moves in (True, False):
+        throttle = np.where(flown.t > 5.0, 0.8, 0.5) if moves else np.full(len(flown), 0.5)
+        records, lost = with_thrust(aircraft, [bare.with_channels(throttle=throttle)], "longitudinal")
+        assert moves == any("throttle is no thrust" in one.because for one in lost)
+        assert ("thrust" in records[0]) == (not trimmed)
+    with_it = bare.with_channels(throttle=np.where(flown.t > 5.0, 0.8, 0.5), thrust=flown["thrust"])
+    assert with_thrust(aircraft, [with_it], "longitudinal")[1] == ()
 
 
 @pytest.mark.slow
