@@ -13,10 +13,9 @@ from typing import Any
 
 from casid.diagnosis.criterion import Criterion, Value, listed, number, overridden
 from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.explanations.prior import Priors
 from casid.diagnosis.flight.criteria import InputTimingCriteria, NoiseCriteria
 from casid.diagnosis.flight.typical import DerivativeSizes
-from casid.diagnosis.numerics import Numerics
+from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.errors import InputError
 
@@ -306,6 +305,30 @@ class GivenCriteria:
     )
     above_noise: float = number(1.1, "error over noise that shows")
     refined: float = number(1.5, "ratio of errors that values within their stated uncertainty must gain for a word")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Priors:
+    """How sure what is told can be, and what a wrong name costs."""
+
+    doubt: float = number(
+        0.01,
+        "probability that columns, noise or priors are wrong altogether, by which all that is told is less sure",
+        "measured: 11 of some 1000 names that blind flights were given were wrong (problems/blind/results.md)",
+    )
+    wrong: float = number(10.0, "cost of a wrong name", "chosen: it sends someone to look in the wrong place")
+    missed: float = number(1.0, "cost of a name that is not given", "derived: the unit of cost")
+    holds: float = number(0.95, "probability that a set of causes which stand for each other must hold")
+    numerics: ProbabilityNumerics = ProbabilityNumerics()
+
+    @property
+    def named(self) -> float:
+        """Probability from which a name is worth its risk: the cost of a wrong one over the sum of both costs."""
+        return self.wrong / (self.wrong + self.missed)
+
+    def tempered(self, probability: float) -> float:
+        """What is told of a probability within columns, noise and priors."""
+        return (1.0 - self.doubt) * probability
 
 
 @dataclass(frozen=True, kw_only=True)

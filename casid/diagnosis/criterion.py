@@ -112,3 +112,15 @@ def _checked(name: str, value: Any, before: Value, signed: bool, where: str) -> 
         kind = "a number" if signed else "a number above 0"
         raise InputError(f"{where}criterion '{name}' is {value!r}; expected {kind}")
     return float(value)
+
+
+def in_time(group: Group, factor: float) -> Group:
+    """The group with its times, which are in seconds, longer by a factor."""
+    changed: dict[str, Any] = {}
+    for one in fields(group):  # pyright: ignore[reportArgumentType]
+        value = getattr(group, one.name)
+        if is_dataclass(value):
+            changed[one.name] = in_time(value, factor)
+        elif one.metadata.get("unit") == "s":
+            changed[one.name] = tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+    return replace(group, **changed)  # pyright: ignore[reportArgumentType]

@@ -108,6 +108,7 @@ class NamingNumerics:
     tentative: int = number(2, "rounds that may pass until the named causes together explain what is missing")
     trials: int = number(4, "candidates of the first ranking that are tried")
     further_trials: int = number(2, "candidates of each other ranking that are tried")
+    trial_iterations: int = number(8, "iterations of a fit of one more cause, at most")
     terms: int = number(2, "terms of one coefficient that are tried")
     equivalent_terms: int = number(4, "terms of one coefficient that are tried when they promise the same")
     side_by_side: int = number(2, "trials at a time; those after them are given up when they fall behind")
@@ -118,32 +119,11 @@ class NamingNumerics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScoreNumerics:
-    """Of the score of a system's explanations: which are looked at, and how finely."""
+class ProbabilityNumerics:
+    """Of the probabilities that are told."""
 
-    causes: int = number(5, "causes in an explanation at most")
-    beam: int = number(24, "explanations of each number of causes that are grown further")
-    negligible: float = number(
-        9.0, "log weight behind the best explanation from which one is left out", "derived: 1e-4 of its weight"
-    )
-    entrances: int = number(12, "levels at ports that causes are added to")
-    changed: int = number(12, "explanations that are changed by dropping and swapping causes")
-    noted: int = number(300, "explanations with one cause more that are kept")
-    pairs: int = number(2, "causes that are added whatever the first of them promises alone")
-    loose: int = number(3, "ports with something unknown at most")
-    settings: int = number(6, "settings of scales and ports that are gone through at most")
-    linear: float = number(0.1, "part of an explanation's log odds that linearisation may be wrong by")
-    near: float = number(10.0, "log odds that it may be wrong by, if that is more")
-    misfit: float = number(
-        0.5, "log evidence per reading, short of white noise, from which higher levels everywhere are gone through"
-    )
     reported: int = number(8, "explanations that are told")
     least: float = number(1e-4, "probability below which nothing is told of a cause")
-    rows: int = number(2000, "rows of a record that are multiplied at a time")
-    died_away: float = number(1e-7, "response, of the largest of its column, below which it has died away")
-    ridge: float = number(
-        1e-13, "added to a unit diagonal before its root is taken", "derived: a hundred times the rounding of a sum"
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,8 @@ A cause is one `@cause` function that returns an `Effect`: an extra piece at one
 in one of three ways, and simulation, estimation, screening, extension of the aircraft file and the generator of hidden
 effects all use the same definition:
 
-change   symbolic: it changes the path at `station`. Its value is a parameter of the model, 0 = absent
+change   symbolic: it changes the path at `station`, or the draft of a system that is no aircraft. Its value is a
+         parameter of the model, 0 = absent
 series   a time history at a disturbance station of the path, computed from the record (a lagged surface, a gust)
 output   an operator on what an instrument reads (delay, lag)
 
@@ -25,7 +26,6 @@ import numpy as np
 from casid.errors import InputError
 from casid.model.airframe import Airframe
 from casid.model.operators import folded
-from casid.model.path import SignalPath
 from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import SURFACES, unit_of
@@ -129,7 +129,7 @@ class Effect:
     station: str | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     states: Mapping[str, str] = field(default_factory=dict)
-    change: Callable[[SignalPath, Symbols], None] | None = None
+    change: Callable[[Any, Symbols], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None

@@ -10,13 +10,14 @@ from typing import Literal
 
 from casid.errors import unknown
 
-StationKind = Literal["control", "wind", "rotation", "reading", "coefficient"]
+StationKind = Literal["control", "wind", "rotation", "reading", "equation", "coefficient"]
 # the longer prefix first: "d_delta_e" is a control, "dCm" a coefficient
 _PREFIX: dict[StationKind, str] = {
     "control": "d_",
     "wind": "wind_",
     "rotation": "gust_",
     "reading": "reading_",
+    "equation": "f_",
     "coefficient": "d",
 }
 

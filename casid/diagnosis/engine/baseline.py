@@ -28,6 +28,7 @@ class Baseline:
     structured  the fit with these
     start       the same in the air as it moves
     kinematics  what instruments and air say by themselves
+    fixed       whether noise, timing of inputs and air are taken as they are, and are no conditions of the search
     """
 
     calm: FlightFit
@@ -35,6 +36,14 @@ class Baseline:
     structured: FlightFit
     start: FlightFit
     kinematics: KinematicFindings
+    fixed: bool = False
+
+    @classmethod
+    def alone(cls, refitted: FlightFit) -> Baseline:
+        """A refitted model about which nothing else is known: no kinematics, no usual structure, no moving air."""
+        still = kinematics.still_air(refitted.flight)
+        found = KinematicFindings(evidence=None, ranked=[], turbulence=still, nuisance=[])
+        return cls(calm=refitted, structure=[], structured=refitted, start=refitted, kinematics=found, fixed=True)
 
     @property
     def flight(self) -> Flight:

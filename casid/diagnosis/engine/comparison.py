@@ -31,8 +31,9 @@ def ranked(
     `nameable`.
 
     First comes what explains most. Before it comes an equivalent of which it is a general case: a constant delay comes
-    before a clock that drifts. And so does a fault of hardware that is too small to matter, where it explains clearly
-    more: left out, it would make a cause of something else.
+    before a clock that drifts. So does the same cause in fewer records, the other way, that explains as much. And so
+    does a fault of hardware that is too small to matter, where it explains clearly more: left out, it would make a
+    cause of something else.
     """
     matter = [t for t in nameable if t.meaningful]
     ordered = _in_order(trials, matter)
@@ -44,10 +45,19 @@ def ranked(
         return _moved_first(small, ordered), ()
     alike = equivalents_of(first, ordered, criteria)
     simpler = [t for t in alike if t in matter and t.effect.kind in first.effect.includes]
+    simpler = simpler or _in_fewer_records(first, [t for t in matter if t in ordered], criteria)
     if simpler:
         ordered = _moved_first(simpler[0], ordered)
         alike = equivalents_of(simpler[0], ordered, criteria)
     return ordered, alike
+
+
+def _in_fewer_records(first: Trial, trials: Sequence[Trial], criteria: Criteria) -> list[Trial]:
+    """The same cause in fewer records than the first, where it explains as much: what only shows as a difference
+    between records is in the fewer."""
+    records, near = len(first.candidate.attached.records), equivalence(first.gain.raw, criteria)
+    same = [t for t in trials if t.effect.name == first.effect.name and first.gain.total - t.gain.total < near]
+    return [t for t in same if 0 < len(t.candidate.attached.records) < records]
 
 
 def _moved_first(one: Trial, trials: Sequence[Trial]) -> list[Trial]:

@@ -37,8 +37,9 @@ def try_cause(
     # of size zero, the further values of an effect would be free of any sense
     alone = attached.effect.linear and set(attached.values) == {"value"}
     begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
+    iterations = base.criteria.numerics.naming.trial_iterations
     try:
-        fitted = fit(base.flight, begin, noise, base, iterations=8, tolerance=3.0, give_up=give_up)
+        fitted = fit(base.flight, begin, noise, base, iterations=iterations, tolerance=3.0, give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # it makes an aircraft that cannot fly the record, or hardly
         return _given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}

@@ -33,7 +33,6 @@ from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.forces import without_aerodynamics
 from casid.diagnosis.kinematics.kinematics import forceless_noise
 from casid.errors import InputError
-from casid.model.applied import with_estimates
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
@@ -67,7 +66,7 @@ def predicted_on(records: Sequence[Record], fitted: FlightFit) -> Predicted:
 def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
     """The fitted model on other records, derivatives and effects fixed; noise that is what a fit leaves is what it
     leaves there."""
-    held = fitted.flight.with_records(with_estimates(fitted.flight.aircraft, fitted.derivatives, {}), records)
+    held = fitted.flight.elsewhere(fitted.derivatives, records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
     base = in_colour(fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0), free="states")
     for one in fitted.attached:

@@ -20,7 +20,6 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model import operators
 from casid.model.causes import configuration_change
-from casid.model.path import coefficient_names
 from casid.model.station import coefficient
 
 Intervals = dict[str, tuple[float, float]]
@@ -135,11 +134,11 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     """Sets of coefficients that switch together: the records, onsets and duration with the largest joint statistic less
     its price, of one size in all of these records."""
     base, price, criteria = evidence.fit, Screen(evidence).price, evidence.criteria
-    names, coefficients = base.batch.names, coefficient_names(base.flight.aircraft.force_axes)
+    names, coefficients = base.batch.names, base.flight.coefficients
     onsets = onset_grid(evidence)
-    durations = [values["duration"] for values in configuration_change(coefficients[0]).grid]
+    durations = [values["duration"] for c in coefficients[:1] for values in configuration_change(c).grid]
     best: Candidate | None = None
-    for duration in durations if len(onsets) else ():
+    for duration in durations if len(onsets) and coefficients else ():
         steps = _steps(evidence, coefficients, onsets, duration)
         for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.screening.starts):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))

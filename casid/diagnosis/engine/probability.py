@@ -26,7 +26,7 @@ from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.numerics import ScoreNumerics
+from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -59,7 +59,7 @@ def believed(
 
     left  every missing input of the model that is told
     """
-    scale = _Scale(criteria=state.criteria)
+    scale = Scale(criteria=state.criteria)
     rounds = {round_.leader.effect.key: round_ for round_ in state.named}
     places = [_place(one, rounds.get((one.kind, one.target, one.term)), scale) for one in causes]
     near = _not_named(state, {effect.key for place in places for effect in place.effects}, scale)
@@ -83,7 +83,7 @@ def believed(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Scale:
+class Scale:
     """Gains as logarithms of odds."""
 
     criteria: Criteria
@@ -147,7 +147,7 @@ class _Place:
         return sum(self.probabilities[name] for name in names)
 
 
-def _place(cause: Cause, round_: Round | None, scale: _Scale) -> _Place:
+def _place(cause: Cause, round_: Round | None, scale: Scale) -> _Place:
     if round_ is None:  # nothing was fitted in its place
         return _Place(effects=(effect_of(cause),), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
     best, logs = round_.leader, {}
@@ -178,7 +178,7 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
 
 
 def _not_named(
-    state: State, seen: Collection[tuple[str, str, str | None]], scale: _Scale
+    state: State, seen: Collection[tuple[str, str, str | None]], scale: Scale
 ) -> tuple[Attached, float] | None:
     """The clearest cause that was not clear enough for a name, where one was tried, and its probability: no surer than
     a name must be. What was refused for what it left missing was clear enough, and is not there."""
@@ -191,7 +191,7 @@ def _not_named(
 
 
 def _explanations(
-    places: Sequence[_Place], faint: Mapping[str, float], numerics: ScoreNumerics
+    places: Sequence[_Place], faint: Mapping[str, float], numerics: ProbabilityNumerics
 ) -> list[tuple[tuple[str, ...], float]]:
     """Names of all that an explanation says, and its probability, the most probable first."""
     choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]

@@ -85,7 +85,7 @@ class State:
 def search(baseline: Baseline, say: Say) -> State:
     """The set of causes, from a baseline on."""
     state = _grown(at_baseline(baseline), say)
-    for condition in _CONDITIONS:
+    for condition in () if baseline.fixed else _CONDITIONS:
         other = condition(state, say)
         if other is not None:
             state = _grown(dropped(carried(other, state)), say)

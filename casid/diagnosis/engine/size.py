@@ -41,6 +41,8 @@ def meaningful_share(fitted: FlightFit, one: Attached) -> float:
     difference to a coefficient or a channel, or as much as the noise of that channel. A surface that hardly moves may
     be slow without any consequence. And a surface that is late by less than half a sample may be in time, because how
     it runs between samples is not known. What is expected matters at any size: left out, it looks like a fault."""
+    if fitted.flight.sizes is not None:
+        return fitted.flight.sizes.share_of(fitted, one)
     effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
     if effect.amplitude is not None:
         return _consequence(fitted, one)
@@ -111,6 +113,8 @@ def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
 def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
     """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over a velocity. A drift
     of a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
+    if fitted.flight.sizes is not None:
+        return fitted.flight.sizes.missing_share(fitted, missing)
     place, criteria = missing.place, fitted.criteria.size
     if place.kind == "wind":
         return missing.rms / (criteria.wind_along if place.name == "x" else criteria.wind_across)

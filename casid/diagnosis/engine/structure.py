@@ -18,7 +18,7 @@ from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, readings
-from casid.model.causes import aero_term, sensor_bias, sensor_delay
+from casid.model.causes import aero_term, sensor_delay
 from casid.model.effect import Effect
 from casid.model.path import aerodynamic_parameters
 
@@ -74,7 +74,7 @@ def demanded_offsets(base: FlightFit) -> list[Attached]:
     fitted."""
     channels = base.model.outputs
     enter = np.broadcast_to(np.eye(len(channels)), (*base.read.shape, len(channels)))
-    return _demanded(base, [sensor_bias(c) for c in channels], enter)[0]
+    return _demanded(base, base.flight.offsets, enter)[0]
 
 
 def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.model.path import aerodynamic_parameters, coefficient_names
 from casid.model.terms import parse_term
 
 
 def coefficient_series(fit: FlightFit) -> dict[str, np.ndarray]:
     """coefficient -> (N, R) its value along the records, by its own aerodynamics, the fitted derivatives and terms."""
     values, nothing = fit.derivatives, np.zeros(fit.batch.live.shape)
-    series = {c: fit.regressors.get(f"given {c}", nothing) for c in coefficient_names(fit.flight.aircraft.force_axes)}
-    for coefficient, name, term in aerodynamic_parameters(fit.flight.aircraft):
+    series = {c: fit.regressors.get(f"given {c}", nothing) for c in fit.flight.coefficients}
+    for coefficient, name, term in fit.flight.terms:
         if name in values and "dot" not in term:
             series[coefficient] = series[coefficient] + values[name] * parse_term(term).evaluate(fit.regressors)
     return series
@@ -32,7 +31,7 @@ def unlike_derivatives(
     live, regressors = fit.batch.live, fit.regressors if regressors is None else regressors
     present = [
         np.broadcast_to(parse_term(term).evaluate(regressors), live.shape)[live]
-        for c, _, term in aerodynamic_parameters(fit.flight.aircraft)
+        for c, _, term in fit.flight.terms
         if c == coefficient and "dot" not in term
     ]
     basis = np.stack([np.ones(int(live.sum())), *present], axis=1)

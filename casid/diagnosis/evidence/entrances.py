@@ -52,7 +52,7 @@ def _parts(evidence: Evidence, stations: Sequence[str]) -> Iterator[tuple[str, s
     """(station, columns, (R, N, columns)) of some columns of all stations after the other: what the response to a unit
     at a sample has in common with them."""
     fit, k = evidence.fit, len(evidence.newton)
-    entering = [name for name in stations if Station.at(name).kind != "reading"]
+    entering = [name for name in stations if name in fit.model.disturbances]
     index = [fit.model.disturbances.index(name) for name in entering]
     channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
     together = fit.criteria.numerics.screening.columns

@@ -19,8 +19,6 @@ from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, read
 from casid.filtering.innovations import linearise
 from casid.model.effect import Effect
 from casid.model.operators import CYCLES
-from casid.model.station import coefficient
-from casid.model.terms import parse_term
 from casid.native.processors import side_by_side
 
 
@@ -168,8 +166,8 @@ def _unit_history(
 ) -> Mapping[str, np.ndarray]:
     """Station -> (N, R) time history of a unit of an effect that is one."""
     if effect.quasi_steady:
-        term = parse_term(effect.regressor or "0").evaluate(base.regressors)
-        return {coefficient(effect.target): np.broadcast_to(term, base.batch.live.shape)}
+        term = base.flight.term_along(effect, base.regressors)
+        return {str(effect.enters): np.broadcast_to(term, base.batch.live.shape)}
     return station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
 
 

@@ -19,8 +19,7 @@ from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.projection import Projection
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.numerics import MissingInputNumerics
-from casid.model.dynamics import moved_coefficients
-from casid.model.station import Station, coefficient, reading, wind
+from casid.model.station import Station
 from casid.native.processors import side_by_side
 
 
@@ -54,21 +53,16 @@ class MissingInput:
         return max(float(np.max(np.abs(mean - np.mean(mean)))) for _, mean, _ in self.history.values())
 
 
-def stations(fit: FlightFit) -> list[str]:
-    """Coefficients and wind axes that the axes of the flight know, as disturbances of the model."""
-    moved = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[fit.flight.axes]
-    winds = [wind(axis) for axis, state in zip("xyz", "uvw", strict=True) if state in moved]
-    return [coefficient(c) for c in moved_coefficients(fit.flight.aircraft, fit.flight.axes)] + winds
-
-
 def moving_air(evidence: Evidence) -> list[MissingInput]:
     """An unknown velocity of the air along each axis, largest gain first."""
-    return missing_at(evidence, [station for station in stations(evidence.fit) if Station.at(station).kind == "wind"])
+    return missing_at(
+        evidence, [station for station in evidence.fit.flight.stations if Station.at(station).kind == "wind"]
+    )
 
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each station, largest gain first."""
-    return missing_at(evidence, [*stations(evidence.fit), *_readings(evidence.fit)])
+    return missing_at(evidence, [*evidence.fit.flight.stations, *evidence.fit.flight.readings])
 
 
 def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
@@ -82,11 +76,7 @@ def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
 
 def drifts(evidence: Evidence) -> list[MissingInput]:
     """An unknown input at each reading, largest gain first."""
-    return missing_at(evidence, _readings(evidence.fit))
-
-
-def _readings(fit: FlightFit) -> list[str]:
-    return [reading(name) for name in fit.model.outputs]
+    return missing_at(evidence, evidence.fit.flight.readings)
 
 
 def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
@@ -99,7 +89,7 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
     frequency = _peak_frequency(evidence.fit)
     if frequency is None:
         return []
-    found = [_oscillation(evidence, station, frequency) for station in stations(evidence.fit)]
+    found = [_oscillation(evidence, station, frequency) for station in evidence.fit.flight.stations]
     return sorted(found, key=lambda m: -m.gain)
 
 

@@ -18,8 +18,7 @@ from scipy.linalg import block_diag, solve_triangular
 
 from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.model.dynamics import moved_coefficients
-from casid.model.path import MOMENTS, aerodynamic_parameters
+from casid.model.path import MOMENTS
 from casid.model.terms import parse_term
 
 _LONGITUDINAL = ("alpha", "q", "delta_e")
@@ -49,16 +48,15 @@ def no_terms(fit: FlightFit) -> SmallTerms:
 
 def small_terms(fit: FlightFit) -> SmallTerms:
     """All that symmetry allows and the model of the fit lacks."""
-    aircraft, criteria = fit.flight.aircraft, fit.criteria.structure
-    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
+    criteria = fit.criteria.structure
+    present = {(c, term) for c, _, term in fit.flight.terms}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
     series: list[np.ndarray] = []
     factors: list[np.ndarray] = []
     blocks: list[np.ndarray] = []
-    moved = moved_coefficients(fit.flight.aircraft, fit.flight.axes)
     for coefficient, size in variation(fit).items():
-        if coefficient not in moved or size <= 0.0:
+        if coefficient not in fit.flight.moved or size <= 0.0:
             continue
         allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
         along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in allowed]

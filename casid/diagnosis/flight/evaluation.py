@@ -213,7 +213,7 @@ class Work:
         )
         names = [slot.name if slot.attached is None else None for slot in self.slots]
         self.mean, self.weight = prior(flight, self.model, names)
-        nuisance = {a.name: a.effect.smallest_that_matters(flight.aircraft) or np.inf for a in attached if a.nuisance}
+        nuisance = {a.name: flight.smallest_that_matters(a.effect) or np.inf for a in attached if a.nuisance}
         for i, slot in enumerate(self.slots):
             if slot.name in nuisance:
                 self.weight[i] = nuisance[slot.name] ** -2.0

@@ -118,7 +118,7 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
         return _Point.of(work, evaluate(work, _with_values(attached, work.slots, values), values, motion))
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"'{work.flight.aircraft.name}' diverges along the records, so that nothing can be compared; check the "
+            f"'{work.flight.title}' diverges along the records, so that nothing can be compared; check the "
             "units and signs of its derivatives, of its mass properties and of the records' channels"
         ) from error
 

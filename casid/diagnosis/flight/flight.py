@@ -11,17 +11,20 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.bounds import possible
+from casid.diagnosis.flight.hypothesis import Sizes
+from casid.diagnosis.flight.prior import derivative_std
 from casid.diagnosis.flight.ready import as_updated, has, hides_noise, moves, sigma_of, that_have, with_all
 from casid.diagnosis.flight.redundant import RATE_OF, is_derived
 from casid.diagnosis.flight.regressors import Regressors
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
-from casid.model.applied import axes_of
+from casid.model.applied import axes_of, with_estimates
+from casid.model.causes import group_channels, sensor_bias
 from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
-from casid.model.path import aerodynamic_parameters
-from casid.model.station import Station, control
+from casid.model.path import aerodynamic_parameters, coefficient_names
+from casid.model.station import Station, coefficient, control, reading, wind
 from casid.model.system import Model
 from casid.model.terms import IN_PLANE, OUT_OF_PLANE, Term, parse_term
 from casid.native.compiler import BUILDING
@@ -51,6 +54,7 @@ class Flight:
     held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
     unknown        inputs that were never recorded: nothing is judged that hangs on them
     criteria       by which everything that looks at this flight decides
+    sizes          what measures the sizes of causes; None: by coefficients and channels of an aircraft
     """
 
     aircraft: Aircraft
@@ -66,6 +70,7 @@ class Flight:
     held: float = 0.0
     unknown: tuple[str, ...] = ()
     criteria: Criteria = Criteria()
+    sizes: Sizes | None = None
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
@@ -76,6 +81,59 @@ class Flight:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(record.name for record in self.records)
+
+    @property
+    def title(self) -> str:
+        """Name of what is diagnosed."""
+        return self.aircraft.name
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Names of the six coefficients."""
+        return coefficient_names(self.aircraft.force_axes)
+
+    @cached_property
+    def moved(self) -> tuple[str, ...]:
+        """Coefficients that act on the states that move."""
+        return tuple(moved_coefficients(self.aircraft, self.axes))
+
+    @cached_property
+    def terms(self) -> tuple[tuple[str, str, str], ...]:
+        """(coefficient, parameter, term) of the aerodynamics."""
+        return tuple(aerodynamic_parameters(self.aircraft))
+
+    @property
+    def stations(self) -> list[str]:
+        """Coefficients and axes of moving air that the axes know, as disturbances of the model."""
+        states = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[self.axes]
+        winds = [wind(axis) for axis, state in zip("xyz", "uvw", strict=True) if state in states]
+        return [*map(coefficient, self.moved), *winds]
+
+    @property
+    def readings(self) -> list[str]:
+        """Readings at which something unknown may enter."""
+        return [reading(name) for name in self.outputs]
+
+    @property
+    def offsets(self) -> list[Effect]:
+        """Offsets of all instruments, which are there in every aircraft and small."""
+        return [sensor_bias(name) for name in self.outputs]
+
+    def smallest_that_matters(self, effect: Effect) -> float | None:
+        """The smallest size of an effect that matters here, None where it is judged by what it does."""
+        return effect.smallest_that_matters(self.aircraft)
+
+    def channels_of(self, effect: Effect) -> tuple[str, ...]:
+        """The readings that an effect of an instrument changes."""
+        return group_channels(effect.target)
+
+    def term_along(self, effect: Effect, regressors: Mapping[str, np.ndarray]) -> np.ndarray | float:
+        """(N, R) the term of an effect along `regressors` of this flight."""
+        return parse_term(effect.regressor or "0").evaluate(regressors)
+
+    def prior_std(self, model: Model, name: str) -> float:
+        """1-sigma of a parameter of the model before the records."""
+        return derivative_std(self, model, name)
 
     @cached_property
     def resting(self) -> tuple[str, ...]:
@@ -242,6 +300,10 @@ class Flight:
         others = (tuple(n for n in record.notes if not n.startswith("inputs: ")) for record in self.records)
         noted = zip(self.records, others, strict=True)
         return replace(self, held=share, records=tuple(replace(r, notes=(*notes, note)) for r, notes in noted))
+
+    def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Flight:
+        """Further records under the noise of this flight, of its aircraft with other values of its derivatives."""
+        return self.with_records(with_estimates(self.aircraft, values, {}), records)
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
         """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than

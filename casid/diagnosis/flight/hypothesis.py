@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from casid.filtering.innovations import NoiseModel
 from casid.model.effect import Effect
 from casid.model.station import control
+
+
+class Sizes(Protocol):
+    """What measures the sizes of causes and of missing inputs beside a fit, in units of what matters."""
+
+    def share_of(self, fit: Any, one: Attached) -> float: ...
+    def missing_share(self, fit: Any, missing: Any) -> float: ...
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,6 @@ import numpy as np
 
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import group_channels
 from casid.model.system import Model
 
 
@@ -17,7 +16,7 @@ def lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.n
     outputs, records = model.outputs, flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.late):
-        rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
+        rows = [outputs.index(c) for c in flight.channels_of(one.effect) if c in outputs]
         for j, record in enumerate(records):
             late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0
     return np.maximum(late, 0)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
-from casid.diagnosis.criteria import PriorCriteria
-from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.criteria import Criteria, PriorCriteria
+from casid.diagnosis.flight.regressors import Regressors
 from casid.model.aircraft import Aircraft
 from casid.model.causes import sensor_bias
 from casid.model.system import Model
@@ -16,14 +17,31 @@ from casid.model.terms import Term, derivative_term
 OFFSET = "bias_"  # and the channel: parameter of a model
 
 
-def prior(flight: Flight, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
+class Believed(Protocol):
+    """What is asked of what a model describes."""
+
+    def model(self) -> Model: ...
+    def prior_std(self, model: Model, name: str) -> float: ...
+
+
+class Stated(Protocol):
+    """What is asked of a flight."""
+
+    @property
+    def aircraft(self) -> Aircraft: ...
+    @property
+    def criteria(self) -> Criteria: ...
+    def regressors(self, model: Model) -> Regressors: ...
+
+
+def prior(flight: Believed, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
     """Mean and inverse variance of what is fitted; effects, and what has no name among the parameters, have none."""
     mean, weight = np.zeros(len(names)), np.zeros(len(names))
     of_the_file = flight.model().parameters
     for i, name in enumerate(names):
         if name in of_the_file:
             mean[i] = model.nominal[name]
-            weight[i] = _std(flight, model, name, abs(mean[i])) ** -2.0
+            weight[i] = flight.prior_std(model, name) ** -2.0
     return mean, weight
 
 
@@ -33,14 +51,14 @@ def smallest_stated_std(coefficient: str, criteria: PriorCriteria | None = None)
     return known.stated * known.typical.of(coefficient)
 
 
-def _std(flight: Flight, model: Model, name: str, size: float) -> float:
+def derivative_std(flight: Stated, model: Model, name: str) -> float:
     """1-sigma as the file states it, or of a derivative that the file has at zero as large as it is in aircraft. Where
     that is not known, so loose that it says nothing, by what its regressor does in these records. An offset of an
     instrument is small beside what matters as a cause."""
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
-    known = flight.criteria.prior
+    known, size = flight.criteria.prior, abs(model.nominal[name])
     if name in flight.aircraft.knots:
         return model.prior_std.get(name, known.spread * max(size, known.typical.of(flight.aircraft.knots[name])))
     coefficient, term = derivative_term(name)

@@ -1,52 +1,72 @@
-"""Fit an extended model to records, and fly it on records that no fit has seen."""
+"""A model made ready for its records: the noise of its readings, where its motion begins, its first fit."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.systems.cause import PartOfModel
+from casid.diagnosis.criterion import in_time
+from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.systems import size
 from casid.diagnosis.systems.criteria import SystemCriteria
-from casid.diagnosis.systems.extended import Extended
-from casid.errors import CasidError, EstimationError, InputError
-from casid.estimation import Fit, Problem, solve
-from casid.filtering.initial_state import fit_initial_state
-from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
-from casid.filtering.kalman import kalman_filter, residual_column
-from casid.model.port import ports_of, with_ports
-from casid.model.simulate import simulate
+from casid.diagnosis.systems.library import Library, effects_of
+from casid.diagnosis.systems.plant import Plant, as_flight, motions
+from casid.errors import EstimationError, InputError
+from casid.estimation import Problem, solve
+from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Question:
-    """What stays the same over a diagnosis: records as given, noise of each output, parameters that are fitted, and by
-    which criteria."""
+def plant_of(
+    model: Model, records: Sequence[Record], ports: Sequence[Port], library: Library, criteria: Criteria
+) -> Plant:
+    """A model and the records to be fitted. Priors of 0 become fixed values, and a state is as large as it is measured.
 
-    records: tuple[Record, ...]
-    noise: Mapping[str, float]
-    free: tuple[str, ...]
-    criteria: Criteria
+    Raises InputError for an output that no record has, and for a model without a free parameter."""
+    free = tuple(name for name in model.parameters if model.prior_std.get(name) != 0.0)
+    if not free:
+        raise InputError(f"model '{model.name}' has no free parameter; give at least one a prior above 0, or none")
+    guess = np.concatenate([model.guess(record) for record in records])
+    seen = dict(zip(model.states, np.sqrt(np.mean(guess**2, axis=0)).tolist(), strict=True))
+    base = replace(
+        model,
+        prior_std={name: std for name, std in model.prior_std.items() if std > 0.0},
+        state_scale={name: seen[name] or scale for name, scale in model.state_scale.items()},
+    )
+    by = criteria.systems
+    sigma = noise_of(base, records, by)
+    return Plant(
+        base=base,
+        freed=free,
+        ports=tuple(ports),
+        records=tuple(records),
+        sigma=sigma,
+        terms_of=library.terms(base),
+        criteria=_for_systems(criteria, float(np.median([record.duration for record in records]))),
+        paths=motions(base, records, sigma, by.smoothed),
+        effects=effects_of(library, base, ports, records, free, by),
+        sizes=size,
+    )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Fitted:
-    """An extended model with its values fitted; `fit` as the engine gives it, `records` prepared for it."""
-
-    extended: Extended
-    values: Mapping[str, float]
-    fit: Fit
-    records: tuple[Record, ...]
-
-    @property
-    def model(self) -> Model:
-        return self.extended.model
+def _for_systems(criteria: Criteria, duration: float) -> Criteria:
+    """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
+    aircraft, and with as wide a search as its quick fits allow."""
+    by = criteria.systems
+    naming = {
+        "trials": by.trials,
+        "further_trials": by.further_trials,
+        "terms": by.terms,
+        "trial_iterations": by.iterations,
+    }
+    wider = in_time(criteria, duration / by.record)
+    return wider.with_values({"numerics": {"naming": naming}, "naming": {"give_up": by.give_up}})
 
 
 def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) -> dict[str, float]:
@@ -65,200 +85,31 @@ def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) 
         sigma = pooled_sigma(there)
         found[name] = max(sigma, least) if np.isfinite(sigma) else np.nan
     if not np.isfinite(list(found.values())).all():
-        fit = solve(Problem(model, records, free=["*"], prior=True))
-        found = {name: sigma if np.isfinite(sigma) else fit.noise[name] for name, sigma in found.items()}
+        fitted = solve(Problem(model, records, free=["*"], prior=True))
+        found = {name: sigma if np.isfinite(sigma) else fitted.noise[name] for name, sigma in found.items()}
     return found
 
 
-def motions(
-    model: Model, records: Sequence[Record], noise: Mapping[str, float], criteria: SystemCriteria
-) -> dict[str, np.ndarray]:
-    """record -> (N, states) motion from which a fit may begin: as it was read, states that no instrument reads by a
-    smoother to which every equation is as uncertain as it is large. A record on which that departs has none."""
-    wide = with_ports(model, [port for port in ports_of(model) if port.kind == "state derivative"])
-    functions, found = PointFunctions(wide, ()), {}
-    rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.densify(model.f)])
-    for record in records:
-        batch, P = make_batch(wide, [record]), model.nominal_vector()[None]
-        X = model.guess(record)[:, None]
-        sizes = np.std(rates(X[:, 0].T, batch.U[:, 0].T, P[0], np.zeros(len(model.disturbances))).full(), axis=1)
-        white = {f"f_{name}": float(size) for name, size in zip(model.states, sizes, strict=True) if size > 0.0}
-        try:
-            with np.errstate(all="ignore"):
-                for _ in range(criteria.smoothed):
-                    linear = linearise(functions, batch, P, X)
-                    smoother = kalman_filter(linear, NoiseModel(measurement=noise, white=white))
-                    X = X + smoother.smooth(*residual_column(linear))[0][..., : X.shape[2]]
-        except np.linalg.LinAlgError:
-            continue
-        if np.isfinite(X).all():
-            found[record.name] = X[:, 0]
-    return found
+def first_fit(plant: Plant) -> FlightFit:
+    """The model refitted. Where that does not converge, as of a model that misses something large, its values run off
+    to where no linearisation tells of what is missing. It is then fitted under noise as large as the residual, which
+    keeps values near to what is known of them, and again from there; where that does not converge either, it is taken
+    as it stands there.
 
-
-def fitted(extended: Extended, question: Question, start: Mapping[str, float]) -> Fitted | None:
-    """The extended model fitted; None when that fails. Operators and onsets are gone back to until they stay."""
-    model, now = extended.model, extended
-    fixed = {name: model.nominal[name] for name in extended.base.parameters if name not in question.free}
-    values = {**start, **{one.name: one.value for one in extended.attached}}
-    fit, records = None, question.records
-    for _ in range(question.criteria.systems.rounds):
-        records = tuple(now.prepared(r) for r in question.records)
-        problem = Problem(model, records, free=["*"], fixed=fixed, start=values, noise=question.noise, prior=True)
-        try:
-            fit = solve(problem)
-        except (EstimationError, np.linalg.LinAlgError):
-            return None
-        if not np.isfinite(fit.cost):
-            return None
-        values = dict(fit.values)
-        motion = {name: states.trajectory for name, states in fit.states.items()}
-        moved = replace(
-            now, attached=tuple(_moved(one, values[one.name], fit, question.criteria.systems) for one in now.attached)
-        )
-        moved = moved.along(motion, records, model.nominal_vector({**fixed, **values}))
-        pairs = zip(now.attached, moved.attached, strict=True)
-        settled = all(_same(one, other, question) for one, other in pairs)
-        now = moved
-        if settled:
-            break
-        values |= {one.name: one.value for one in now.attached}
-    if fit is None:
-        return None
-    return Fitted(extended=now, values={**fixed, **fit.values}, fit=fit, records=records)
-
-
-def _moved(one: PartOfModel, value: float, fit: Fit, criteria: SystemCriteria) -> PartOfModel:
-    """A cause where the fit has it, an onset where the residuals have it."""
-    if one.cause.operator is not None and one.centre > 0.0 and min(v for v, _ in one.cause.grid) > 0.0:
-        value = float(np.clip(value, one.value / criteria.factor, criteria.factor * one.value))
-    if not one.cause.onset:
-        return one.at(value)
-    found = {}
-    for record in fit.problem.records:
-        if record.name in one.onset_s:
-            found[record.name] = _onset(one, value, fit, record)
-    return replace(one.at(value), onset_s=found)
-
-
-def _onset(one: PartOfModel, value: float, fit: Fit, record: Record) -> float:
-    """Time [s] from which a reading is stuck: where the squares about the model before it and the value after it are
-    least. The motion is that of the fit, in which the reading takes no part from the present onset on."""
-    model, i = fit.problem.model, fit.problem.model.outputs.index(one.cause.target)
-    moving = record.with_channels(**{str(one.flag): np.zeros(len(record))})
-    reads = ca.Function("reads", [model.x, model.u, model.p, model.w], [model.h])
-    p = fit.problem.model_parameters(np.array(list(fit.values.values())))[0]
-    states = fit.states[record.name].trajectory
-    would = reads(states.T, moving.matrix(model.inputs).T, p, np.zeros(len(model.disturbances))).full()[i]
-    free, stuck = (np.nan_to_num(record[one.cause.target] - of) ** 2 for of in (would, value))
-    squares = np.r_[0.0, np.cumsum(free)] + np.r_[np.cumsum(stuck[::-1])[::-1], 0.0]
-    return float(record.t[min(int(np.argmin(squares)), len(record) - 2)])
-
-
-def _same(one: PartOfModel, other: PartOfModel, question: Question) -> bool:
-    criteria = question.criteria.systems
-    if one.cause.late:
-        return all(
-            np.abs(left - one.left.get(name, 0.0)).max() < criteria.still * question.noise[one.cause.target]
-            for name, left in other.left.items()
-        )
-    near = abs(one.value - other.value) <= criteria.settled * abs(other.value)
-    return (one.cause.operator is None or near) and dict(one.onset_s) == dict(other.onset_s)
-
-
-def change_of_outputs(found: Fitted, name: str) -> float:
-    """What a cause does to the motion: the largest r.m.s. change of an output without it, as a part of its variation.
-
-    Initial states and all other values are the same. A little damping, a small part of an acceleration, is much of a
-    swing.
-    """
-    with_it, without = [], []
-    for record in found.records:
-        start = found.fit.states[record.name].trajectory[0]
-        try:
-            with_it.append(simulate(found.model, record, start, found.values).outputs)
-        except InputError:  # it cannot be flown open loop, and nothing is said of it so
-            return 0.0
-        try:
-            without.append(simulate(found.model, record, start, {**found.values, name: 0.0}).outputs)
-        except InputError:  # it takes the cause to keep the motion
-            return float("inf")
-    flown, other = np.concatenate(with_it), np.concatenate(without)
-    variation = np.maximum(np.std(flown, axis=0), [found.fit.noise[output] for output in found.model.outputs])
-    return float((np.sqrt(np.mean((flown - other) ** 2, axis=0)) / variation).max())
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Flown:
-    """Open-loop simulations of records, initial states fitted: output -> r.m.s. residual over noise; and record ->
-    output -> (N,) what the simulation says it reads, nothing of a record on which it diverges."""
-
-    records: tuple[str, ...]
-    rms: Mapping[str, float]
-    readings: int
-    simulated: Mapping[str, Mapping[str, np.ndarray]]
-
-    @property
-    def log_likelihood(self) -> float:
-        """Per reading, without its constant."""
-        return -0.5 * float(np.mean([v**2 for v in self.rms.values()]))
-
-
-def fly(extended: Extended, values: Mapping[str, float], records: Sequence[Record], question: Question) -> Flown:
-    """Simulate records with these values. A cause that is in some records only is tried in these, with and without."""
-    squares, counts = dict.fromkeys(question.noise, 0.0), dict.fromkeys(question.noise, 0)
-    simulated: dict[str, Mapping[str, np.ndarray]] = {}
-    for record in records:
-        tried = [_simulated(one, values, record, question) for one in _shapes(extended, record)]
-        off = [_squares(one, record, question.noise) for one in tried]
-        best = min(range(len(off)), key=lambda k: sum(s for s, _ in off[k].values()))
-        simulated[record.name] = tried[best]
-        for name, (square, count) in off[best].items():
-            squares[name] += square
-            counts[name] += count
-    rms = {name: float(np.sqrt(squares[name] / n)) for name, n in counts.items() if n}
-    names = tuple(r.name for r in records)
-    return Flown(records=names, rms=rms, readings=sum(counts.values()), simulated=simulated)
-
-
-def _shapes(extended: Extended, record: Record) -> list[Extended]:
-    some = [one for one in extended.attached if one.flag is not None and not one.cause.onset]
-    if not some:
-        return [extended]
-    there = [replace(one, records=(record.name,)) if one in some else one for one in extended.attached]
-    return [extended, replace(extended, attached=tuple(there))]
-
-
-def _simulated(
-    extended: Extended, values: Mapping[str, float], record: Record, question: Question
-) -> dict[str, np.ndarray]:
-    """Output -> (N,) of an open-loop simulation; nothing where that diverges."""
-    noise, criteria = question.noise, question.criteria.systems
-    own = {name: value for name, value in values.items() if name in extended.base.parameters}
-    base = replace(extended.base, nominal={**extended.base.nominal, **own})
-    extended = replace(extended, paths=motions(base, [record], noise, criteria))
-    flown = None
-    for _ in range(criteria.rounds if any(one.cause.late for one in extended.attached) else 1):
-        prepared = extended.prepared(record)
-        model = replace(extended.model, nominal={**extended.model.nominal, **values})
-        try:
-            with np.errstate(all="ignore"):
-                flown = simulate(model, prepared, fit_initial_state(model, prepared))
-        except (CasidError, np.linalg.LinAlgError):
-            flown = None
-            break
-        extended = extended.along({record.name: flown.states}, [prepared], model.nominal_vector())
-    return {name: flown.output(name) for name in noise} if flown else {}
-
-
-def _squares(
-    simulated: Mapping[str, np.ndarray], record: Record, noise: Mapping[str, float]
-) -> dict[str, tuple[float, int]]:
-    """Output -> squares of its residuals over the noise, infinite where the simulation diverges, and their number."""
-    found = {}
-    for name, sigma in noise.items():
-        if name in record:
-            there = np.isfinite(record[name])
-            off = record[name][there] - simulated[name][there] if simulated else np.full(there.sum(), np.inf)
-            found[name] = float(np.sum((off / sigma) ** 2)), int(there.sum())
-    return found
+    Raises EstimationError for a model that cannot follow its records at all."""
+    flight = as_flight(plant)
+    try:
+        plain = fit(flight, (), plant.noise(), iterations=20)
+    except InputError as error:
+        raise EstimationError(
+            f"model '{plant.title}' cannot be fitted to these records from its nominal values: {error}"
+        ) from None
+    if plain.converged:
+        return plain
+    left = float(np.sqrt(np.sum(plain.white**2) / plain.readings))
+    noise = replace(plant.noise(), measurement={name: left * sigma for name, sigma in plant.sigma.items()})
+    wide = fit(flight, (), noise, iterations=30)
+    again = fit(flight, (), plant.noise(), wide, iterations=20)
+    if again.converged:
+        return again
+    return evaluate(Work(flight, (), plant.noise(), "all"), (), wide.values, wide.motion)

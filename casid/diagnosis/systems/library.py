@@ -6,8 +6,9 @@ some records. Terms that an equation lacks: monomials of states and inputs, and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations_with_replacement
 from types import SimpleNamespace
 from typing import Any
@@ -16,30 +17,50 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, table_of, whole
-from casid.diagnosis.systems.cause import CandidateCause, Operator, Run
 from casid.diagnosis.systems.criteria import SystemCriteria
-from casid.diagnosis.systems.fit import Question
 from casid.errors import InputError, unknown
 from casid.model import operators
+from casid.model.effect import Effect, Series, Values
 from casid.model.port import ModelPort as Port
+from casid.model.station import reading
 from casid.model.system import Model
 from casid.records.record import Record
 
-KINDS = (
-    "input_delay",
-    "actuator_lag",
-    "limit_above",
-    "limit_below",
-    "dead_zone",
-    "backlash",
-    "sensor_bias",
-    "sensor_scale",
-    "sensor_delay",
-    "sensor_lag",
-    "sensor_stuck",
-    "parameter_change",
-    "missing_term",
-)
+# kind -> what it says, with fields target, term, size, where and [late|early]; where its unit is not that of its port
+SENTENCES = {
+    "input_delay": "{target} acts {size} [late|early] by the model{where}.",
+    "actuator_lag": "{target} acts with a lag of {size} that the model lacks{where}.",
+    "limit_above": "{target} does not act beyond {size}.",
+    "limit_below": "{target} does not act below {size}.",
+    "dead_zone": "{target} acts only beyond {size} about zero.",
+    "backlash": "{target} acts through a play of half-width {size}.",
+    "sensor_bias": "The reading of {target} is off by {size}{where}.",
+    "sensor_scale": "The reading of {target} is off by the part {size} of itself{where}.",
+    "sensor_delay": "The reading of {target} is {size} [late|early]{where}.",
+    "sensor_lag": "The reading of {target} lags by {size}{where}.",
+    "sensor_stuck": "The reading of {target} is stuck at {size}{where}.",
+    "parameter_change": "The parameter {target} is other by {size}{where}.",
+    "missing_term": "The equation of {target} lacks a term {size} {term}.",
+}
+KINDS = tuple(SENTENCES)
+_IN_SECONDS = ("input_delay", "actuator_lag", "sensor_delay", "sensor_lag")
+
+Operator = Callable[[np.ndarray, np.ndarray, float], np.ndarray]  # (t, series, value) -> series
+
+
+def stuck(output: str) -> str:
+    """Disturbance that takes away the motion of a reading: 0 none of it, 1 all."""
+    return f"stuck_{output}"
+
+
+def as_read(output: str) -> str:
+    """Name under which effects find a channel as it was measured."""
+    return f"read {output}"
+
+
+def as_term(name: str) -> str:
+    """Name under which effects find a term of the library along the motion."""
+    return f"term {name}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +70,7 @@ class Library:
     Attributes
     ----------
     kinds
-        Of `KINDS`; default all.
+        Names of kinds of causes; default all.
     degree
         Of the monomials of states and inputs that an equation may lack; 0: none.
     regressors
@@ -95,210 +116,187 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
 
-def causes_for(library: Library, model: Model, ports: Sequence[Port], question: Question) -> tuple[CandidateCause, ...]:
-    """All that the library knows for this model: at its ports, and for its free parameters."""
-    records, criteria = question.records, question.criteria.systems
-    found: list[CandidateCause] = []
+def effects_of(
+    library: Library,
+    model: Model,
+    ports: Sequence[Port],
+    records: Sequence[Record],
+    free: Sequence[str],
+    criteria: SystemCriteria,
+) -> list[Effect]:
+    """All that a library knows for this model: at its ports, and for its `free` parameters."""
+    found: list[Effect] = []
+    terms = tuple(library.terms(model))
     for port in ports:
         if port.kind == "input":
             found += _of_input(port, records, criteria)
         elif port.kind == "output":
             found += _of_output(port, records, criteria)
         else:
-            found += [_term(port, name, term) for name, term in library.terms(model).items()]
+            found += [_term(port, name) for name in terms]
     if len(records) > 1:
-        found += [_parameter(name, model.units.get(name, "")) for name in question.free]
-    return tuple(cause for cause in found if cause.kind in library.kinds)
+        found += [_parameter(name) for name in free]
+    return [effect for effect in found if effect.kind in library.kinds]
 
 
-def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[CandidateCause]:
+def unit_of(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
+    """Unit of the value of an effect, "" when nobody said."""
+    if effect.kind in _IN_SECONDS:
+        return "s"
+    if effect.relative:
+        return model.units.get(effect.target, "")
+    if effect.regressor is not None or effect.kind == "sensor_scale":
+        return ""
+    return next((port.unit for port in ports if port.name == effect.target and port.kind != "state derivative"), "")
+
+
+def told_limit(effect: Effect, cut: float, series: Sequence[np.ndarray]) -> float:
+    """Where an input is limited whose recorded `series` are cut by so much."""
+    if effect.kind == "limit_above":
+        return max(float(one.max()) for one in series) - cut
+    return min(float(one.min()) for one in series) + cut
+
+
+def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
+    """What stands between a recorded input and what acts. The size of a limit is by how much it cuts the range."""
     name = port.name
     series = [record[name] for record in records]
     low, high = min(s.min() for s in series), max(s.max() for s in series)
-    span = high - low
-    if not span > 0.0:
+    if not high > low:
         return
-    steps = _doubling(records)
-    cuts = [share * span for share in criteria.cuts]
-    # kind, operator, values, 1-sigma of each, sentence
-    yield from _operators(
-        port,
-        records,
-        criteria,
-        (
-            ("input_delay", operators.delay, steps, None, "{target} acts {size} later than the model has it{where}."),
-            ("actuator_lag", operators.lag, steps, None, "{target} acts with a lag of {size} that the model lacks."),
-            (
-                "limit_above",
-                lambda t, u, v: np.minimum(u, v),
-                [high - c for c in cuts],
-                criteria.limit_spread * span,
-                "{target} does not act beyond {size}.",
-            ),
-            (
-                "limit_below",
-                lambda t, u, v: np.maximum(u, v),
-                [low + c for c in cuts],
-                criteria.limit_spread * span,
-                "{target} does not act below {size}.",
-            ),
-            (
-                "dead_zone",
-                lambda t, u, v: operators.dead_zone(u, v, 0.0),
-                cuts if low <= 0.0 <= high else [],
-                None,
-                "{target} acts only beyond {size} about zero.",
-            ),
-            (
-                "backlash",
-                lambda t, u, v: operators.backlash(u, v),
-                [0.5 * c for c in cuts],
-                None,
-                "{target} acts through a play of half-width {size}.",
-            ),
-        ),
-    )
-
-
-def _operators(
-    port: Port, records: Sequence[Record], criteria: SystemCriteria, rows: Iterable[tuple]
-) -> Iterator[CandidateCause]:
-    variation = _variation([record[port.name] for record in records])
-    for kind, operator, values, spread, sentence in rows:
-        grid = []
-        for value in values:
-            changes = [operator(record.t, record[port.name], value) - record[port.name] for record in records]
-            part = np.sqrt(np.mean(np.concatenate(changes) ** 2)) / variation
-            if criteria.seen < part < criteria.whole:
-                grid.append((float(value), spread or criteria.near * abs(value)))
+    steps, cuts = _doubling(records), [share * (high - low) for share in criteria.cuts]
+    rows: list[tuple[str, Operator, list[float]]] = [
+        ("input_delay", operators.delay, steps),
+        ("actuator_lag", operators.lag, steps),
+        ("limit_above", lambda t, u, v: np.minimum(u, high - abs(v)), cuts),
+        ("limit_below", lambda t, u, v: np.maximum(u, low + abs(v)), cuts),
+        ("dead_zone", lambda t, u, v: operators.dead_zone(u, v, 0.0), cuts if low <= 0.0 <= high else []),
+        ("backlash", lambda t, u, v: operators.backlash(u, v), [0.5 * cut for cut in cuts]),
+    ]
+    variation = _variation(series)
+    for kind, operator, sizes in rows:
+        changes = {v: [operator(r.t, r[name], v) - r[name] for r in records] for v in sizes}
+        grid = _seen(changes, variation, criteria)
         if grid:
-            yield CandidateCause(
-                kind=kind,
-                target=port.name,
-                unit="s" if kind in ("input_delay", "actuator_lag") else port.unit,
-                port=port.disturbance,
-                grid=tuple(grid),
-                history=_change_of_input(operator, port.name),
-                operator=operator,
-                slope_over=criteria.slope,
-                sentence=sentence,
-            )
-
-
-def _change_of_input(operator: Operator, name: str) -> Callable[[Run, float], np.ndarray]:
-    return lambda run, value: operator(run.t, run.inputs[name], value) - run.inputs[name]
-
-
-def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[CandidateCause]:
-    name, disturbance = port.name, port.disturbance
-    measured = [r[name][np.isfinite(r[name])] for r in records if name in r]
-    measured = [values for values in measured if len(values)]
-    if not measured:
-        return
-    yield CandidateCause(
-        kind="sensor_bias",
-        target=name,
-        unit=port.unit,
-        port=disturbance,
-        somewhere=True,
-        history=lambda run, value: np.ones(len(run.t)),
-        change=lambda draft, value, flag: draft.reads(name, lambda y: y + value * flag),
-        sentence="The reading of {target} is off by {size}{where}.",
-    )
-    yield CandidateCause(
-        kind="sensor_scale",
-        target=name,
-        port=disturbance,
-        somewhere=True,
-        history=lambda run, value: run.outputs[name],
-        change=lambda draft, value, flag: draft.reads(name, lambda y: y * (1.0 + value * flag)),
-        sentence="The reading of {target} is off by the part {size} of itself{where}.",
-    )
-    variation = _variation(measured)
-    yield from _behind(port, records, variation, criteria)
-    mean = float(np.mean(np.concatenate(measured)))
-    yield CandidateCause(
-        kind="sensor_stuck",
-        target=name,
-        unit=port.unit,
-        port=disturbance,
-        grid=((mean, 2.0 * variation),),
-        everywhere=False,
-        onset=True,
-        change=lambda draft, value, flag: draft.reads(name, lambda y: y + flag * (value - y)),
-        sentence="The reading of {target} is stuck at {size}{where}.",
-    )
-
-
-def _behind(
-    port: Port, records: Sequence[Record], variation: float, criteria: SystemCriteria
-) -> Iterator[CandidateCause]:
-    """Readings of a port that come late or lag, by steps that make a part of its `variation`."""
-    name = port.name
-    having = [r for r in records if name in r]
-    whole = [np.interp(r.t, r.t[np.isfinite(r[name])], r[name][np.isfinite(r[name])]) for r in having]
-    for kind, operator, change, words in (
-        ("sensor_delay", operators.delay, "late", "is {size} late"),
-        ("sensor_lag", operators.lag, "lagged", "lags by {size}"),
-    ):
-        changes = {
-            step: [operator(r.t, y, step) - y for r, y in zip(having, whole, strict=True)]
-            for step in _doubling(records)
-        }
-        part = {step: np.sqrt(np.mean(np.concatenate(of) ** 2)) / variation for step, of in changes.items()}
-        grid = tuple(
-            (step, criteria.near * step) for step, share in part.items() if criteria.seen < share < criteria.whole
-        )
-        if grid:
-            yield CandidateCause(
+            yield Effect(
                 kind=kind,
                 target=name,
-                unit="s",
-                port=port.disturbance,
+                linear=False,
                 grid=grid,
-                history=_change_of_output(operator, name),
-                late=kind == "sensor_delay",
-                change=_through(change, name),
-                sentence=f"The reading of {{target}} {words}{{where}}.",
+                unsigned=() if kind == "input_delay" else ("value",),
+                enters=port.disturbance,
+                series=partial(_acts, operator, name, port.disturbance),
             )
 
 
-def _change_of_output(operator: Operator, name: str) -> Callable[[Run, float], np.ndarray]:
-    return lambda run, value: operator(run.t, run.outputs[name], value) - run.outputs[name]
+def _acts(
+    operator: Operator, name: str, station: str, t: np.ndarray, known: Series, values: Values
+) -> dict[str, np.ndarray]:
+    return {station: operator(t, known[name], values["value"]) - known[name]}
 
 
-def _through(how: str, name: str) -> Callable[[Any, Any, Any], None]:
-    return lambda draft, value, flag: getattr(draft, how)(name, value)
-
-
-def _parameter(name: str, unit: str) -> CandidateCause:
-    return CandidateCause(
-        kind="parameter_change",
-        target=name,
-        unit=unit,
-        port=None,
-        everywhere=False,
-        somewhere=True,
-        change=lambda draft, value, flag: draft.shifts(name, value * flag),
-        sentence="The parameter {target} is other by {size}{where}.",
+def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
+    name = port.name
+    having = [record for record in records if name in record and np.isfinite(record[name]).any()]
+    if not having:
+        return
+    whole = [np.interp(r.t, r.t[np.isfinite(r[name])], r[name][np.isfinite(r[name])]) for r in having]
+    entering = {"target": name, "reads": (name,), "enters": reading(name)}
+    yield Effect(
+        kind="sensor_bias",
+        by_record=True,
+        change=lambda draft, values: draft.reads(name, lambda y: y + values["value"]),
+        **entering,
+    )
+    yield Effect(
+        kind="sensor_scale",
+        by_record=True,
+        change=lambda draft, values: draft.reads(name, lambda y: y * (1.0 + values["value"])),
+        **entering,
+    )
+    variation = _variation(whole)
+    slow: tuple[tuple[str, Operator, Callable], ...] = (
+        ("sensor_delay", operators.delay, _delayed),
+        ("sensor_lag", operators.lag, _lagged),
+    )
+    for kind, operator, output in slow:
+        steps = _doubling(records)
+        changes = {v: [operator(r.t, y, v) - y for r, y in zip(having, whole, strict=True)] for v in steps}
+        if grid := _seen(changes, variation, criteria):
+            yield Effect(
+                kind=kind,
+                linear=False,
+                grid=grid,
+                unsigned=("value",) if kind == "sensor_lag" else (),
+                late=True,
+                output=partial(output, name),
+                **entering,
+            )
+    stays = partial(_stays, name, port.disturbance)
+    yield Effect(
+        kind="sensor_stuck",
+        timed=True,
+        series=stays,
+        lowest=1.0 - criteria.wholly,
+        limit=1.0 + criteria.wholly,
+        **entering,
     )
 
 
-def _term(port: Port, name: str, term: ca.SX) -> CandidateCause:
-    return CandidateCause(
+def _delayed(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+    return {name: operators.delay(t, known[name], values["value"])}
+
+
+def _lagged(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+    """What a lag makes of a reading; where it begins is most likely by what was read."""
+    behind, T = operators.lag(t, known[name], values["value"]), abs(values["value"])
+    if T < 1e-9:
+        return {name: behind}
+    fades, left = np.exp(-(t - t[0]) / T), known[as_read(name)] - behind
+    there = np.isfinite(left)
+    start = float(fades[there] @ left[there]) / max(float(fades[there] @ fades[there]), 1e-300)
+    return {name: behind + start * fades}
+
+
+def _stays(name: str, station: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+    """A reading that loses its motion at the onset and stays where it is read from there."""
+    from_there = values["value"] * operators.step(t, values["onset"])
+    return {stuck(name): from_there, station: from_there * level(known[as_read(name)][t > values["onset"]])}
+
+
+def level(read: np.ndarray) -> float:
+    """Mean of readings, of which some may be missing; 0 where all are."""
+    seen = read[np.isfinite(read)]
+    return float(seen.mean()) if len(seen) else 0.0
+
+
+def _parameter(name: str) -> Effect:
+    return Effect(
+        kind="parameter_change",
+        target=name,
+        by_record=True,
+        relative=True,
+        change=lambda draft, values: draft.shifts(name, values["value"]),
+    )
+
+
+def _term(port: Port, name: str) -> Effect:
+    return Effect(
         kind="missing_term",
         target=port.name,
         term=name,
-        port=port.disturbance,
-        history=lambda run, value: run.terms[name],
-        change=lambda draft, value, flag: draft.adds(port.name, value * term),
-        sentence="The equation of {target} lacks a term {size} {term}.",
+        regressor=name,
+        enters=port.disturbance,
+        change=lambda draft, values: draft.adds(port.name, values["value"] * draft.terms[name]),
     )
 
 
-def onsets(record: Record, count: int) -> np.ndarray:
-    """(count - 1,) times [s] at which something may begin in a record."""
-    return record.t[0] + record.duration * np.arange(1, count) / count
+def _seen(
+    changes: Mapping[float, Sequence[np.ndarray]], variation: float, criteria: SystemCriteria
+) -> tuple[Mapping[str, float], ...]:
+    """Sizes of an operator at which it changes a series, and leaves something of it."""
+    part = {v: np.sqrt(np.mean(np.concatenate(of) ** 2)) / variation for v, of in changes.items()}
+    return tuple({"value": float(v)} for v, share in part.items() if criteria.seen < share < criteria.whole)
 
 
 def _variation(series: Sequence[np.ndarray]) -> float:

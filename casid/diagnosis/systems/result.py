@@ -13,13 +13,18 @@ from casid.diagnosis.decision import Trace
 from casid.diagnosis.given.account import AccountStep
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.systems.extended import Extended
-from casid.diagnosis.systems.fit import Flown
+from casid.diagnosis.systems.flown import Flown
 from casid.keeping import whole_file
 from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.records.record import Record
 
 SCHEMA = "casid.diagnosis/3"
+
+
+def name_of(kind: str, target: str, term: str | None) -> str:
+    """Name of a cause, as "actuator_lag(voltage)" or "missing_term(speed:speed^2)"."""
+    return f"{kind}({target}:{term})" if term else f"{kind}({target})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +68,7 @@ class SystemCause:
     @property
     def name(self) -> str:
         """As "input_lag(voltage)"."""
-        return f"{self.kind}({self.target}:{self.term})" if self.term else f"{self.kind}({self.target})"
+        return name_of(self.kind, self.target, self.term)
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `causes` or `minor` of diagnosis.json."""

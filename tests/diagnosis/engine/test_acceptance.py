@@ -79,7 +79,7 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
     model, batch, flight = (
         SimpleNamespace(outputs=("V",)),
         SimpleNamespace(live=live),
-        SimpleNamespace(aircraft=do328()),
+        SimpleNamespace(aircraft=do328(), sizes=None),
     )
     fitted = SimpleNamespace(
         slots=(), attached=(), read=read, model=model, batch=batch, flight=flight, criteria=Criteria()

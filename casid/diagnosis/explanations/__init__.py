@@ -1,1 +1,0 @@
-"""What competes: explanations as wholes, weighed by one score."""

@@ -1,0 +1,252 @@
+"""A dynamic system and its records, with what the engine asks of a `Flight`: model, noise, terms, sizes, priors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import casadi as ca
+import numpy as np
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Sizes
+from casid.diagnosis.systems.library import as_read, as_term, stuck
+from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_points, linearise, make_batch
+from casid.filtering.kalman import kalman_filter, residual_column
+from casid.model.effect import Effect
+from casid.model.port import ModelPort as Port
+from casid.model.port import ports_of, with_ports
+from casid.model.station import control, reading
+from casid.model.system import Model
+from casid.native.compiler import BUILDING, Compilable
+from casid.records.record import Record
+
+
+class Draft:
+    """A model under change; expressions that are added, as its `terms`, are in the symbols of the model as given."""
+
+    def __init__(self, model: Model, terms: Mapping[str, ca.SX]) -> None:
+        self.model, self.terms = model, terms
+        self.f, self.h, self.p = ca.SX(model.f), ca.SX(model.h), ca.SX(model.p)
+
+    def adds(self, state: str, expression: Any) -> None:
+        """A term in the equation of a state."""
+        self.f[self.model.states.index(state)] += expression
+
+    def shifts(self, parameter: str, by: Any) -> None:
+        """A parameter that differs from its value by an expression."""
+        self.p[self.model.parameters.index(parameter)] += by
+
+    def reads(self, output: str, change: Callable[[Any], Any]) -> None:
+        """A reading that an instrument changes."""
+        i = self.model.outputs.index(output)
+        self.h[i] = change(self.h[i])
+
+
+class Terms:
+    """The terms of a library along trajectories, the recorded inputs and the readings, by name."""
+
+    def __init__(self, plant: Plant, model: Model) -> None:
+        self._batch = plant.batch(model)
+        self._states, self._inputs = model.states, model.inputs
+        names = [control(name) for name in model.inputs]
+        self._acting = [model.disturbances.index(n) if n in model.disturbances else None for n in names]
+        self._terms = tuple(map(as_term, plant.terms_of))
+        base = plant.base
+        rows = ca.densify(ca.vertcat(*plant.terms_of.values())) if self._terms else ca.SX(0, 1)
+        self._function = Compilable(ca.Function("terms", [base.x, base.u], [rows]))
+        self.recorded = {name: self._batch.U[..., i] for i, name in enumerate(self._inputs)}
+        self._read = {as_read(name): self._batch.Z[..., i] for i, name in enumerate(model.outputs)}
+
+    def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N, R, nu) recorded inputs, which have no noise."""
+        return self._batch.U
+
+    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
+        """name -> (N, R): states of the trajectory X (N, R, nx), `inputs` (N, R, nu), readings as measured, and the
+        terms with the inputs as they act under the disturbances W (N, R, nw)."""
+        table = {name: X[..., i] for i, name in enumerate(self._states)}
+        table |= {name: inputs[..., i] for i, name in enumerate(self._inputs)} | self._read
+        if not self._terms:
+            return table
+        acting = inputs.copy()
+        for i, at in enumerate(self._acting):
+            if at is not None:
+                acting[..., i] += W[..., at]
+        values = at_points(self._function, X, acting)[0][..., 0]
+        return table | {name: values[..., i] for i, name in enumerate(self._terms)}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plant:
+    """A model and its records as a diagnosis sees them.
+
+    base      as it was given, priors of 0 fixed;  freed  its parameters that are fitted
+    ports     where reality may differ;  terms_of  name -> expression that an equation may lack
+    sigma     1-sigma of the noise of each output
+    paths     record -> (N, states) motion from which a fit begins; else the model's own first guess
+    effects   the causes that are considered;  sizes  what measures them
+    """
+
+    base: Model
+    freed: tuple[str, ...]
+    ports: tuple[Port, ...]
+    records: tuple[Record, ...]
+    sigma: dict[str, float]
+    terms_of: Mapping[str, ca.SX]
+    criteria: Criteria
+    paths: Mapping[str, np.ndarray] = field(default_factory=dict)
+    effects: list[Effect] = field(default_factory=list)
+    sizes: Sizes | None = None
+    input_sigma: dict[str, float] = field(default_factory=dict)
+    doubted: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    offsets: list[Effect] = field(default_factory=list)
+    noise_by_fit: bool = False
+    held: float = 0.0
+    coefficients: tuple[str, ...] = ()
+    moved: tuple[str, ...] = ()
+    terms: tuple[tuple[str, str, str], ...] = ()
+    _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
+    _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _regressors: dict[Model, Terms] = field(default_factory=dict, repr=False)
+
+    @property
+    def title(self) -> str:
+        """Name of what is diagnosed."""
+        return self.base.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(record.name for record in self.records)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.base.outputs
+
+    @property
+    def stations(self) -> list[str]:
+        """Equations and inputs at which something unknown may enter, as disturbances of the model."""
+        return [port.disturbance for port in self.ports if port.kind != "output"]
+
+    @property
+    def readings(self) -> list[str]:
+        """Readings at which something unknown may enter."""
+        return [reading(port.name) for port in self.ports if port.kind == "output"]
+
+    def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
+        """Measurement noise, and `coloured` disturbances beside it."""
+        return NoiseModel(measurement=self.sigma, coloured=coloured or {})
+
+    def model(self, effects: Sequence[Effect] = ()) -> Model:
+        """The model with its ports as disturbances, and symbolic `effects` among its parameters."""
+        symbolic = [effect for effect in effects if effect.symbolic]
+        key = tuple(effect.name for effect in symbolic)
+        with BUILDING:
+            if key not in self._models:
+                self._models[key] = self._built(symbolic)
+        return self._models[key]
+
+    def _built(self, effects: Sequence[Effect]) -> Model:
+        base, draft = self.base, Draft(self.base, self.terms_of)
+        values = {effect.name: ca.SX.sym("value") for effect in effects}
+        for effect in effects:
+            assert effect.change is not None
+            effect.change(draft, {"value": values[effect.name]})  # pyright: ignore[reportArgumentType]
+        f, h = ca.substitute([draft.f, draft.h], [base.p], [draft.p])
+        read = [port.name for port in self.ports if port.kind == "output"]
+        loses = ca.SX.sym("stuck", len(read))
+        for k, name in enumerate(read):
+            h[base.outputs.index(name)] *= 1.0 - loses[k]
+        model = replace(
+            base,
+            parameters=(*base.parameters, *values),
+            disturbances=(*base.disturbances, *map(stuck, read)),
+            p=ca.vertcat(base.p, *values.values()),
+            w=ca.vertcat(base.w, loses),
+            f=f,
+            h=h,
+            nominal={**base.nominal, **dict.fromkeys(values, 0.0)},
+            equation=None,
+        )
+        return with_ports(model, self.ports)
+
+    def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
+        """The functions of one of its models, with derivatives by the `free` parameters."""
+        key = model, tuple(free)
+        with BUILDING:
+            if key not in self._functions:
+                self._functions[key] = PointFunctions(model, free)
+        return self._functions[key]
+
+    def regressors(self, model: Model) -> Terms:
+        """The terms that effects of one of its models are made of."""
+        with BUILDING:
+            if model not in self._regressors:
+                self._regressors[model] = Terms(self, model)
+        return self._regressors[model]
+
+    def batch(self, model: Model) -> Batch:
+        return make_batch(model, self.records)
+
+    def measured(self, model: Model) -> np.ndarray:
+        """(N, R, states) motion from which a fit begins."""
+        X = np.zeros((max(map(len, self.records)), len(self.records), len(model.states)))
+        for j, record in enumerate(self.records):
+            guess = self.paths[record.name] if record.name in self.paths else self.base.guess(record)
+            X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+        return X
+
+    def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
+        """This plant with values of its parameters, and other records under its noise."""
+        base = replace(self.base, nominal={**self.base.nominal, **values})
+        paths = motions(base, records, self.sigma, self.criteria.systems.smoothed)
+        return replace(self, base=base, records=tuple(records), paths=paths, _models={}, _functions={}, _regressors={})
+
+    def smallest_that_matters(self, effect: Effect) -> float | None:
+        """None: the size of an effect is judged by what it does."""
+        return None
+
+    def channels_of(self, effect: Effect) -> tuple[str, ...]:
+        """The reading that an effect of an instrument changes."""
+        return effect.reads
+
+    def term_along(self, effect: Effect, regressors: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N, R) the term of an effect along `regressors` of this plant."""
+        return regressors[as_term(effect.regressor or "")]
+
+    def prior_std(self, model: Model, name: str) -> float:
+        """1-sigma of a parameter of the model before the records."""
+        return model.prior_std.get(name, np.inf)
+
+
+def as_flight(plant: Plant) -> Flight:
+    """A plant in the place of a flight: it has all that fits, evidence and search ask, and nothing of an aircraft."""
+    return cast(Flight, plant)
+
+
+def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float], times: int) -> dict[str, np.ndarray]:
+    """record -> (N, states) motion from which a fit may begin: as it was read, states that no instrument reads by a
+    smoother, run some `times`, to which every equation is as uncertain as it is large. A record on which that departs
+    has none."""
+    wide = with_ports(model, [port for port in ports_of(model) if port.kind == "state derivative"])
+    functions, found = PointFunctions(wide, ()), {}
+    rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.densify(model.f)])
+    for record in records:
+        batch, P = make_batch(wide, [record]), model.nominal_vector()[None]
+        X = model.guess(record)[:, None]
+        sizes = np.std(rates(X[:, 0].T, batch.U[:, 0].T, P[0], np.zeros(len(model.disturbances))).full(), axis=1)
+        white = {f"f_{name}": float(size) for name, size in zip(model.states, sizes, strict=True) if size > 0.0}
+        try:
+            with np.errstate(all="ignore"):
+                for _ in range(times):
+                    linear = linearise(functions, batch, P, X)
+                    smoother = kalman_filter(linear, NoiseModel(measurement=noise, white=white))
+                    X = X + smoother.smooth(*residual_column(linear))[0][..., : X.shape[2]]
+        except np.linalg.LinAlgError:
+            continue
+        if np.isfinite(X).all():
+            found[record.name] = X[:, 0]
+    return found

@@ -1,0 +1,104 @@
+"""How large a cause of a plant is, in units of what matters at the port where it enters, or in the readings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.systems.library import as_term
+from casid.filtering.innovations import Linear
+from casid.model.port import ModelPort as Port
+from casid.model.station import Station
+
+
+def share_of(fit: FlightFit, one: Attached) -> float:
+    """r.m.s. of what a cause does at its port over what matters there; at an equation, or that of the largest change of
+    a reading, if that is more: a little damping, a small part of an acceleration, is much of a swing."""
+    effect, value, share = one.effect, one.values["value"], fit.criteria.size.share
+    if effect.timed:
+        return abs(value) / share  # nothing is left of a reading that does not move
+    if effect.relative:
+        return abs(value) / (share * max(abs(fit.model.nominal[effect.target]), 1e-12))
+    port = _port(fit, effect.enters)
+    history = _history(fit, one)
+    there = np.array([one.concerns(name) for name in fit.batch.names]) & fit.batch.live
+    size = _size(history[there]) / matters_at(fit, port)
+    if port.kind != "state derivative" or port.matters is not None:
+        return size
+    return max(size, _change_of_readings(fit, port, np.where(there, history, 0.0)) / share)
+
+
+def missing_share(fit: FlightFit, missing: MissingInput) -> float:
+    """r.m.s. of what is missing at a port over the variation there."""
+    port = _port(fit, missing.station)
+    return fit.criteria.size.share * missing.rms / matters_at(fit, port)
+
+
+def matters_at(fit: FlightFit, port: Port) -> float:
+    """The r.m.s. size that matters at a port: as it says, or a part of the variation there."""
+    if port.matters is not None:
+        return port.matters
+    live = fit.batch.live
+    if port.kind == "state derivative":
+        x = fit.motion.X[..., fit.model.states.index(port.name)]
+        there = np.gradient(x, axis=0)[live] / np.gradient(fit.batch.t, axis=0)[live]
+    elif port.kind == "input":
+        there = fit.batch.U[..., fit.model.inputs.index(port.name)][live]
+    else:
+        there = fit.linear.output[..., fit.model.outputs.index(port.name)][live]
+    return max(fit.criteria.size.share * float(np.std(there)), 1e-12)
+
+
+def _port(fit: FlightFit, station: str | None) -> Port:
+    ports = {port.disturbance: port for port in fit.flight.ports}  # pyright: ignore[reportAttributeAccessIssue]
+    if station in ports:
+        return ports[station]
+    return ports["y_" + Station.at(str(station)).name]
+
+
+def _history(fit: FlightFit, one: Attached) -> np.ndarray:
+    """(N, R) what a cause adds where it enters."""
+    effect, names, t = one.effect, fit.batch.names, fit.batch.t
+    if effect.regressor is not None:
+        return one.values["value"] * fit.regressors[as_term(effect.regressor)]
+    if effect.series is not None:
+        W = disturbance_series([one], names, t, fit.known, fit.model.disturbances)
+        return W[..., fit.model.disturbances.index(str(effect.enters))]
+    i, read = fit.model.outputs.index(effect.target), fit.linear.output
+    if effect.output is not None:
+        return (readings([one], names, t, read, fit.model.outputs, fit.known) - read)[..., i]
+    return one.values["value"] * (np.ones(t.shape) if effect.kind == "sensor_bias" else read[..., i])
+
+
+def _size(values: np.ndarray) -> float:
+    """A constant shifts by all of itself, everything else by its variation."""
+    varies, whole = float(np.std(values)), float(np.sqrt(np.mean(values**2)))
+    return varies if varies > 1e-9 * whole else whole
+
+
+def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> float:
+    """Largest r.m.s. change of a reading by a history (N, R) at a port, over the variation of that reading; the motion
+    linearised, from the same initial state."""
+    linear, at = fit.linear, fit.model.disturbances.index(port.disturbance)
+    change = _simulated(linear, at, history)
+    variation = np.array(
+        [
+            max(float(np.std(linear.output[..., i][fit.batch.live])), fit.noise.measurement[name])
+            for i, name in enumerate(fit.model.outputs)
+        ]
+    )
+    return float(np.max(np.sqrt(np.mean(change[fit.batch.live] ** 2, axis=0)) / variation))
+
+
+def _simulated(linear: Linear, at: int, history: np.ndarray) -> np.ndarray:
+    """(N, R, ny) change of the readings by a history (N, R) at a disturbance."""
+    N, R, _ = linear.X.shape
+    x, found = np.zeros((R, linear.X.shape[2])), np.zeros(linear.output.shape)
+    for k in range(N):
+        found[k] = np.einsum("rij,rj->ri", linear.C[k], x) + linear.Dw[k, :, :, at] * history[k][:, None]
+        if k < N - 1:
+            x = np.einsum("rij,rj->ri", linear.A[k], x)
+            x = x + linear.Bw0[k, :, :, at] * history[k][:, None] + linear.Bw1[k, :, :, at] * history[k + 1][:, None]
+    return found
