@@ -31,7 +31,7 @@ from casid.errors import InputError
 from casid.estimation import Problem
 from casid.estimation.starts import drawn
 from problems.bench.table import Row, parser, publish
-from problems.references.petab import PUBLISHED, Likelihood, minimum_by_scipy
+from problems.references.petab import PUBLISHED, TOLERANCES, Likelihood, minimum_by_scipy
 
 LEAST = 10.0  # s that scipy has at least
 APART = 0.01  # of -ln(likelihood)
@@ -64,7 +64,7 @@ def one(file: Path, published: float, factor: float, starts: int) -> Row:
     """A problem from one start."""
     problem = cs.read_petab(file)
     posed = times(problem, factor)
-    likelihood = Likelihood(problem)
+    likelihood = Likelihood(problem, TOLERANCES[file.stem])
     begin = time.perf_counter()
     fit = cs.solve(posed, starts=starts if factor != 1.0 else 1)
     seconds = time.perf_counter() - begin

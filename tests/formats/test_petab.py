@@ -10,7 +10,7 @@ import pytest
 
 import casid as cs
 from casid.errors import EstimationError, InputError
-from problems.references.petab import Likelihood
+from problems.references.petab import TOLERANCES, Likelihood
 
 # -ln(likelihood) at the nominal parameters: the PEtab benchmark collection (Hass et al., Bioinformatics 35, 2019)
 PUBLISHED = {
@@ -125,8 +125,7 @@ def test_the_likelihood_at_the_published_parameters_is_the_published_one(name: s
         pytest.skip(f"no {name} among the PEtab problems")
     problem = cs.read_petab(petab_data / name / f"{name}.yaml")
     start = dict(zip(problem.parameters, problem.start_vector, strict=True))
-    tolerance = 1e-8 if name.startswith("Fujita") else 1e-10  # rates of 1e5/s over an hour
-    assert Likelihood(problem, tolerance)(start) == pytest.approx(PUBLISHED[name], abs=6e-4)
+    assert Likelihood(problem, TOLERANCES[name])(start) == pytest.approx(PUBLISHED[name], abs=6e-4)
 
 
 @pytest.mark.parametrize(
