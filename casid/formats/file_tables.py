@@ -22,8 +22,7 @@ from casid.errors import InputError
 from casid.model.aerodynamics import FURTHER
 from casid.model.causes.tables import holds
 from casid.model.effect_value import EffectValue
-from casid.model.grid import Grid
-from casid.model.tables import Table, table
+from casid.model.tables import Grid, Table, table
 from casid.model.terms import COEFFICIENTS, VARIABLES, parse_term
 
 QUANTITIES = (*VARIABLES, *FURTHER)

@@ -15,7 +15,7 @@ import casadi as ca
 
 from casid.errors import InputError, unknown
 from casid.formats.file_tables import Entry
-from casid.model.grid import Grid
+from casid.model.tables import Grid
 
 Look = Callable[[str], Any]  # varID -> its expression
 

@@ -15,7 +15,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.formats.file_tables import Entry, FileTable, with_numbers
 from casid.formats.jsbsim.source import number_of, part
-from casid.model.grid import Grid
+from casid.model.tables import Grid
 
 Look = Callable[[str], Any]  # property -> its expression
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator, make_interp_spline
 
 from casid.errors import InputError
-from casid.model.grid import Grid
+from casid.model.tables import Grid
 
 
 def drawn(rng: np.random.Generator, shape: tuple[int, ...], method: str = "linear", outside: str = "hold") -> Grid:
