@@ -18,6 +18,7 @@ import numpy as np
 
 from casid.arguments import given, listed, names, number, numbers_by_name
 from casid.errors import InputError, unknown
+from casid.model.algebraic import algebraic_states
 from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
 from casid.records.record import Record
 from casid.signals import scale_of
@@ -317,6 +318,8 @@ def define_model(
     initial: Callable[[Any], Mapping[str, Any]] | None = None,
     period: float | None = None,
     events: Callable[[Any], Mapping[str, Mapping[str, Any]]] | None = None,
+    algebraic: Mapping[str, float] | None = None,
+    balance: Callable[[Any], Mapping[str, Any]] | None = None,
 ) -> Model:
     """A Model from two functions that take a namespace of symbols and return expressions by name.
 
@@ -359,6 +362,12 @@ def define_model(
     events
         Takes the namespace and returns {event: {state: its value after the event}}, of the values before it, inputs
         and parameters; other states stay. `Record(events=...)` has the times. Steps of integration end there.
+    algebraic
+        Algebraic state -> a value of its usual size, from which Newton's method finds it. `dynamics`, `output` and
+        `balance` have its symbol.
+    balance
+        Takes the namespace and returns {algebraic state: an expression that is zero}, 0 = g(x, z, u, p) of index 1:
+        together they determine the algebraic states.
 
     Returns
     -------
@@ -396,16 +405,15 @@ def define_model(
         "u": names(inputs, f"{where}: inputs"),
         "p": tuple(numbers_by_name(parameters, f"{where}: parameters")),
         "w": names(disturbances, f"{where}: disturbances"),
+        "z": tuple(roots := numbers_by_name(algebraic or {}, f"{where}: algebraic")),
     }
     states, outputs = groups["x"], names(outputs, f"{where}: outputs")
-    vectors = {key: (ca.SX.sym(key, len(group)), group) for key, group in groups.items()}
-    symbols = {n: vector[i] for vector, group in vectors.values() for i, n in enumerate(group)}
-    if len(symbols) != sum(len(group) for group in groups.values()):
-        raise InputError(f"{where}: one name is used twice among states, inputs, parameters, disturbances")
-    space = Symbols(where, symbols)
+    vectors, space = _namespace(groups, where)
     f = expressions(dynamics, space, states, "dynamics", where)
     h = expressions(output, space, outputs, "output", where)
     check_symbols(ca.vertcat(f, h), vectors, where)
+    f, h = ca.substitute([f, h], [vectors["z"][0]], [_solved(balance, space, vectors, roots, where)])
+    space = Symbols(where, {n: s for n, s in vars(space).items() if n not in (*roots, "_where")})
     return Model(
         name=name,
         states=states,
@@ -442,6 +450,33 @@ def _initial(
     chosen = [name for name in groups["x"] if isinstance(found, Mapping) and name in found] or groups["x"]
     column = expressions(lambda _: found, known, chosen, "initial", where)
     return MappingProxyType(dict(zip(chosen, ca.vertsplit(column), strict=True)))
+
+
+def _namespace(groups: Mapping[str, Sequence[str]], where: str) -> tuple[Vectors, Symbols]:
+    """Letter -> vector of symbols with their names, and all of them by name."""
+    vectors = {key: (ca.SX.sym(key, len(group)), group) for key, group in groups.items()}
+    symbols = {n: vector[i] for vector, group in vectors.values() for i, n in enumerate(group)}
+    if len(symbols) != sum(len(group) for group in groups.values()):
+        raise InputError(f"{where}: one name is used twice among states, inputs, parameters, disturbances, algebraic")
+    return vectors, Symbols(where, symbols)
+
+
+def _solved(
+    balance: Callable[[Any], Mapping[str, Any]] | None,
+    space: Symbols,
+    every: Vectors,
+    start: Mapping[str, float],
+    where: str,
+) -> ca.SX:
+    """The algebraic states as expressions of all other symbols, by the balance that a user's function gives."""
+    if bool(start) != (balance is not None):
+        raise InputError(f"{where}: algebraic and balance belong together; give both, or neither")
+    if balance is None:
+        return ca.SX(0, 1)
+    g = expressions(balance, space, tuple(start), "balance", where)
+    check_symbols(g, every, where)
+    known = [vector for letter, (vector, _) in every.items() if letter != "z"]
+    return algebraic_states(every["z"][0], g, start, known, where)
 
 
 def _events(

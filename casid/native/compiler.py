@@ -124,9 +124,12 @@ def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
         return None
 
 
-def _calls_python(function: ca.Function) -> bool:
-    """Whether there is a Python function in it, which no C can be made of."""
-    return any(one.class_name() == "CallbackInternal" for one in function.find_functions())
+_NO_C = ("CallbackInternal", "Newton")  # a Python function, and Newton's method of algebraic states
+
+
+def _has_no_source(function: ca.Function) -> bool:
+    """Whether there is a function in it of which no C can be made."""
+    return any(one.class_name() in _NO_C for one in function.find_functions())
 
 
 class Compilable:
@@ -142,7 +145,7 @@ class Compilable:
         self._look_up_after = _SOURCE_PER_INSTRUCTION * instructions
         self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
         self._pending: str | None = None  # its C source
-        self._settled = _calls_python(function)
+        self._settled = _has_no_source(function)
         self._batches: OrderedDict[tuple, PointBatch] = OrderedDict()
 
     def batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> PointBatch:
