@@ -183,9 +183,9 @@ _ROOMS = {
     "casid.diagnosis.kinematics.compatibility": (
         "Compatibility",
         "InstrumentError",
+        "SteadyWind",
         "compatibility",
     ),
-    "casid.diagnosis.kinematics.steady_wind": ("SteadyWind",),
     "casid.diagnosis.decision": (
         "Decision",
         "Gate",

@@ -13,8 +13,7 @@ from casid.diagnosis.decision import Decision as Decision
 from casid.diagnosis.decision import Gate as Gate
 from casid.diagnosis.decision import Trace as Trace
 from casid.diagnosis.dispatch import diagnose
-from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, compatibility
-from casid.diagnosis.kinematics.steady_wind import SteadyWind
+from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, SteadyWind, compatibility
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis

@@ -13,8 +13,7 @@ from typing import Any
 
 from casid.diagnosis.criterion import Criterion, Value, listed, number, overridden
 from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.flight.criteria import InputTimingCriteria, NoiseCriteria
-from casid.diagnosis.flight.typical import DerivativeSizes
+from casid.diagnosis.flight.criteria import DerivativeSizes, InputTimingCriteria, NoiseCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.criteria import SystemCriteria
 from casid.errors import InputError

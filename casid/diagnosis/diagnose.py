@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,15 +19,14 @@ from casid.diagnosis.engine.search import State, search
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.extension import extended_aircraft
-from casid.diagnosis.flight.noise_level import with_noise_level
-from casid.diagnosis.flight.view import view_of
+from casid.diagnosis.flight.noise import with_noise_level
+from casid.diagnosis.flight.statistics import view_of
 from casid.diagnosis.given.as_given import AsGiven, attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.flight_values import flight_values
 from casid.diagnosis.given.reach import reach_of
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import remarks
-from casid.diagnosis.stages import Stages
 from casid.diagnosis.unexplained import beside_slow_noise, what_is_left
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.model.aircraft import Aircraft, given_aircraft
@@ -152,3 +152,22 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
         nothing=belief.nothing,
         trace=trace_of_search(state, causes, minor),
     )
+
+
+class Stages:
+    """Wall time per stage, and a word to the user at the beginning of each."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._name, self._since = "", time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str) -> None:
+        self.end()
+        self._name, self._since = name, time.perf_counter()
+        self._report(name)
+
+    def end(self) -> None:
+        if self._name:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
+        self._name = ""

@@ -10,17 +10,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.decision import Trace
-from casid.diagnosis.document import cause_entry, plain, rank_entry
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.view import View
+from casid.diagnosis.flight.statistics import View
 from casid.diagnosis.given.account import AccountStep
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
@@ -29,7 +30,6 @@ from casid.diagnosis.given.flight_values import FlightValue
 from casid.diagnosis.given.not_judged import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.parameter import Parameter
 from casid.keeping import save, whole_file
 from casid.model.aircraft import Aircraft
 from casid.model.effects import effect_of
@@ -38,6 +38,10 @@ from casid.views import view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+if TYPE_CHECKING:
+    from casid.diagnosis.cause import Cause
+    from casid.diagnosis.evidence.screening import Candidate
 
 SCHEMA = "casid.diagnosis/3"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
@@ -342,3 +346,85 @@ def _freedom(fit: FlightFit) -> int:
 
 def _sure(cause: Cause) -> str:
     return "" if cause.probability is None else f"{100.0 * cause.probability:.0f} % probable, "
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A derivative, term or effect of the aircraft file in `unit`: its value there (0 where the file has none), fitted
+    with the structure of the file, and in the extended model; `*_std` 1-sigma (Cramer-Rao). `flight` is what the
+    records say of it by themselves, with honest deviation."""
+
+    name: str
+    unit: str
+    a_priori: float
+    refitted: float
+    refitted_std: float
+    extended: float
+    extended_std: float
+    flight: FlightValue
+
+    @property
+    def change(self) -> float:
+        """What the extension moved it by, in 1-sigmas of both."""
+        return (self.extended - self.refitted) / math.hypot(self.refitted_std, self.extended_std)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "unit": self.unit,
+            "a_priori": self.a_priori,
+            "refitted": {"value": self.refitted, "std": self.refitted_std},
+            "extended": {"value": self.extended, "std": self.extended_std},
+            "flight": {"value": self.flight.value, "std": self.flight.std, "told": self.flight.determined},
+        }
+
+
+def plain(value: Any) -> Any:
+    """Numbers and containers that JSON knows; a number that is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, str)) or value is None:
+        return value
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def cause_entry(cause: Cause) -> dict[str, Any]:
+    """An entry of `causes` or `minor`."""
+    return {
+        "kind": cause.kind,
+        "target": cause.target,
+        "term": cause.term,
+        "value": cause.value,
+        "std": cause.std,
+        "unit": cause.unit,
+        "records": list(cause.records),
+        "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
+        "statistic": cause.statistic,
+        "dof": cause.dof,
+        "probability": cause.probability,
+        "alone": cause.alone,
+        "log_odds": cause.log_odds,
+        "held_out_gain": cause.held_out_gain,
+        "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
+        "sentence": cause.sentence,
+        "parameters": dict(cause.parameters),
+        "share": cause.share,
+    }
+
+
+def rank_entry(candidate: Candidate) -> dict[str, Any]:
+    """An entry of `ranking`."""
+    effect = candidate.attached.effect
+    return {
+        "kind": effect.kind,
+        "target": effect.target,
+        "term": effect.term,
+        "statistic": candidate.statistic,
+        "value": candidate.value,
+        "std": candidate.std,
+        "surviving": candidate.surviving,
+    }

@@ -15,10 +15,10 @@ from casid.diagnosis.engine.held_out import Kept, judge_on, with_events
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.flight.colour import as_coloured_as_left, as_slow_as_left
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left
 from casid.diagnosis.sentences import SLOW_NOISE, noted
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.diagnosis.parameter import Parameter
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.result import Diagnosis, Parameter
 from casid.records.record import Record
 from casid.report.style import (
     BASELINE,

@@ -10,7 +10,7 @@ from typing import Any
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.data.finding import Finding
 from casid.diagnosis.decision import NAMED
-from casid.diagnosis.flight.view import View
+from casid.diagnosis.flight.statistics import View
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_named
 from casid.model.vocabulary import KINDS

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from casid.diagnosis.decision import Decision, Gate, Trace, at_least, at_most, merged, trace_of
-from casid.diagnosis.document import plain
+from casid.diagnosis.result import plain
 from casid.errors import InputError
 
 NUMBERS = st.floats(-1e9, 1e9)

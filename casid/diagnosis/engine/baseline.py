@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.structure import demanded_offsets, demanded_structure
-from casid.diagnosis.flight.colour import in_colour, is_far, unread
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.input_timing import as_inputs_run
-from casid.diagnosis.flight.outliers import without_outliers
+from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread, without_outliers
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.diagnosis.kinematics.stage import KinematicFindings, comes_near, judge_kinematics

@@ -13,10 +13,9 @@ from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.evaluation import FlightFit, as_read, lateness
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.late import as_read, lateness
 from casid.diagnosis.kinematics.check import kinematic_check, worth_fitting
 from casid.errors import InputError
 from casid.model.causes import configuration_change

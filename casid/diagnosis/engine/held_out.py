@@ -24,11 +24,11 @@ from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
 from casid.diagnosis.evidence.screening import Screen
-from casid.diagnosis.flight.colour import in_colour
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.fit import all_free, fit, without
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import in_colour
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.forces import without_aerodynamics
 from casid.diagnosis.kinematics.kinematics import forceless_noise

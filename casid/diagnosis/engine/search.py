@@ -24,15 +24,13 @@ from casid.diagnosis.engine.fitting import settled, try_cause
 from casid.diagnosis.engine.onsets import Intervals, configuration_changes
 from casid.diagnosis.engine.structure import demanded_offsets
 from casid.diagnosis.engine.trial import Round, Trial
-from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
-from casid.diagnosis.flight.colour import in_colour, is_far, unread
+from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen, smallest_sizes
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
-from casid.diagnosis.flight.input_timing import as_inputs_run
+from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.stage import without_turbulence
 from casid.model.effect import Effect

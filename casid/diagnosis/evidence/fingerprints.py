@@ -12,8 +12,8 @@ from itertools import islice
 
 import numpy as np
 
-from casid.diagnosis.evidence.entrances import Entrances
 from casid.diagnosis.evidence.evidence import Evidence, cross_of
+from casid.diagnosis.evidence.projection import Entrances
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.innovations import linearise

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from casid.diagnosis.evidence.entrances import products_at
 from casid.diagnosis.evidence.evidence import Evidence
-from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.evidence.projection import Projection, products_at
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from casid.diagnosis.evidence.evidence import Evidence, gram_of
+from casid.model.station import Station
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,3 +52,65 @@ class Projection:
     def _eliminated(cls, evidence: Evidence, gram: np.ndarray, match: np.ndarray, cross: np.ndarray) -> Projection:
         spent = cross.T @ evidence.covariance @ cross
         return cls(gram=gram - spent, match=match - cross.T @ evidence.newton)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Entrances:
+    """By station (R, N, k + 1) what the response to a unit at a sample has in common with the fitted slots and small
+    terms of an evidence, and last with its innovations."""
+
+    by_station: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, evidence: Evidence, stations: Sequence[str]) -> Entrances:
+        """Of disturbances of the model and of readings."""
+        (N, R, _), k = evidence.fit.white.shape, len(evidence.newton)
+        found = {name: np.empty((R, N, k + 1)) for name in stations}
+        for name, some, part in _parts(evidence, stations):
+            found[name][..., some] = part
+        return cls(by_station=found)
+
+    def products(self, station: str, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(cross (R, k, n), match (R, n)) of the whitened responses to time histories (N, R, n) at a station with what
+        is fitted and with the innovations."""
+        both = self.by_station[station].swapaxes(1, 2) @ series.swapaxes(0, 1)
+        return both[:, :-1], both[:, -1]
+
+
+def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Station -> `Entrances.products` of the time histories (N, R, n) there, without a history of every column in
+    memory."""
+    R, k = len(evidence.by_record), len(evidence.newton)
+    both = {name: np.empty((R, k + 1, of.shape[2])) for name, of in series.items()}
+    for name, some, part in _parts(evidence, list(series)):
+        both[name][:, some] = part.swapaxes(1, 2) @ series[name].swapaxes(0, 1)
+    return {name: (of[:, :-1], of[:, -1]) for name, of in both.items()}
+
+
+def _parts(evidence: Evidence, stations: Sequence[str]) -> Iterator[tuple[str, slice, np.ndarray]]:
+    """(station, columns, (R, N, columns)) of some columns of all stations after the other: what the response to a unit
+    at a sample has in common with them."""
+    fit, k = evidence.fit, len(evidence.newton)
+    entering = [name for name in stations if name in fit.model.disturbances]
+    index = [fit.model.disturbances.index(name) for name in entering]
+    channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
+    together = fit.criteria.numerics.screening.columns
+    for first in range(0, k + 1, together):
+        some = slice(first, min(first + together, k + 1))
+        by_disturbance, by_output = fit.filter.entrances(index, _columns(evidence, some), read=bool(channels))
+        for name, one in zip(entering, by_disturbance, strict=True):
+            yield name, some, one
+        for name, channel in channels.items():
+            yield name, some, by_output[channel] * fit.linear.seen[:, :, channel].T[..., None]
+
+
+def _columns(evidence: Evidence, some: slice) -> np.ndarray:
+    """(R, N, ny, their number) some of the fitted slots and small terms, after which the innovations come last."""
+    fit, k = evidence.fit, len(evidence.newton)
+    (N, R, ny), fitted = fit.white.shape, min(some.stop, k) - some.start
+    columns = np.empty((R, N, ny, some.stop - some.start))
+    for r, flat in enumerate(evidence.by_record):
+        columns[r, ..., :fitted] = flat[:, some.start : some.start + fitted].reshape(N, ny, fitted)
+    if some.stop > k:
+        columns[..., -1] = fit.white.swapaxes(0, 1)
+    return columns

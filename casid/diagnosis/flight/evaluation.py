@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,12 +10,11 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.held_noise import held_noise
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise, disturbance_series, readings
-from casid.diagnosis.flight.late import earlier, lateness
 from casid.diagnosis.flight.prior import OFFSET, prior
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
+from casid.model.path import STATES
 from casid.model.station import Station
 from casid.model.system import Model
 
@@ -393,3 +392,63 @@ def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) ->
     most, nx = now.criteria.noise.largest_input * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
     noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
     return Motion(X=moved[..., :nx], coloured=moved[..., nx:], inputs=noise - now.motion.inputs)
+
+
+def held_noise(
+    noise: NoiseModel, linear: Linear, reference: Mapping[str, np.ndarray] | None, most: float
+) -> tuple[NoiseModel, dict[str, np.ndarray]]:
+    """The noise with that of recorded inputs as strong in the motion as in the reference, and the reference.
+
+    Without a reference it is what this model makes of it; `most` as in `as_strong`."""
+    into = _into_the_motion(linear, noise.inputs)
+    reference = dict(reference or into)
+    strength = {name: s * as_strong(into[name], reference[name], most) for name, s in noise.inputs.items()}
+    return replace(noise, inputs=strength), reference
+
+
+def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
+    """name -> (states of an aircraft,) what noise of an input does to the motion, on average, in typical sizes."""
+    model = linear.model
+    drive = (linear.Bw0 + linear.Bw1).mean(axis=(0, 1)) / model.scale_vector()[:, None]
+    rows = [i for i, state in enumerate(model.states) if state in STATES]
+    return {name: drive[rows, model.disturbances.index(name)] for name in inputs}
+
+
+def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
+    """Factor with which noise of an input does no more to the motion than in the reference. A cause must not gain by
+    making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
+    measured, and not stronger than that; and there are no more than `most` 1-sigmas of it."""
+    ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
+    return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / most, 1.0))
+
+
+def lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.ndarray:
+    """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
+    outputs, records = model.outputs, flight.records
+    late = np.zeros((len(records), len(outputs)), dtype=int)
+    for one in (a for a in attached if a.effect.late):
+        rows = [outputs.index(c) for c in flight.channels_of(one.effect) if c in outputs]
+        for j, record in enumerate(records):
+            late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0
+    return np.maximum(late, 0)
+
+
+def earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
+    """(N, R, ny, ...) series of readings moved to the time of what they speak of; zero at the end."""
+    moved = series.copy()
+    for j, i in np.argwhere(late):
+        k = min(late[j, i], len(series))
+        moved[: len(series) - k, j, i], moved[len(series) - k :, j, i] = series[k:, j, i], 0
+    return moved
+
+
+def as_read(late: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """(N, R, ny, ...) series of a fit, in which readings that are `late` stand at the time of what they speak of, with
+    each reading at the time at which it was made."""
+    if not late.any():
+        return series
+    moved = series.copy()
+    for j, i in np.argwhere(late):
+        k = min(late[j, i], len(series))
+        moved[k:, j, i], moved[:k, j, i] = series[: len(series) - k, j, i], 0
+    return moved

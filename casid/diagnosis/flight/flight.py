@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.flight.bounds import possible
+from casid.diagnosis.criteria import Criteria, SizeCriteria
+from casid.diagnosis.flight.criteria import NoiseCriteria
 from casid.diagnosis.flight.hypothesis import Sizes
 from casid.diagnosis.flight.prior import derivative_std
-from casid.diagnosis.flight.ready import as_updated, has, hides_noise, moves, sigma_of, that_have, with_all
-from casid.diagnosis.flight.redundant import RATE_OF, is_derived
 from casid.diagnosis.flight.regressors import Regressors
+from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
+from casid.model.airframe import Airframe
 from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
 from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
@@ -28,7 +30,7 @@ from casid.model.station import Station, coefficient, control, reading, wind
 from casid.model.system import Model
 from casid.model.terms import IN_PLANE, OUT_OF_PLANE, Term, parse_term
 from casid.native.compiler import BUILDING
-from casid.records.noise import pooled_sigma
+from casid.records.noise import pooled_sigma, real_updates
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
 from casid.records.thinning import spaced
@@ -364,3 +366,142 @@ def prepare(
         doubted=doubted,
         criteria=criteria,
     )
+
+
+_ARMS = ("vane_position", "accelerometer_position", "thrust_asymmetry", "thrust_line")
+_MOMENTS = ("Ixx", "Iyy", "Izz")
+
+
+def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
+    """The effect with the largest size that this aircraft can have it of, in either direction."""
+    if effect.kind in _ARMS:
+        span = max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral)
+        return replace(effect, limit=min(effect.limit, criteria.arm * span))
+    if effect.kind == "cg_offset":
+        return replace(effect, limit=min(effect.limit, criteria.cg * aircraft.moment_length_pitch))
+    if effect.kind == "mass":
+        return replace(effect, limit=criteria.mass * aircraft.mass)
+    if effect.kind == "inertia":
+        low, high = inertia_bounds(effect.target, aircraft, criteria)
+        return replace(effect, limit=high, lowest=low)
+    return effect
+
+
+def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -> tuple[float, float]:
+    """(lowest, highest) change of an inertia: a part of it, and no more than leaves a rigid body, of which no moment is
+    larger than the sum of the other two. Of the product of inertia, the part of the roll inertia."""
+    inertia = aircraft.inertia
+    if component not in _MOMENTS:
+        return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx
+    own = getattr(inertia, component)
+    one, other = (getattr(inertia, name) for name in _MOMENTS if name != component)
+    low, high = max((1.0 - criteria.mass) * own, abs(one - other)), min((1.0 + criteria.mass) * own, one + other)
+    return min(low - own, 0.0), max(high - own, 0.0)
+
+
+_NOTHING: Mapping[str, str] = MappingProxyType({})
+
+
+def as_updated(record: Record, outputs: Sequence[str]) -> Record:
+    """The record without readings that only repeat the one before, in `outputs` that a slower recorder updates."""
+    slow, notes = {}, []
+    for name in (o for o in outputs if o in record):
+        new = real_updates(record.t, record[name])
+        if new.sum() < np.isfinite(record[name]).sum():
+            slow[name] = np.where(new, record[name], np.nan)
+            notes.append(f"{name}: {new.sum()} readings, each repeated until the next; repeats are left out")
+    return replace(record.with_channels(**slow), notes=(*record.notes, *notes)) if slow else record
+
+
+def has(record: Record, name: str, criteria: NoiseCriteria) -> bool:
+    """Whether enough of the samples are there."""
+    return name in record and np.isfinite(record[name]).sum() > int(criteria.present * len(record))
+
+
+def that_have(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> list[Record]:
+    return [record for record in records if has(record, name, criteria)]
+
+
+def moves(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
+    """Whether a channel is measured in some record, and is no constant."""
+    values = [record[name][np.isfinite(record[name])] for record in that_have(records, name, criteria)]
+    return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
+
+
+def with_all(
+    record: Record, outputs: Sequence[str], criteria: NoiseCriteria, left_out: Mapping[str, str] = _NOTHING
+) -> Record:
+    """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
+    channels that are `left_out`, with the reason. Raises InputError when it measures less than two."""
+    shown = [name for name in outputs if has(record, name, criteria)]
+    if len(shown) < 2:
+        raise InputError(
+            f"record '{record.name}': of the outputs {', '.join(outputs) or 'of the model'} it has only "
+            f"{', '.join(shown) or 'none'}; at least two are needed: add the columns, or leave the record out"
+        )
+    absent = {name: np.full(len(record), np.nan) for name in outputs if name not in shown}
+    notes = [f"{name}: not measured here, so the other records alone tell of it" for name in absent]
+    notes += [f"{name}: {why}, so it is left out" for name, why in left_out.items() if name in record]
+    return replace(record.with_channels(**absent), notes=(*record.notes, *notes)) if notes else record
+
+
+def hides_noise(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
+    """Whether the high band of a channel shows less than the smallest noise that is believed."""
+    series = [record[name] for record in records]
+    return pooled_sigma(series) < criteria.smallest * float(np.nanstd(np.concatenate(series)))
+
+
+def sigma_of(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
+    """1-sigma of the noise; the smallest there is where the samples are too few to tell."""
+    noise, variation = pooled_sigma(series, continuous=True), float(np.nanstd(np.concatenate(series)))
+    return max(noise if np.isfinite(noise) else 0.0, criteria.smallest * variation, 1e-12)
+
+
+RATE_OF: Mapping[str, str] = MappingProxyType({"pdot": "p", "qdot": "q", "rdot": "r"})
+
+
+def is_derived(
+    records: Sequence[Record], acceleration: str, sigma: Mapping[str, float], criteria: NoiseCriteria
+) -> bool:
+    """Whether a filter makes an angular acceleration of the rate of the same axis; `sigma` their noise.
+
+    The filter is fitted by least squares. Behind one that only predicts the acceleration, the rate's noise is left over
+    beside that of the acceleration, sigma |h| at least; where it is what the acceleration was made with, nothing is.
+    A filter that is longer, as of a smoother of the whole record, shows by its effect: an acceleration that is
+    quieter than any instrument, and quieter by far than the differences of its rate.
+    """
+    rate = RATE_OF[acceleration]
+    if _is_smoothed(records, acceleration, criteria):
+        return True
+    reach = criteria.differentiator
+    pairs = [_pair(record, rate, acceleration, reach) for record in records]
+    around, values = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    if len(values) < criteria.differentiator_samples * around.shape[1]:
+        return False
+    columns = np.column_stack([around, np.ones(len(values))])
+    h = np.linalg.lstsq(columns, values, rcond=None)[0]
+    left = float(np.std(values - columns @ h))
+    return left < criteria.differentiated * sigma[rate] * float(np.linalg.norm(h[:-1]))
+
+
+def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCriteria) -> bool:
+    """Whether the high band of an acceleration has next to nothing of what its variation, and differences of its rate,
+    would leave there."""
+    both = [r for r in records if acceleration in r and RATE_OF[acceleration] in r]
+    if not both:
+        return False
+    own, of_rate = (pooled_sigma([r[name] for r in both]) for name in (acceleration, RATE_OF[acceleration]))
+    varies = float(np.nanstd(np.concatenate([r[acceleration] for r in both])))
+    differences = of_rate / (math.sqrt(2.0) * float(np.median([r.dt for r in both])))
+    return own < criteria.smallest * varies and own < criteria.smoothed * differences
+
+
+def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 2 reach + 1) samples of a rate around each of the (n,) of its acceleration, where all are there."""
+    width = 2 * reach + 1
+    if rate not in record or acceleration not in record or len(record) < width:
+        return np.empty((0, width)), np.empty(0)
+    around = np.lib.stride_tricks.sliding_window_view(record[rate], width)
+    values = record[acceleration][reach:-reach]
+    there = np.isfinite(around).all(axis=1) & np.isfinite(values)
+    return around[there], values[there]

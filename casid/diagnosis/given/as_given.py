@@ -15,7 +15,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.view import View, view_of
+from casid.diagnosis.flight.statistics import View, view_of
 from casid.errors import InputError
 from casid.model.applied import values_of
 from casid.model.effects import effect_of

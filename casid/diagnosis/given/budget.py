@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from casid.diagnosis.flight.view import View
+from casid.diagnosis.flight.statistics import View
 from casid.diagnosis.given.as_given import AsGiven
 from casid.signals import label_of
 from casid.views import view

@@ -11,13 +11,13 @@ from casid.diagnosis.engine.structure import SKEWED, demanded_skews
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import drifts
 from casid.diagnosis.evidence.screening import Candidate, screen
-from casid.diagnosis.flight.colour import is_far
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import as_slow_as_left, is_far
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.aircraft_in_air import moves_the_aircraft
-from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.kinematics.kinematics import Turbulence, gusts
 from casid.model.effect import Effect
 
 
@@ -149,3 +149,15 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
         return turbulent
     other_air = kinematics.turbulence(flight, faulty)
     return turbulent if other_air.named and in_moving_air[0] - in_moving_air[-1] < other_air.gain else other_air
+
+
+def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
+    """Whether moving air explains more than slow noise of all readings, as much as it must gain of kinematics, by the
+    file `refitted` in calm air. Air of the same strength and scale as in kinematics; it rolls the aircraft, too."""
+    flight = refitted.flight
+    if refitted.noise.colour:  # noise as the fit leaves it: its level has taken in whatever the air does
+        return True
+    air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
+    moving = fit(flight, refitted.attached, flight.noise(air), refitted, tolerance=2.0)
+    gain = as_slow_as_left(refitted).deviance - as_slow_as_left(moving).deviance
+    return gain > turbulent.criteria.gain

@@ -13,10 +13,9 @@ from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Screen, rank
-from casid.diagnosis.flight.evaluation import Work, evaluate, gauss_newton_step
+from casid.diagnosis.flight.evaluation import Work, as_strong, evaluate, gauss_newton_step
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight.flight import prepare
-from casid.diagnosis.flight.held_noise import as_strong
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.kinematics import gusts
 from casid.errors import InputError

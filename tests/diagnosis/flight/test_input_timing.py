@@ -14,7 +14,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.input_timing import as_inputs_run, held_share
+from casid.diagnosis.flight.noise import as_inputs_run, held_share
 from casid.filtering.innovations import Batch
 from casid.model.causes import actuator_lag, input_delay, sensor_delay
 from casid.records.record import Record

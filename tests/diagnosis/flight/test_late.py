@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from diagnosis_flights import flights
 
+from casid.diagnosis.flight.evaluation import as_read, lateness
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.late import as_read, lateness
 from casid.model.causes import sensor_delay
 from problems.do328 import do328
 

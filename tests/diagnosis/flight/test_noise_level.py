@@ -17,7 +17,7 @@ from scipy import signal
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise_level import with_noise_level
+from casid.diagnosis.flight.noise import with_noise_level
 from casid.model.causes.controls import actuator_lag
 from casid.records.noise import mean_over, quiet_windows
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge

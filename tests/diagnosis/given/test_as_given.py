@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
-from casid.diagnosis.document import plain
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.given.as_given import fly_as_given
+from casid.diagnosis.result import plain
 from problems.do328 import do328
 
 

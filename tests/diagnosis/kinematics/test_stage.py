@@ -7,11 +7,10 @@ from diagnosis_flights import flights, one_round
 
 import casid as cs
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.flight.colour import is_far
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise_level import with_noise_level
+from casid.diagnosis.flight.noise import is_far, with_noise_level
 from casid.diagnosis.given.reach import reach_of
 from casid.diagnosis.kinematics.stage import comes_near
 from casid.model.aircraft import Aircraft
