@@ -141,7 +141,8 @@ def _scipy_figure(published: Published, problem: Problem) -> float:
     """What scipy reached, in the published unit."""
     end = motion_by_scipy(problem)
     if published.kind == "sum of squares":
-        (sigma,) = {float(s) for s in problem.noise.values()} if isinstance(problem.noise, Mapping) else {1.0}
+        given = problem.noise.values() if isinstance(problem.noise, Mapping) else [1.0]
+        (sigma,) = {sigma for sigma in given if isinstance(sigma, float)}
         return float(end.squares.sum() * sigma**2)
     if problem.noise is None:
         variance = end.squares / end.samples

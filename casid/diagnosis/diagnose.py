@@ -31,7 +31,6 @@ from casid.diagnosis.unexplained import beside_slow_noise, what_is_left
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.linearised import linearised
-from casid.native.memory import kept_memory
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
@@ -39,7 +38,6 @@ from casid.records.record import Record
 
 
 @single_threaded()
-@kept_memory()
 @singular_is("diagnose", "the model cannot follow these records: check units and signs of channels and of the file")
 def diagnose(
     aircraft: Aircraft | str | Path,

@@ -286,7 +286,7 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
         batch=batch,
         functions=PointFunctions(model, problem.shared + problem.local),
         correlation_time=dict(process_noise),
-        measurement={n: float(s) for n, s in problem.noise.items()} if isinstance(problem.noise, Mapping) else None,
+        measurement=_given_noise(problem),
     )
 
 
@@ -388,3 +388,17 @@ def _innovations(system: FilterSystem, linear: Linear, kalman: Filter) -> Innova
         log_likelihood=-0.5 * (deviance + samples * math.log(2.0 * math.pi)),
         samples=samples,
     )
+
+
+def _given_noise(problem: Problem) -> dict[str, float] | None:
+    """Output -> 1-sigma of its noise as the problem gives it; None where it is estimated. Raises EstimationError for
+    noise that is a channel or a formula."""
+    if not isinstance(problem.noise, Mapping):
+        return None
+    numbers = {name: float(sigma) for name, sigma in problem.noise.items() if isinstance(sigma, int | float)}
+    others = [name for name in problem.noise if name not in numbers]
+    if others:
+        raise EstimationError(
+            f"filter_error: noise of {', '.join(others)} is a channel or a formula; give each a number, or none at all"
+        )
+    return numbers

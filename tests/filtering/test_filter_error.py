@@ -10,7 +10,7 @@ import pytest
 from estimation_cases import NOISE, TRUTH, flight
 
 from casid.errors import EstimationError, InputError
-from casid.estimation import CombinedError, MultipleShooting, Problem, limit_parameter, solve
+from casid.estimation import CombinedError, MultipleShooting, Noise, Problem, limit_parameter, solve
 from casid.filtering.filter_error import filter_error, predict
 from casid.filtering.innovations import NoiseModel, PointFunctions, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
@@ -237,6 +237,9 @@ def test_what_it_does_not_do_is_said():
         filter_error(problem, {"w_q": -1.0})
     with pytest.raises(EstimationError, match="takes OutputError"):
         filter_error(replace(problem, cost=CombinedError()), {"w_q": 0.0})
+    formulas: dict[str, float | str | Noise] = {name: Noise(lambda at: 0.01) for name in NOISE}
+    with pytest.raises(EstimationError, match="a channel or a formula"):
+        filter_error(replace(problem, noise=formulas), {"w_q": 0.0})
     with pytest.raises(EstimationError, match="no constraints"):
         filter_error(replace(problem, constraints=[limit_parameter("Mq", upper=0.0)]), {"w_q": 0.0})
     with pytest.raises(InputError, match="unknown value 'Ma'"):

@@ -30,7 +30,6 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias
 from casid.model.vocabulary import effect_title
-from casid.native.memory import kept_memory
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record, require
@@ -174,7 +173,6 @@ class Compatibility:
 
 
 @single_threaded()
-@kept_memory()
 def compatibility(
     records: Sequence[Record | str | Path] | Record | str | Path,
     aircraft: Aircraft | str | Path | None = None,
