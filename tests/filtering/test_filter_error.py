@@ -237,7 +237,7 @@ def test_what_it_does_not_do_is_said():
         filter_error(problem, {"w_q": -1.0})
     with pytest.raises(EstimationError, match="takes OutputError"):
         filter_error(replace(problem, cost=CombinedError()), {"w_q": 0.0})
-    formulas: dict[str, float | str | Noise] = {name: Noise(lambda at: 0.01) for name in NOISE}
+    formulas: dict[str, float | str | Noise] = {name: Noise(sigma=lambda at: 0.01) for name in NOISE}
     with pytest.raises(EstimationError, match="a channel or a formula"):
         filter_error(replace(problem, noise=formulas), {"w_q": 0.0})
     with pytest.raises(EstimationError, match="no constraints"):
