@@ -8,8 +8,9 @@ import pytest
 from diagnosis_flights import flights
 
 from casid.diagnosis.criteria import Criteria, PriorCriteria
-from casid.diagnosis.flight.criteria import DerivativeSizes, prior
+from casid.diagnosis.flight.criteria import DerivativeSizes
 from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.prior import prior
 from casid.model.aircraft import Aircraft
 from problems.do328 import do328
 
