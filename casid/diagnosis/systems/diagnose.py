@@ -27,12 +27,13 @@ from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.diagnosis.systems.told import (
     causes_of,
     contributions,
+    headline,
     small_cause,
     system_cause,
     unexplained_at,
     values_of,
-    verdict_of,
 )
+from casid.diagnosis.verdict import Facts, verdict_of
 from casid.errors import InputError
 from casid.model.port import ModelPort as Port
 from casid.model.port import check_ports, ports_of
@@ -124,10 +125,18 @@ def _judged(
     told = tuple(map(system_cause, belief.causes))
     small = tuple(system_cause(one, criteria) for one in minor)
     entered, values = unexplained_at(plant, unexplained, belief), values_of(plant, state.baseline.calm, kept.fit)
-    verdict, sentence = verdict_of(told, small, entered, values)
     budget = _budget(given, refitted, extension)
-    if fails := failure_sentence(budget, criteria.given):
-        told, small, verdict, sentence = (), (*told, *small), "unexplained", fails
+    failure = failure_sentence(budget, criteria.given)
+    facts = Facts(
+        fails=bool(failure),
+        causes=bool(told),
+        unexplained=bool(entered),
+        contradicted=any(one.contradicted for one in values),
+    )
+    verdict = verdict_of(facts)
+    sentence = failure or headline(verdict, told, small, entered, values)
+    if facts.fails:
+        told, small = (), (*told, *small)
     account = account_of(budget, contributions(values, told, entered))
     base = replace(plant.base, nominal={**plant.base.nominal, **{one.name: one.extended for one in values}})
     return SystemDiagnosis(

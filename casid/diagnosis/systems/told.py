@@ -186,23 +186,25 @@ def values_of(plant: Plant, refitted: FlightFit, extended: FlightFit) -> tuple[P
     )
 
 
-def verdict_of(
+def headline(
+    verdict: str,
     causes: Sequence[SystemCause],
     minor: Sequence[SystemCause],
     unexplained: Sequence[Unexplained],
     values: Sequence[ParameterValue],
-) -> tuple[str, str]:
-    wrong = [one.name for one in values if one.contradicted]
-    if causes and unexplained:
-        return "partly explained", f"{causes[0].sentence} Besides, something unexplained is left."
-    if causes:
-        return "explained", " ".join(one.sentence for one in causes)
-    if unexplained:
-        return "unexplained", unexplained[0].sentence
-    if wrong:
-        return "values wrong", f"The structure holds; the records contradict the value of {', '.join(wrong)}."
+) -> str:
+    """What a verdict says, by what it rests on."""
+    if verdict == "partly explained":
+        return f"{causes[0].sentence} Besides, something unexplained is left."
+    if verdict == "explained":
+        return " ".join(one.sentence for one in causes)
+    if verdict == "unexplained":
+        return unexplained[0].sentence
+    if verdict == "values wrong":
+        wrong = ", ".join(one.name for one in values if one.contradicted)
+        return f"The structure holds; the records contradict the value of {wrong}."
     small = " What is there besides is too small to matter." if minor else ""
-    return "adequate", f"The model explains the records to within their noise.{small}"
+    return f"The model explains the records to within their noise.{small}"
 
 
 def contributions(
