@@ -10,7 +10,7 @@ from pathlib import Path
 from casid.arguments import an
 from casid.diagnosis.causes import causes_of, trace_of_search
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.check import check
+from casid.diagnosis.data.check import channels_of, check
 from casid.diagnosis.engine.baseline import baseline_of
 from casid.diagnosis.engine.comparison import tempered
 from casid.diagnosis.engine.held_out import keep, split
@@ -76,6 +76,7 @@ def diagnose(
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
+    channels_of(as_recorded, "diagnose: as_recorded")
     criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     stages = Stages(report)
     stages.begin("faults of the data")

@@ -18,6 +18,7 @@ import pytest
 REPO = Path(__file__).resolve().parents[2]
 Run = Callable[..., subprocess.CompletedProcess[str]]
 Here = Callable[..., tuple[int, str, str]]
+FOLDERS = ("scripts", "benchmarks")
 SCRIPTS = ("table5", "compare_shooting", "weighting", "constraints", "paper_figures")
 
 
@@ -147,5 +148,6 @@ def test_bad_input_is_one_line_and_status_2(
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_scripts_say_what_they_do(script: str) -> None:
     """A lab protocol: question, set-up, expectation in the docstring."""
-    text = (REPO / "scripts" / f"{script}.py").read_text(encoding="utf-8").split('"""')[1]
-    assert all(word in text for word in ("Question ", "Set-up ", "Expectation ", f"scripts/{script}.py"))
+    (path,) = (REPO / folder / f"{script}.py" for folder in FOLDERS if (REPO / folder / f"{script}.py").exists())
+    text = path.read_text(encoding="utf-8").split('"""')[1]
+    assert all(word in text for word in ("Question ", "Set-up ", "Expectation ", str(path.relative_to(REPO))))

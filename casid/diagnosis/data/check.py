@@ -147,7 +147,7 @@ def check(
     if not given:
         raise InputError("no record was given to be checked; expected at least one")
     plane = None if aircraft is None else given_aircraft(aircraft, "check")
-    believed_as_read = _channels_of(undo)
+    believed_as_read = channels_of(undo, "check: undo")
     undo = undo is True
     if criteria is not None:
         an(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
@@ -176,13 +176,17 @@ def check(
     )
 
 
-def _channels_of(undo: bool | Sequence[str]) -> frozenset[str]:
-    """Names of the channels that are believed as they were recorded."""
+def channels_of(undo: bool | Sequence[str], where: str) -> frozenset[str]:
+    """Names of the channels that are believed as they were recorded.
+
+    Raises InputError, which names `where`, for what is neither a truth value nor a list of channels.
+    """
     if isinstance(undo, bool):
         return frozenset()
-    for name in an(undo, (list, tuple), "check: undo", 'undo=True or names of channels, undo=["q"]'):
+    argument = where.rpartition(" ")[2]
+    for name in an(undo, (list, tuple), where, f'{argument}=True or names of channels, {argument}=["q"]'):
         if name not in CHANNELS:
-            raise unknown("channel", str(name), CHANNELS, "check: undo")
+            raise unknown("channel", str(name), CHANNELS, where)
     return frozenset(undo)
 
 
