@@ -1,9 +1,12 @@
-"""What a cause must pass, by itself and in a set: all gates of a search.
+"""The acceptance gates of a cause.
 
-By itself: its gain is enough, its size matters, is clear and possible, and kinematics do not refute it. In a set: it is
-sure, it makes nothing worse, and what was missing where it enters is gone. An effect outside the catalogue can be
-imitated in part by something in it. A cause that leaves most of what an anonymous input at the same station gains is
-such an imitation; and a wrong name distorts what it is put beside.
+A cause alone must have a sufficient likelihood-ratio statistic and a size that matters, is clear and is physically
+possible, and the kinematic check must not reject it. As part of a set it must be significant, make nothing else worse,
+and explain what was missing at its port.
+
+The last gate guards against imitation. An effect that is not in the catalogue can be imitated in part by a cause that
+is. Such an imitation leaves most of the likelihood-ratio statistic of a latent input at the same port, and a wrong name
+distorts the causes that are estimated beside it.
 """
 
 from __future__ import annotations
@@ -25,22 +28,36 @@ from casid.model.station import Station, coefficient, reading
 
 
 def required_gain(effect: Effect, criteria: Criteria) -> float:
-    """Net drop of the deviance that a cause must reach to be named."""
+    """Net likelihood-ratio statistic that a cause must reach to be named."""
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
 def clear_gain(base: FlightFit) -> float:
-    """Gain at which a cause that just matters is clear: misfit of the structure, where it is not in the noise, makes
-    many sigmas of nothing."""
+    """Likelihood-ratio statistic at which a cause of the smallest size that matters counts as clear.
+
+    The value is larger if the noise was estimated with the model. Structural errors are then part of the residuals but
+    not of the noise, and a negligible cause can be many standard deviations from zero.
+    """
     by = base.criteria.naming
     return by.clear_of_misfit if base.flight.noise_by_fit else by.clear
 
 
 def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
-    """What the gain of a trial must pass, beside `earlier` causes.
+    """The gate on the likelihood-ratio statistic of a trial, in the presence of causes named earlier.
 
-    What the rough shape of an earlier cause, or of turbulence (`required`), leaves is no evidence for another cause.
-    What kinematics find is: they include turbulence and know no aerodynamics.
+    The misfit that remains because an earlier cause, or turbulence, has only an approximate shape is no evidence for
+    another cause. The kinematic check is not affected: it includes turbulence and contains no aerodynamics.
+
+    Parameters
+    ----------
+    trial
+        The fitted cause.
+    earlier
+        The causes named before it.
+    required
+        The part of the likelihood-ratio statistic of turbulence that counts as misfit of its approximate shape.
+    criteria
+        The thresholds.
     """
     gained = trial.gain.total if trial.effect.regressor else trial.gain.net
     of_a_name = "naming.gain_of_an_instrument" if trial.effect.of_an_instrument else "naming.gain"
@@ -55,13 +72,15 @@ def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criter
 
 
 def can_be_named(trial: Trial) -> bool:
-    """Whether a trial gains enough, and matters or is a fault of hardware that does not."""
+    """Whether a trial has a sufficient likelihood-ratio statistic, and either matters or is a small hardware fault."""
     enough = trial.enough is not None and trial.enough.passed
     return enough and (trial.meaningful or is_small(trial)) and not trial.refuted
 
 
 def is_small(trial: Trial) -> bool:
-    """Whether it is a fault of an instrument, or between a record and its surface, that is too small to matter."""
+    """Whether a trial is a hardware fault that is too small to matter: of an instrument, or between a record and its
+    surface.
+    """
     of_hardware = trial.effect.of_an_instrument or trial.effect.of_a_surface
     return of_hardware and trial.share < 1.0 and plausible(trial.candidate.attached)
 
@@ -69,7 +88,23 @@ def is_small(trial: Trial) -> bool:
 def size_gates(
     fitted: FlightFit, one: Attached, share: float, gain: float, clear: float, confirmed: bool
 ) -> tuple[Gate, ...]:
-    """What the fitted size of a cause must pass: it matters, is clear, is possible, and an event begins in a record."""
+    """The gates on the fitted size of a cause: it matters, is clear and possible, and an event begins inside a record.
+
+    Parameters
+    ----------
+    fitted
+        The fit with the cause.
+    one
+        The cause with its fitted values.
+    share
+        Its size, in units of the smallest size that matters.
+    gain
+        Its likelihood-ratio statistic.
+    clear
+        The statistic at which a cause of the smallest size that matters is clear.
+    confirmed
+        Whether the kinematic check confirms it.
+    """
     alone = confirmed or one.effect.of_an_instrument
     gates = (*matters(share, gain, clear, fitted.criteria, alone), *plausible_size(one))
     if not one.onsets:
@@ -83,8 +118,10 @@ def size_gates(
 def matters(
     share: float, gain: float, clear: float, criteria: Criteria, unlike_aerodynamics: bool = False
 ) -> tuple[Gate, ...]:
-    """What a size must pass: it is at least the smallest that matters, and clear enough to be believed, unless nothing
-    in the aerodynamics could look like it."""
+    """The gates on a size: it matters, and it is clear enough.
+
+    The second gate is omitted for a cause that nothing in the aerodynamics can imitate (`unlike_aerodynamics`).
+    """
     size = at_least("size, of what matters", share, 1.0, "size.share")
     if unlike_aerodynamics:
         return (size,)
@@ -95,14 +132,23 @@ def matters(
 def explains(
     before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence
 ) -> tuple[Gate, ...]:
-    """What the last cause must pass to be believed, up to the first gate that it fails.
+    """The gates on the last cause of a set, up to the first one that fails.
 
-    before, after  what was missing before it and the causes named since, and what is missing beside them
-    evidence       of the model that has it
+    No objection of `_OBJECTIONS` may hold. A latent input at the port of the cause, and at the port where the cause
+    helped most, must lose most of its likelihood-ratio statistic. There are two alternatives to the second requirement:
+    the statistic of the cause exceeds that of a latent input at its port, or at any port; or the kinematic check, which
+    contains no aerodynamics, confirms it.
 
-    None of `_OBJECTIONS` may hold. And what was missing must be gone where it enters and where it helped most, and not
-    only thinned out. Instead, it may gain more than an input of any shape could where it enters, or anywhere; or
-    kinematics, which know no aerodynamics, find it too.
+    Parameters
+    ----------
+    before
+        Latent inputs before the cause, and those named since the last accepted set, were added.
+    after
+        Latent inputs beside these causes.
+    last
+        The trial of the last cause.
+    evidence
+        Evidence of the model with the causes.
     """
     seen = _Seen(was={m.station: m.gain for m in before}, after=after, last=last, evidence=evidence)
     gates: list[Gate] = []
@@ -114,21 +160,24 @@ def explains(
 
 
 def mostly_gone(before: float, left: float, criteria: Criteria, part: tuple[float, str] | None = None) -> Gate:
-    """What an unknown input that gained `before` must pass where `left` of it is still missing: a part of it at most
-    (with its criterion), or noise."""
+    """The gate on what is still missing at a port: at most a part of what was missing before, or no more than noise.
+
+    `before` and `left` are the likelihood-ratio statistics of the latent input before and after the cause. `part` is
+    the largest permitted ratio with the name of its criterion.
+    """
     most, name = part or (criteria.doubt.left, "doubt.left")
     noise = at_most("gain still missing", left, criteria.verdict.missing, "verdict.missing")
     return at_most("part still missing", left / max(before, 1e-300), most, name, [noise])
 
 
 def _nearness(gate: Gate) -> tuple[bool, float]:
-    """How near a gate is to failing, for the worst of several that each have alternatives."""
+    """Sort key for the worst of several gates with alternatives: failed gates last, then by value over threshold."""
     return not gate.passed, min(one.value / one.threshold for one in (gate, *gate.or_else))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Seen:
-    """Gains of anonymous inputs by station before a cause, and what is missing beside it."""
+    """The likelihood-ratio statistics of latent inputs before a cause (`was`, by port) and beside it (`after`)."""
 
     was: dict[str, float]
     after: Sequence[MissingInput]
@@ -145,7 +194,7 @@ class _Seen:
 
     @cached_property
     def left(self) -> dict[str, float]:
-        """Gains beside it."""
+        """Likelihood-ratio statistics of latent inputs beside the cause, by port."""
         return {m.station: m.gain for m in self.after}
 
     @property
@@ -154,12 +203,15 @@ class _Seen:
 
     @property
     def own(self) -> list[str]:
-        """The stations at which it enters."""
+        """The ports at which the cause enters."""
         stations = {self.effect.enters, *(coefficient(member) for member in self.effect.members)}
         return [s for s in self.was if s in stations]
 
     def gone(self, stations: Iterable[str], part: tuple[float, str] | None = None, least: float = 0.0) -> list[Gate]:
-        """What must pass where `part` of what was missing, or of `least`, may stay at most: the worst station."""
+        """The gate of the worst of these ports on what may still be missing; empty without ports.
+
+        `part` is the largest permitted ratio to what was missing before, or to `least` if that is more.
+        """
         found = [self._gone(s, part, least) for s in stations]
         return [max(found, key=_nearness)] if found else []
 
@@ -169,8 +221,11 @@ class _Seen:
 
     @property
     def judged(self) -> set[str]:
-        """Stations at which what was missing must be gone: where it enters, and where it helped most, unless that is
-        too little for an anonymous input to do what the cause does."""
+        """Ports at which a latent input must lose its statistic: that of the cause, and that where the cause helped
+        most.
+
+        The second is omitted if the reduction there is too small for a latent input to act as the cause does.
+        """
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
         if self.was[helped] - self.left[helped] > max(
@@ -181,7 +236,7 @@ class _Seen:
 
 
 def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
-    """Nothing that matters is missing elsewhere beside it that was not before."""
+    """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
     more = max(seen.criteria.verdict.missing, seen.by.worse_part * seen.last.gain.raw)
     worse = [m for m in seen.after if m.gain > seen.by.worse * seen.was[m.station] + more]
     shares = {m.place.words: missing_share(seen.evidence.fit, m) for m in worse}
@@ -196,7 +251,7 @@ def _is_sure(seen: _Seen) -> list[Gate]:
 
 
 def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
-    """A reading with a constant error does not drift."""
+    """The gate on a reading with a constant error: no drift of the same reading may remain."""
     fit = seen.evidence.fit
     biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
     biased = [reading(a.effect.target) for a in biases]
@@ -204,7 +259,7 @@ def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
 
 
 def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
-    """Moving air gains more than one reading that drifts."""
+    """The gate on turbulence: it must have more likelihood-ratio statistic than the drift of any single reading."""
     if seen.effect.enters is None or Station.at(seen.effect.enters).kind != "wind":
         return []
     drift = max(gain for station, gain in seen.was.items() if Station.at(station).kind == "reading")
@@ -214,12 +269,14 @@ def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
 
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
-    """What is contrary to the symmetry of an aircraft leaves nothing missing anywhere."""
+    """The gate on a cause that contradicts the symmetry of an aircraft: nothing may remain missing at any port."""
     return seen.gone(seen.was) if seen.effect.improbable else []
 
 
 def _is_no_imitation(seen: _Seen) -> list[Gate]:
-    """What bends, and so imitates anything, leaves less missing where it enters."""
+    """The gate on a cause flexible enough to imitate others, a term or a configuration change: less may remain at its
+    port.
+    """
     effect = seen.effect
     if effect.improbable or not (effect.quasi_steady or effect.members):
         return []
@@ -227,7 +284,7 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
 
 
 def _explains_what_was_missing(seen: _Seen) -> Gate:
-    """What was missing is gone where it must be, or one of the alternatives passes."""
+    """The gate on the latent inputs at the judged ports, with its alternatives (see `explains`)."""
     most = max(seen.was[s] for s in seen.own or seen.was)
     alternatives = [at_least("gain, of what any input gains there", seen.last.gain.raw / max(most, 1e-300), 1.0)]
     own = reading(seen.effect.target)

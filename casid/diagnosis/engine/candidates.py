@@ -1,4 +1,4 @@
-"""Which causes are worth a fit, by what a linearisation promises of them."""
+"""Choice of the causes that are worth a fit, by the predictions of a linearisation."""
 
 from __future__ import annotations
 
@@ -17,16 +17,34 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect, Values
 
-Screened = Mapping[str, tuple[Gate, ...]]  # name of a candidate that is not tried -> its gates, of which one failed
+Screened = Mapping[str, tuple[Gate, ...]]  # name of a candidate that is not fitted -> its gates, of which one failed
 
 
 def worth_trying(
     base: FlightFit, rankings: Sequence[Sequence[Candidate]], switches: Sequence[Candidate], required: float
 ) -> tuple[list[Candidate], Screened]:
-    """The best few of each of the `rankings`, most of the first, and why the others are not tried.
+    """Choose the best few causes of each ranking.
 
-    They must promise the `required` gain, unless kinematics may confirm them, and a size that matters at all. A
-    configuration change is scored in one record only, so it cannot be ranked with the others.
+    A cause needs the `required` score statistic, unless the kinematics may confirm it, and a predicted size that
+    matters. A configuration change is scored in one record only, so it cannot be ranked with the others.
+
+    Parameters
+    ----------
+    base
+        The present fit.
+    rankings
+        Rankings of the causes, best first. Most trials are taken from the first ranking.
+    switches
+        Configuration changes, best first.
+    required
+        The part of the statistic of turbulence that counts as misfit of its approximate shape.
+
+    Returns
+    -------
+    chosen
+        The causes to be fitted.
+    screened
+        Name of a cause that is not fitted -> its gates, of which one failed.
     """
     criteria = base.criteria
     trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
@@ -47,7 +65,7 @@ def worth_trying(
 
 
 def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria) -> tuple[Gate, ...]:
-    """What a cause must promise of the gain that the rough model of turbulence leaves to others."""
+    """The gate on the score statistic beside the misfit of an approximate model of turbulence."""
     if candidate.attached.effect.kinematic:
         return ()
     part = criteria.naming.tried_gain * required
@@ -55,7 +73,10 @@ def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
-    """Whether two candidates are one: an event at another time, `apart` [s] or more, or the other way, is another."""
+    """Whether two candidates are the same cause.
+
+    An event with onsets `apart` [s] or more from the other's, or with the opposite sign, is another cause.
+    """
     if one.name != other.name or not one.effect.timed:
         return one.name == other.name
     near = all(abs(other.onsets.get(record, np.inf) - onset) < apart for record, onset in one.onsets.items())
@@ -63,8 +84,10 @@ def is_same(one: Attached, other: Attached, apart: float) -> bool:
 
 
 def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> tuple[list[Candidate], Screened]:
-    """`count` of them, no more than two terms of one coefficient; and beside these such as promise the same, for
-    they may be one set. And why the others are not tried."""
+    """The best `count` candidates with at most two terms of one coefficient, and the gates of those that are not tried.
+
+    Candidates with nearly the same prediction as a chosen one are added, because they may form one ambiguity set.
+    """
     numerics, screened = base.criteria.numerics.naming, dict[str, tuple[Gate, ...]]()
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
@@ -97,13 +120,13 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
 
 
 def _promised_gain(candidate: Candidate, criteria: Criteria) -> Gate:
-    """What a cause must promise to be fitted."""
+    """The gate on the score statistic of a cause that is to be fitted."""
     by = criteria.naming
     return at_least("promised gain", candidate.net, by.tried_gain * by.gain, "naming.tried_gain")
 
 
 def _promised_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
-    """The size that a cause must promise to be fitted, in units of what matters, and how clear that must be."""
+    """The gates on the predicted size of a cause that is to be fitted: its share of what matters, and its clearness."""
     share, by = meaningful_share(base, candidate.attached), base.criteria.naming
     gates = (at_least("promised size", share, by.tried_size, "naming.tried_size"),)
     if candidate.attached.effect.of_an_instrument:
@@ -113,7 +136,9 @@ def _promised_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
 
 
 def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
-    """Whether two causes that are no terms act at the same place, as a lag and a delay do, and neither leads."""
+    """Whether two causes that are not terms act at the same place, like a lag and a delay, with nearly equal
+    statistics.
+    """
     effect, second = one.attached.effect, other.attached.effect
     of_one_place = effect.target == second.target and not (effect.quasi_steady or second.quasi_steady)
     return of_one_place and abs(one.net - other.net) < equivalence(other.net, criteria)
@@ -122,9 +147,13 @@ def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> b
 def with_look_alikes(
     candidates: Sequence[Candidate], effects: Sequence[Effect], records: Sequence[str]
 ) -> list[Candidate]:
-    """Candidates, and behind each of them causes that derivatives imitate but for what shows as that one, so that no
-    screening finds them. A shift of the centre of gravity moves the accelerometers the other way. And what only shows
-    as a difference between records, the other way in all others: beside the difference, the level may show."""
+    """The candidates, each followed by causes that screening cannot find but that may be the true one.
+
+    These are causes of which derivatives reproduce everything except an effect like that of the candidate: a shift of
+    the centre of gravity shows as an error of the accelerometers with the opposite sign. And for a cause that shows
+    only as a difference between records, they are the same cause with the opposite sign in all other records: beside
+    the difference, the common level may be identifiable.
+    """
     found, names = [], {c.name for c in candidates}
     for candidate in candidates:
         one = candidate.attached

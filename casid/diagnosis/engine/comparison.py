@@ -1,9 +1,10 @@
-"""Causes compared that were fitted in one another's place: which comes first, and which the data cannot tell apart.
+"""Comparison of causes that were fitted in one another's place: their order, and which of them are equivalent.
 
-What a gain is worth depends on what the model leaves. Of a right model the whitened residuals are white, and a gain is
-a drop of 2 ln L. What a real aircraft has beside any model stays in them for seconds. Along a direction of the readings
-it adds up to a variance larger than one, by a factor that stretches of record show. A difference of gains then counts
-for as much less (Royall and Tsou 2003, robust adjustment of a likelihood; of two causes, along what they differ in).
+With a correct model the whitened residuals are white, and a difference of likelihood-ratio statistics can be taken at
+its face value. A real aircraft leaves residuals that are correlated over seconds. Along a given direction of the
+readings, their sum then has a variance larger than one by a factor that is estimated from stretches of record. The
+difference of two statistics is divided by this factor, taken along the direction in which the two causes differ (Royall
+and Tsou 2003, robust adjustment of a likelihood).
 """
 
 from __future__ import annotations
@@ -27,13 +28,28 @@ _EQUIVALENT = "screening.equivalent"
 def ranked(
     trials: Sequence[Trial], nameable: Collection[Trial], criteria: Criteria
 ) -> tuple[list[Trial], tuple[Trial, ...]]:
-    """(trials, best first; what is equivalent to the first). Nothing is equivalent where none that matters is
-    `nameable`.
+    """Order the trials and find those that are equivalent to the first.
 
-    First comes what explains most. Before it comes an equivalent of which it is a general case: a constant delay comes
-    before a clock that drifts. So does the same cause in fewer records, the other way, that explains as much. And so
-    does a fault of hardware that is too small to matter, where it explains clearly more: left out, it would make a
-    cause of something else.
+    The first is the trial that explains most, with three exceptions. A special case comes before an equivalent general
+    one: a constant delay comes before a drifting clock. The same cause in fewer records with the opposite sign comes
+    first if it explains as much. A hardware fault that is too small to matter comes first if it explains clearly more;
+    without it, another cause would be named for its effect.
+
+    Parameters
+    ----------
+    trials
+        The trials of a round.
+    nameable
+        Those that can be named, or are too small for that.
+    criteria
+        The thresholds.
+
+    Returns
+    -------
+    ordered
+        The trials, best first.
+    equivalents
+        The trials equivalent to the first; empty if no trial that matters is `nameable`.
     """
     matter = [t for t in nameable if t.meaningful]
     ordered = _in_order(trials, matter)
@@ -53,8 +69,10 @@ def ranked(
 
 
 def _in_fewer_records(first: Trial, trials: Sequence[Trial], criteria: Criteria) -> list[Trial]:
-    """The same cause in fewer records than the first, where it explains as much: what only shows as a difference
-    between records is in the fewer."""
+    """The same cause as the first in fewer records, if it explains as much.
+
+    A cause that shows only as a difference between records is taken to be in the fewer of them.
+    """
     records, near = len(first.candidate.attached.records), equivalence(first.gain.raw, criteria)
     same = [t for t in trials if t.effect.name == first.effect.name and first.gain.total - t.gain.total < near]
     return [t for t in same if 0 < len(t.candidate.attached.records) < records]
@@ -65,10 +83,13 @@ def _moved_first(one: Trial, trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Trial]:
-    """Best first: by what they explain, those that are `nameable` before the others. Where the first is one that
-    kinematics can judge, they have a say: what they find of another size, and what explains less to both together,
-    stays behind what they confirm. It owes its gain to the aerodynamics' structure, of which they know nothing. Not
-    what they find smaller, as noise in what makes it does, and what still explains more to them too."""
+    """The trials, best first: `nameable` ones before others, then by likelihood-ratio statistic.
+
+    If the first is a cause that the kinematic check can judge, the confirmed trial with the largest sum of both
+    statistics comes first instead. An unconfirmed cause owes its statistic to the structure of the aerodynamics, which
+    the kinematics do not contain. The exception is a first trial to which the kinematics assign a smaller size, as
+    noise does, and a larger statistic than to the confirmed one.
+    """
     ranked = sorted(trials, key=lambda t: (t not in nameable, -t.gain.total))
     confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
     if confirmed and ranked[0].check.judges:
@@ -81,39 +102,45 @@ def _in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Tria
 
 
 def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> tuple[Trial, ...]:
-    """Trials whose gain is too near to the best one's to prefer either, by kinematics too.
+    """Trials whose likelihood-ratio statistic is too near that of the best one to prefer either, by the kinematics too.
 
-    The gains of two causes whose fingerprints are at a small angle x differ, whichever is true, with a 1-sigma of
-    2 sqrt(gain) sin x. Where the fingerprints have nothing in common both may be true, however near the gains. A fault
-    of hardware may be too small to matter and explain as much as one elsewhere that is not.
+    If the fingerprints of two causes have a small angle x, the difference of their statistics has a standard deviation
+    of 2 sqrt(gain) sin x, whichever of the two is true. If the fingerprints are unrelated, both causes may be true,
+    however near their statistics are. A hardware fault may be too small to matter and explain as much as a cause
+    elsewhere that does matter.
 
-    What kinematics put second and confirm, and the whole model puts first, is in dispute between the two, as a lag
-    beside a scale error is with a delay.
+    If the full model prefers another trial than a kinematic check that confirms both, the two are in dispute and
+    equivalent. This happens to a lag beside a scale error, compared with a delay.
     """
     return tuple(t for t in possible_rivals(best, trials) if stands_beside(best, t, criteria).passed)
 
 
 def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> dict[str, Gate]:
-    """Name of a rival -> what it must pass to be in one set with the best trial."""
+    """Name of an alternative -> its gate for being in one ambiguity set with the best trial."""
     return {t.candidate.name: stands_beside(best, t, criteria) for t in possible_rivals(best, trials)}
 
 
 def stands_beside(best: Trial, trial: Trial, criteria: Criteria) -> Gate:
-    """What a rival must pass to be in one set with the best trial."""
+    """The gate that an alternative must pass to be in one ambiguity set with the best trial."""
     return at_most("gain behind the first, of what is equivalent", distance(best, trial, criteria), 1.0, _EQUIVALENT)
 
 
 def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:
-    """Trials of another cause than the best one that might stand in its place; a variant of it is no other cause, and
-    what must show in kinematics is none unless they confirm it."""
+    """Trials of other causes that might replace the best one.
+
+    A variant of the best cause is not another cause. A cause that must be visible in the kinematics is included only if
+    the kinematic check confirms it.
+    """
     key = best.effect.key
     others = [t for t in trials if t.effect.key != key and not t.refuted and (t.meaningful or is_small(t))]
     return [t for t in others if t.check.confirmed or not t.effect.grounded]
 
 
 def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
-    """How far a trial is behind the best one, in units of what is too near to prefer either (`equivalents_of`);
-    infinite where the two have nothing in common."""
+    """How far a trial is behind the best one, in units of the largest distance of equivalents (see `equivalents_of`).
+
+    The distance is infinite if the fingerprints of the two are unrelated.
+    """
     by = criteria.naming
     angle, behind = sine(best, trial), best.gain.total - trial.gain.total
     disputed = trial.check.confirmed and trial.gain.total > best.gain.total
@@ -123,7 +150,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
     if angle < by.unrelated:
         ways.append(behind / (trial.inflation * equivalence(best.gain.raw, criteria)))
         if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
-            # other small terms explain most of what a term does, and little is left of its gain to compare with
+            # Model discrepancy explains most of the effect of a term. Little of the statistic is left for a comparison.
             behind_exactly = best.gain.exact - trial.gain.exact
             ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
     if angle < by.alike:
@@ -133,7 +160,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
 
 
 def sine(one: Trial, other: Trial) -> float:
-    """Sine of the angle between two fingerprints; 1 where one was not fitted."""
+    """Sine of the angle between two fingerprints; 1 if one of the trials was not fitted."""
     a, b = one.fingerprint, other.fingerprint
     if a.size != b.size:
         return 1.0
@@ -142,13 +169,16 @@ def sine(one: Trial, other: Trial) -> float:
 
 
 def look_alike(one: Effect, other: Effect) -> bool:
-    """Whether derivatives imitate one of them but for what shows as the other."""
+    """Whether two causes have the same target and one shows as the other, because derivatives reproduce the rest."""
     shown = {(one.shows_as, other.kind), (other.shows_as, one.kind)}
     return one.target == other.target and any(as_ == kind for as_, kind in shown)
 
 
 def tempered(rounds: Sequence[Round], evidence: Evidence) -> tuple[Round, ...]:
-    """Rounds of a search with their gains counted beside what its last model leaves, and what is equivalent by that."""
+    """The rounds with likelihood ratios weighted down for correlated residuals of the final model.
+
+    The equivalents are determined again with these weights.
+    """
     left = Remainder(evidence)
     return tuple(_tempered(one, left, evidence.criteria) if one.named else one for one in rounds)
 
@@ -164,19 +194,19 @@ def _tempered(round_: Round, left: Remainder, criteria: Criteria) -> Round:
 
 
 def _response(trial: Trial) -> np.ndarray:
-    """What it explains, whitened: as long as the root of its gain."""
+    """Whitened response to a cause, scaled so that its norm is the square root of the likelihood-ratio statistic."""
     length = float(np.linalg.norm(trial.fingerprint))
     return trial.fingerprint * (np.sqrt(max(trial.gain.total, 0.0)) / max(length, 1e-300))
 
 
 def _difference(one: Trial, other: Trial) -> np.ndarray:
-    """What one of two causes explains otherwise than the other."""
+    """The difference of the whitened responses to two causes, with the sign at which they are most alike."""
     a, b = _response(one), _response(other)
     return a - np.copysign(1.0, a @ b) * b if a.size == b.size else np.zeros(0)
 
 
 class Remainder:
-    """What a fit leaves of the readings, its small terms fitted too, by stretches of record."""
+    """Whitened residuals of a fit, model discrepancy removed, in stretches of record."""
 
     def __init__(self, evidence: Evidence) -> None:
         self._left = evidence.left
@@ -186,7 +216,7 @@ class Remainder:
         ]
 
     def inflation(self, direction: np.ndarray) -> float:
-        """Variance of what is left along a direction of the readings, where white noise has one; one at least."""
+        """Variance of the residuals along a direction of the readings, at least 1; white residuals have 1."""
         square = float(direction @ direction)
         if direction.size != self._left.size or square == 0.0:
             return 1.0

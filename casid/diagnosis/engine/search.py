@@ -1,10 +1,16 @@
-"""The search for a set of causes: causes are added one by one, dropped, and swapped for rivals, each set fitted.
+"""Search for a set of causes that explains the records.
 
-A linearisation about the present model says which causes to fit beside it. The best of those that were fitted is added;
-causes that are not needed beside it are dropped. A set is accepted when its last cause explains what was missing
-(`acceptance.explains`). When a set is refused, and in the end, each cause is compared once more with its rivals, each
-fitted in its place. What the set shows of the conditions it was found in (noise, input timing, moving air, another
-minimum of the baseline) is a move like these: the causes are put into the other baseline, and the search goes on there.
+Causes are added one at a time and the model is fitted again with each. Causes that are no longer needed beside the new
+one are dropped, and causes are exchanged for alternatives that explain the records better.
+
+One round works as follows. The causes of the catalogue are screened with a linearisation about the present model. The
+best of them are fitted, and the best fitted one is added. The new set is accepted if its last cause explains what was
+missing before (`acceptance.explains`). When a set is refused, and again at the end, each cause is compared with its
+alternatives, each fitted in its place.
+
+The set of causes may show that one of the conditions of the search was wrong: the noise, the behaviour of the inputs
+between samples, the turbulence, or the minimum of the baseline. The causes are then put into the corrected baseline,
+and the search continues from there.
 """
 
 from __future__ import annotations
@@ -41,15 +47,15 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class State:
-    """A fitted set of causes, and how the search came to it.
+    """A fitted set of causes, with the rounds that led to it.
 
-    baseline   what the causes are added to
-    evidence   of the model that has them
-    kinematic  evidence of the kinematics beside them; None where the records cannot free the forces
-    observed   ranking of instrument and air causes by the kinematics alone
-    missing    what an unknown input at each station still gains
-    rounds     of the search so far
-    intervals  of onsets, by name of the cause
+    baseline   the model that the causes are added to
+    evidence   evidence of the fitted model with the causes
+    kinematic  evidence of the kinematics with the causes; None if the forces cannot be left free with these records
+    observed   instrument and air causes, ranked by the kinematics alone
+    missing    latent input at each port, with the likelihood-ratio statistic that it still has
+    rounds     rounds of the search so far
+    intervals  95 % intervals of the onsets, by name of the cause
     """
 
     baseline: Baseline
@@ -75,13 +81,13 @@ class State:
 
     @property
     def standing(self) -> list[Round]:
-        """Those whose cause is in the model still."""
+        """The rounds whose named cause is still in the model."""
         there = {one.name for one in self.fit.attached}
         return [one for one in self.named if one.leader.candidate.name in there]
 
 
 def search(baseline: Baseline, say: Say) -> State:
-    """The set of causes, from a baseline on."""
+    """The set of causes found from a baseline, with corrections of the conditions that the causes reveal."""
     state = _grown(at_baseline(baseline), say)
     for condition in () if baseline.fixed else _CONDITIONS:
         other = condition(state, say)
@@ -91,7 +97,7 @@ def search(baseline: Baseline, say: Say) -> State:
 
 
 def at_baseline(baseline: Baseline) -> State:
-    """Without any cause."""
+    """The state of the search without any cause."""
     evidence, found = weigh(baseline.start), baseline.kinematics
     return State(
         baseline=baseline,
@@ -104,9 +110,10 @@ def at_baseline(baseline: Baseline) -> State:
 
 
 def _grown(state: State, say: Say) -> State:
-    """With what can be added, one cause after the other, while each set is accepted.
+    """The state with causes added one at a time for as long as the sets are accepted.
 
-    Two causes may together explain what neither does: a few sets may be refused on the way to one that is accepted.
+    Two causes may explain together what neither explains alone. A few sets may therefore be refused on the way to an
+    accepted one.
     """
     accepted, numerics = state, state.criteria.numerics.naming
     catalogue: Sequence[Effect] = state.fit.flight.effects
@@ -132,14 +139,17 @@ def _grown(state: State, say: Say) -> State:
 
 
 def _believed(accepted: State, state: State) -> tuple[Gate, ...]:
-    """What the last cause must pass for the set to be accepted; nothing where it is too small to matter."""
+    """The gates that the last cause must pass for the set to be accepted; empty if the cause is too small to matter."""
     last = state.rounds[-1].leader
     return explains(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ()
 
 
 def added(state: State, catalogue: Sequence[Effect]) -> State:
-    """With the best cause that can be named beside those of the state, those that it makes needless dropped; with a
-    round that names none, where there is none."""
+    """The state after one more round.
+
+    The best cause that can be named is added, and causes that are not needed beside it are dropped. If no cause can be
+    named, only the round is recorded.
+    """
     taken = {one.effect.key for one in state.fit.attached}
     effects = [one for one in catalogue if one.key not in taken]
     screened = _screened(state, effects)
@@ -165,8 +175,13 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Screening:
-    """What a linearisation says: the causes to be fitted, why the others are not, all of them by what they promise, and
-    the smallest sizes that would show, of the first round."""
+    """The result of screening with a linearisation.
+
+    chosen      causes to be fitted
+    refused     gates of the causes that are not fitted, by name
+    candidates  all causes, by net score statistic
+    detectable  smallest detectable sizes by name; only in the first round
+    """
 
     chosen: Sequence[Candidate]
     refused: Mapping[str, tuple[Gate, ...]]
@@ -175,10 +190,11 @@ class _Screening:
 
 
 def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
-    """Which of some effects are worth a fit.
+    """Screen causes and choose those that are worth a fit.
 
-    What a cause predicts with the structure exact finds it; what it gains beside small terms confirms it; and what
-    kinematics alone say of it does not drown in wrong aerodynamics. So there are three rankings.
+    There are three rankings: by the score statistic with the structure taken as exact, which finds causes; by the score
+    statistic with model discrepancy, which confirms them; and by the kinematics alone, which wrong aerodynamics do not
+    disturb.
     """
     prints, exactly = fingerprints(state.evidence, effects), Screen(state.evidence, exact=True)
     candidates, cautious = rank(exactly, prints), rank(Screen(state.evidence), prints)
@@ -199,8 +215,10 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
 
 
 def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
-    """The state with another model, in which a cause has `changed`, under its own noise and with small offsets of
-    instruments that it shows."""
+    """The state with another fitted model, in which the cause `changed` was added or removed.
+
+    The noise is estimated again, and small instrument offsets that the new model shows are added.
+    """
     evidence = weigh(in_colour(_with_offsets(_relaxed(fitted))))
     kinematic, observed = state.kinematic, state.observed
     if kinematic is not None and changed.kinematic:
@@ -214,9 +232,20 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
 def _tried(
     state: State, candidates: Sequence[Candidate]
 ) -> tuple[list[Trial], dict[Trial, FlightFit], dict[str, Intervals]]:
-    """Trials of all candidates, the fits of those that can be named or are too small for that, and intervals of onsets
-    by cause name. A few are fitted side by side on however many processors, so that the answer does not depend on
-    them. Those that come later are given up when they are unlikely to come near the best before."""
+    """Fit all candidates.
+
+    A fixed number of candidates is fitted side by side, whatever the number of processors, so that the result does not
+    depend on it. Later candidates are abandoned when they are unlikely to come near the best earlier one.
+
+    Returns
+    -------
+    trials
+        The trial of each candidate.
+    fits
+        The fits of the trials that can be named, or that are too small to be named.
+    intervals
+        95 % intervals of the onsets, by name of the cause.
+    """
     trials: list[Trial] = []
     fits: dict[Trial, FlightFit] = {}
     intervals, give_up = dict[str, Intervals](), np.inf
@@ -242,8 +271,11 @@ def _tried(
 
 
 def _left_behind(state: State) -> list[Candidate]:
-    """The best trial of the round before that has nothing in common with what it named: it is still there, and found,
-    where a screening beside what else is missing may look for it elsewhere."""
+    """The best trial of the previous round that is unrelated to the cause named there, if it is still not in the model.
+
+    It was found once and its effect is still present. A new screening may attribute that effect to another cause,
+    because of what else is missing.
+    """
     if not state.rounds:
         return []
     best, *others = state.rounds[-1].trials
@@ -255,8 +287,11 @@ def _left_behind(state: State) -> list[Candidate]:
 
 
 def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None) -> FlightFit:
-    """The fit without those causes of a state that gain too little for a name beside the others. With a `last` one,
-    those that had it as a rival when they were named: what was missing then may have decided wrongly."""
+    """The fit without the causes whose likelihood-ratio statistic beside the others is too small for a name.
+
+    If `last` is given, only the causes that had it as an alternative when they were named are examined: what was
+    missing at that time may have led to the wrong choice.
+    """
     doubted = [
         one.leader
         for one in state.standing
@@ -276,7 +311,7 @@ def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None
 
 
 def _is_needed(evidence: Evidence, name: str) -> bool:
-    """Whether a cause is so far from zero, in its 1-sigma, that no fit without it can come near."""
+    """Whether a cause is so many standard deviations from zero that no fit without it can be comparable."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return False
     index, by = [slot.name for slot in evidence.fit.slots].index(name), evidence.criteria.naming
@@ -284,7 +319,7 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
 
 
 def dropped(state: State) -> State:
-    """Without the causes that are not needed beside the others."""
+    """The state without the causes that are not needed beside the others."""
     fitted = _without_needless(state.fit, state)
     if fitted is state.fit:
         return state
@@ -297,8 +332,10 @@ def _names(fitted: FlightFit) -> set[str]:
 
 
 def swapped(state: State) -> State:
-    """With each cause but the last compared once more with its near rivals, beside those named since: what was missing
-    when it was named may have decided between them."""
+    """The state after each cause but the last was compared once more with its near alternatives.
+
+    They are compared beside the causes named since, because what was missing at the time may have decided between them.
+    """
     for at in range(len(state.rounds) - 1):
         round_, taken = state.rounds[at], {one.effect.key for one in state.fit.attached}
         best = round_.leader
@@ -309,8 +346,9 @@ def swapped(state: State) -> State:
 
 
 def _near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
-    """Trials of a round that may stand in its leader's place, a few of those that explain nearly as much and much the
-    same, and all that look alike."""
+    """Trials of a round that may replace its leader: all that look alike, and a few that explain nearly as much in
+    nearly the same way.
+    """
     best, by = round_.leader, criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
@@ -319,7 +357,7 @@ def _near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
 
 
 def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
-    """With the best of these causes in the place of that of a round, beside all others."""
+    """The state with the cause of round `at` replaced by the best of `trials`, all other causes kept."""
     round_, criteria = state.rounds[at], state.criteria
     best, alone = round_.leader, without(state.fit, {round_.leader.candidate.name})
     rounds = tuple(one for one in state.rounds if one is not round_)
@@ -351,19 +389,21 @@ def _replaced(rounds: tuple[Round, ...], at: int, one: Round) -> tuple[Round, ..
 
 
 def _relaxed(fitted: FlightFit) -> FlightFit:
-    """The fit by its own noise, where it was compared under that of another."""
+    """The fit under its own noise, if it was compared with others under a common noise."""
     return relaxed(fitted) if fitted.filter_held or fitted.noise_held else fitted
 
 
 def _with_offsets(fitted: FlightFit) -> FlightFit:
-    """The fit with small offsets of instruments that what was named before had hidden; none in moving air, which they
-    imitate."""
+    """The fit with small instrument offsets that the causes named earlier had hidden.
+
+    None are added in turbulent air, which offsets imitate.
+    """
     offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
     return fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted) if offsets else fitted
 
 
 def carried(baseline: Baseline, state: State) -> State:
-    """The causes of a state put into another baseline."""
+    """The state with the causes of `state` fitted in another baseline."""
     names = {one.leader.candidate.name for one in state.standing}
     causes = [one for one in state.fit.attached if one.name in names]
     start = at_baseline(baseline)
@@ -377,14 +417,18 @@ def carried(baseline: Baseline, state: State) -> State:
 
 
 def _noise_of_the_fit(state: State, say: Say) -> Baseline | None:
-    """The noise is what the fit leaves, where the causes leave far more than was read as noise."""
+    """The baseline whose noise is estimated with the model; None unless residuals with the causes far exceed the
+    measured noise.
+    """
     if not is_far(state.fit, state.criteria.noise.far_from_causes):
         return None
     return baseline_of(unread(state.baseline.flight), state.baseline.calm.attached, say)
 
 
 def _input_timing(state: State, say: Say) -> Baseline | None:
-    """Inputs run otherwise between samples, where surfaces agree on that beside the causes."""
+    """The baseline with corrected behaviour of the inputs between samples; None if the fit with the causes agrees with
+    the present one.
+    """
     begun, share = state.baseline, as_inputs_run(state.fit, named=True).flight.held
     if share == begun.flight.held:
         return None
@@ -394,7 +438,7 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
 
 
 def _calm_air(state: State, say: Say) -> Baseline | None:
-    """The air does not move, where the causes leave little of what was read as turbulence."""
+    """The baseline in calm air; None unless the causes explain most of what was taken for turbulence."""
     begun, found = state.baseline, state.baseline.kinematics
     if not begun.turbulence.named:
         return None
@@ -408,7 +452,7 @@ def _calm_air(state: State, say: Say) -> Baseline | None:
 
 
 def _another_minimum(state: State, say: Say) -> Baseline | None:
-    """The baseline comes nearer to the data from another start, where it ended far from them and nothing was named."""
+    """The baseline fitted from another start; None if a cause was named, the air is turbulent, or no fit is better."""
     calm = state.baseline.calm
     if state.named or state.baseline.turbulence.named:
         return None
@@ -417,7 +461,7 @@ def _another_minimum(state: State, say: Say) -> Baseline | None:
 
 
 def _recalculated(begun: Baseline, calm: FlightFit) -> Baseline:
-    """The baseline from another fit of the file, its kinematics as they were."""
+    """The baseline from another fit of the file, with the present result of the kinematic check."""
     skews = [one for one in begun.kinematics.nuisance if one.effect.late]
     nuisance = [] if begun.turbulence.named else [*demanded_offsets(calm), *skews]
     return baseline_from(calm, replace(begun.kinematics, nuisance=nuisance))
