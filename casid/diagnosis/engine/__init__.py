@@ -1,1 +1,1 @@
-"""The search for causes: which are tried, what each must pass, what held-out records say, how probable each is."""
+"""The search for causes: choice of trials, acceptance gates, held-out records and probabilities."""

@@ -1,4 +1,4 @@
-"""The baseline of a search: noise, outliers and input timing decided, kinematics judged, expected structure put in."""
+"""The baseline of a search: noise, outliers, input timing, kinematics and expected structure."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from casid.diagnosis.kinematics.stage import KinematicFindings, comes_near, judg
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Baseline:
-    """The model before any cause.
+    """The model without any cause.
 
-    calm        the file refitted, in calm air
-    structure   terms that every aircraft has and that the data demand, and nuisance errors of instruments
+    calm        the re-estimated file, in calm air
+    structure   terms that every aircraft has and the records require, and nuisance errors of instruments
     structured  the fit with these
-    start       the same in the air as it moves
-    kinematics  what instruments and air say by themselves
-    fixed       whether noise, timing of inputs and air are taken as they are, and are no conditions of the search
+    start       the same, with turbulence if the kinematics require it
+    kinematics  result of the kinematic check of instruments and air
+    fixed       whether noise, input timing and turbulence are final, and not examined by the search
     """
 
     calm: FlightFit
@@ -38,7 +38,7 @@ class Baseline:
 
     @classmethod
     def alone(cls, refitted: FlightFit) -> Baseline:
-        """A refitted model about which nothing else is known: no kinematics, no usual structure, no moving air."""
+        """The baseline of a re-estimated model without kinematics, expected structure or turbulence."""
         still = kinematics.still_air(refitted.flight)
         found = KinematicFindings(evidence=None, ranked=[], turbulence=still, nuisance=[])
         return cls(calm=refitted, structure=[], structured=refitted, start=refitted, kinematics=found, fixed=True)
@@ -57,11 +57,11 @@ class Baseline:
 
     @property
     def required(self) -> float:
-        """Gain that the rough model of turbulence leaves to others, and that is no evidence for a cause."""
+        """The part of the statistic of turbulence that counts as misfit of its approximate shape, not as evidence."""
         return self.turbulence.criteria.left * self.turbulence.gain if self.turbulence.named else 0.0
 
     def without_causes(self, named: Collection[tuple[str, str, str | None]]) -> FlightFit:
-        """The model before any cause: a term of the structure may have been `named` as one."""
+        """The model without any cause. A structure term that was `named` as a cause is not part of it."""
         of_structure = any(one.effect.key in named for one in self.structure)
         return self.calm if of_structure and not self.turbulence.named else self.start
 
@@ -69,8 +69,8 @@ class Baseline:
 def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
     """The baseline of a flight with the effects that its file has.
 
-    The noise is that which was read from the records, unless neither the refitted file nor kinematics come near the
-    data under it: then it is what the fit leaves.
+    The noise is the one measured in the records. If neither the re-estimated file nor the kinematics come near the data
+    under this noise, it is estimated with the model.
     """
     say("refit of the file")
     calm = fit(flight, known, flight.noise(), iterations=20)
@@ -85,10 +85,10 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
 
 
 def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
-    """The baseline of a refitted file and its kinematics."""
+    """The baseline of a re-estimated file and the result of its kinematic check."""
     structure = [*demanded_structure(calm), *found.nuisance]
     structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm)) if structure else calm
     moving = found.turbulence
     start = in_colour(kinematics.in_turbulence(calm.flight, moving, structured)) if moving.named else structured
-    calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # seldom looked at again
+    calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # rarely needed again
     return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)

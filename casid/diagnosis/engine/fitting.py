@@ -1,4 +1,4 @@
-"""Fit a cause beside those of a model: quickly, to compare it with others, and to the end, when it is added."""
+"""Fit of one more cause: quickly as a trial, for comparison with others, and to convergence when it is added."""
 
 from __future__ import annotations
 
@@ -25,22 +25,42 @@ from casid.native.processors import side_by_side
 def try_cause(
     evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
 ) -> tuple[Trial, Evidence, Intervals]:
-    """A candidate fitted beside what the evidence's model has: the trial, evidence, and intervals of onsets. It is
-    not fitted to the end when it cannot come below the deviance `give_up`, and not at all when kinematics refute it at
-    half the predicted size and any larger one."""
+    """Fit a candidate together with the effects of the present model.
+
+    Parameters
+    ----------
+    evidence
+        Evidence of the present model.
+    candidate
+        The cause to be fitted, with its predicted values.
+    kinematic
+        Evidence of the kinematics, or None. If they reject the cause at half of its predicted size, they reject it at
+        any larger size, and it is not fitted.
+    give_up
+        Deviance that the fit must come below. The fit stops as soon as that is impossible.
+
+    Returns
+    -------
+    trial
+        The result.
+    joint
+        Evidence of the model with the cause; of the present model if it was not fitted.
+    interval
+        95 % intervals of the onsets [s], by record.
+    """
     base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
     seen = worth_fitting(kinematic, attached)
     if seen is not None and not seen.passed:
         return _given_up(base, candidate, seen), evidence, {}
     interval: Intervals = {}
-    # of size zero, the further values of an effect would be free of any sense
+    # At size zero the other values of an effect have no influence and could not be estimated.
     alone = attached.effect.linear and set(attached.values) == {"value"}
     begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
     iterations = base.criteria.numerics.naming.trial_iterations
     try:
         fitted = fit(base.flight, begin, noise, base, iterations=iterations, tolerance=3.0, give_up=give_up)
         joint = weigh(fitted)
-    except (InputError, np.linalg.LinAlgError):  # it makes an aircraft that cannot fly the record, or hardly
+    except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
         return _given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}
     if attached.effect.timed:
         wider = further_records(joint, fitted.attached[-1])
@@ -54,7 +74,7 @@ def try_cause(
     one = fitted.attached[-1]
     raw = evidence.deviance - joint.deviance
     spared = evidence.deviance_at_scales(joint.scales) - evidence.deviance
-    # a term makes its coefficient look more nonlinear: the scale of the others is what it was without it
+    # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = raw + spared if one.effect.regressor else raw
     share = meaningful_share(fitted, one)
     check = kinematic_check(kinematic, one)
@@ -78,6 +98,7 @@ def try_cause(
 
 
 def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
+    """The trial of a candidate that was not fitted, with its predicted values and the gate that it failed."""
     return Trial(
         candidate=candidate,
         std=candidate.std,
@@ -95,12 +116,12 @@ def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
 
 
 def _std(fitted: FlightFit, one: Attached) -> float:
-    """1-sigma of the value; of a value that is not fitted itself, none."""
+    """Standard deviation of the value of a cause; NaN if the value is not estimated."""
     return fitted.std(one.name) if any(slot.name == one.name for slot in fitted.slots) else float("nan")
 
 
 def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarray:
-    """(samples,) whitened sensitivity to the cause, projected off the slots of the model without it."""
+    """(samples,) Whitened sensitivity to the cause, less its projection on the parameters of the model without it."""
     late = lateness(fitted.attached, fitted.flight, fitted.model)
     flat = as_read(late, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
     own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
@@ -111,10 +132,19 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
 
 
 def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str, Intervals]]:
-    """The winner, the model that has it fitted to the end, and intervals of onsets by cause.
+    """Fit the winner of a round to convergence.
 
-    What a half-converged cause leaves behind looks like another cause. Events that were named before it move to where
-    they belong beside it.
+    A cause that is not fully converged leaves residuals that look like another cause. The onsets of events named
+    earlier are estimated again beside it.
+
+    Returns
+    -------
+    trial
+        The winner with its final values.
+    fitted
+        The fit with it.
+    intervals
+        95 % intervals of the onsets, by name of the cause.
     """
     before, intervals = fitted.deviance, {}
     name = fitted.attached[-1].name
@@ -141,8 +171,10 @@ def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str
 
 
 def _ended(fitted: FlightFit) -> FlightFit:
-    """The fit with its last effect ending inside the records, where that is better: an end that lies behind all of them
-    is nowhere to be found by steps."""
+    """The fit with its last event ending inside the records, if that is better.
+
+    An end behind all records has no gradient, so the iterations cannot find a better one.
+    """
     one, longest = fitted.attached[-1], max(record.duration for record in fitted.flight.records)
     endless = [name for name in one.effect.further if one.values[name] > longest]
     if not one.effect.timed or not endless:

@@ -1,8 +1,8 @@
-"""Records that no fit has seen: which causes of a model they bear out.
+"""Test of the causes on held-out records.
 
-Only initial states, and onsets of events, are found anew there. What the fitted records leave open of derivatives and
-effects stays open (`predicted`). By the chain rule of probability ln p(held-out | fitted) adds to the evidence of the
-fitted records.
+Only initial states, and onsets of events, are estimated on the held-out records. Derivatives and effects keep the
+uncertainty that the fitted records leave (`predicted`). By the chain rule of probability, ln p(held-out | fitted) adds
+to the log likelihood of the fitted records.
 """
 
 from __future__ import annotations
@@ -40,8 +40,21 @@ from casid.records.record import Record
 def split(
     records: Sequence[Record], hold_out: Sequence[Record], criteria: HeldOutCriteria
 ) -> tuple[list[Record], list[Record]]:
-    """(records to fit, records held back). Without `hold_out` the last record is held back, or of a single one its last
-    third, or what the `criteria` leave of it. Raises InputError when two records share a name."""
+    """Split the records into those that are fitted and those that are held out.
+
+    Without `hold_out` the last of several records is held out. Of a single record its last third is held out, or the
+    part that the `criteria` set.
+
+    Returns
+    -------
+    fitted, held_out
+        The two lists of records.
+
+    Raises
+    ------
+    InputError
+        If there is no record, or if two records have the same name.
+    """
     if not records:
         raise InputError("no record to diagnose")
     names = [r.name for r in (*records, *hold_out)]
@@ -59,13 +72,16 @@ def split(
 
 
 def predicted_on(records: Sequence[Record], fitted: FlightFit) -> Predicted:
-    """`judge_on`, and how likely the fitted records make these."""
+    """The predictive density of `records` given the fitted ones, for a fitted model (see `judge_on`, `predicted`)."""
     return predicted(judge_on(records, fitted), fitted)
 
 
 def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
-    """The fitted model on other records, derivatives and effects fixed; noise that is what a fit leaves is what it
-    leaves there."""
+    """The fitted model on other records, with derivatives and effects fixed.
+
+    If the noise was estimated with the model, it is estimated again on these records. An effect that exists only in
+    some of the fitted records is used if it helps, and a recurring event is placed where it helps most.
+    """
     held = fitted.flight.elsewhere(fitted.derivatives, records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
     base = in_colour(fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0), free="states")
@@ -74,13 +90,13 @@ def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
             without = _states(base, [a for a in base.attached if a.name != one.name])
             base = min(base, without, key=lambda f: f.deviance)
     recurring = [a for a in fitted.attached if a.effect.recurring]
-    for one in (*recurring, *recurring[:-1]):  # once more, beside those that were not there yet
+    for one in (*recurring, *recurring[:-1]):  # a second pass, beside those added after the first
         base = _recurred(base, one)
     return base
 
 
 def with_events(held: FlightFit, fitted: FlightFit) -> FlightFit:
-    """The fit of held-out records with those events too that need not repeat, where they do."""
+    """The fit of held-out records with non-recurring events as well, if they happen there too."""
     for one in fitted.attached:
         if one.effect.timed and not one.effect.recurring:
             held = _recurred(held, one)
@@ -88,7 +104,7 @@ def with_events(held: FlightFit, fitted: FlightFit) -> FlightFit:
 
 
 def _recurred(base: FlightFit, one: Attached) -> FlightFit:
-    """The fit with the event where it helps most, or without it, whichever is better."""
+    """The fit with an event at its best onset, or without it, whichever has the smaller deviance."""
     others = [a for a in base.attached if a.name != one.name]
     without = base if len(others) == len(base.attached) else _states(base, others)
     found = [base, without]
@@ -100,15 +116,17 @@ def _recurred(base: FlightFit, one: Attached) -> FlightFit:
 
 
 def _states(base: FlightFit, attached: Sequence[Attached]) -> FlightFit:
+    """Fit only the initial states with these effects."""
     return fit(base.flight, attached, base.noise, base, free="states", iterations=4, tolerance=1.0)
 
 
 def _everywhere(one: Attached) -> Attached:
+    """The effect acting in all records."""
     return replace(one, records=())
 
 
 def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
-    """Where the event, at its known size, helps most in each record; a record that it does not help is left out."""
+    """Best onset of an event of known size in each record; records in which it does not help are left out."""
     judge, found = Screen(weigh(base, discrepancy=False)), {}
     size = one.values["value"]
     further = {k: v for k, v in one.values.items() if k != "value"}
@@ -116,7 +134,7 @@ def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
     step, length = judge.criteria.numerics.events.gust_step, further.get("length", np.inf)
     prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, step, length))
     for r, record in enumerate(base.flight.records):
-        drops = [judge.drop(print_, r) for print_ in prints]  # none in records too short for an event
+        drops = [judge.drop(print_, r) for print_ in prints]  # empty if the record is too short for an event
         if max(drops, default=0.0) > 2.0 * np.log(max(len(prints), 1)):
             found[record.name] = float(record.t[0] + (prints[int(np.argmax(drops))].onset or 0.0))
     return found
@@ -129,8 +147,22 @@ def kinematic_gain(
     after: FlightFit,
     moving: Mapping[str, tuple[float, float]],
 ) -> float:
-    """Log likelihood per held-out sample that a fault of an instrument adds with forces free, in `moving` air: whatever
-    is wrong with the aerodynamics of the held-out records cannot refuse it."""
+    """Increase of the log likelihood per held-out sample due to instrument faults, with forces left free.
+
+    This test does not depend on the aerodynamics, so errors of the aerodynamics in the held-out records cannot reject
+    the fault.
+
+    Parameters
+    ----------
+    flight
+        The fitted flight.
+    held
+        The held-out records.
+    before, after
+        The fits without and with the fault.
+    moving
+        Port -> r.m.s. and time constant [s] of each process of turbulence.
+    """
     there = without_aerodynamics(flight.with_records(flight.aircraft, held))
     noise = forceless_noise(there, moving)
     found = []
@@ -142,14 +174,16 @@ def kinematic_gain(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Kept:
-    """The model whose causes the held-out records bear out.
+    """The model with those causes that the held-out records support.
 
-    evidence             of it, in the fitted records
-    held_fit, held_calm  of it and of the refitted file, in the others
-    structure            the terms put in beforehand of which the records are sure, which together gained
-    gains                log likelihood per held-out sample by each cause, and by the `structure` and the moving `air`;
-                         None where there is none, and for an event that the held-out records do not repeat
-    gates                what each cause had to pass on the held-out records, by name
+    evidence         evidence of this model on the fitted records
+    held_fit         fit of this model on the held-out records
+    held_calm        fit of the re-estimated model on the held-out records
+    structure        terms added before the search that are significant
+    structure_gain   log likelihood per held-out sample that all structure terms add; None without any
+    air_gain         the same for turbulence; None in calm air
+    gains            the same for each cause by name; None for an event that the held-out records do not repeat
+    gates            gate of each cause on the held-out records, by name
     """
 
     evidence: Evidence
@@ -166,7 +200,7 @@ class Kept:
         return self.evidence.fit
 
     def has_all(self, state: State) -> bool:
-        """Whether every cause that stands in the search's last model is in it."""
+        """Whether the model contains every cause of the final model of the search."""
         return {one.leader.effect.key for one in state.standing} <= {one.effect.key for one in self.fit.attached}
 
     def with_effects(self, nuisance: Sequence[Attached]) -> FlightFit:
@@ -175,8 +209,11 @@ class Kept:
 
 
 def keep(held: Sequence[Record], state: State) -> Kept:
-    """The causes of a search that `held` records bear out: those that lose are taken out, the one that loses most
-    first, for it may be why another lost. And without terms of the structure of which the records are not sure."""
+    """Remove the causes that the held-out records do not support.
+
+    The cause with the largest loss is removed first and the others are tested again, because it may be the reason for
+    their loss. Structure terms that are not significant are removed at the end.
+    """
     begun, final = state.baseline, state.fit
     steps = [begun.calm, begun.structured, begun.start]
     known = _judged(held, {_key(one): one for one in (*steps, final)})
@@ -201,7 +238,7 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     structure = [*begun.structure, *_put_in_later(begun, final)]
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
     held_fit = there.fit
-    if unsure:  # a term that these records do not determine takes any size
+    if unsure:  # a term that these records do not determine can take any size
         final = without(final, unsure)
         evidence, held_fit = weigh(final), judge_on(held, final)
     return Kept(
@@ -224,12 +261,13 @@ def _key(fitted: FlightFit, but: str = "") -> _Key:
 
 
 def _judged(held: Sequence[Record], models: Mapping[_Key, FlightFit]) -> dict[_Key, tuple[FlightFit, Predicted]]:
-    """Models with what they predict of the held-out records."""
+    """The models with their predictive densities of the held-out records."""
     on_held = side_by_side(lambda model: predicted_on(held, model), list(models.values()))
     return {key: (model, one) for (key, model), one in zip(models.items(), on_held, strict=True)}
 
 
 def _left_out(fitted: FlightFit, name: str) -> FlightFit:
+    """The fit without one effect."""
     return without(fitted, {name})
 
 
@@ -247,7 +285,8 @@ def _gain_of(
 ) -> float | None:
     """Log likelihood per held-out sample that a cause adds to a model; None for an event that is not repeated there.
 
-    An instrument that kinematics find and that loses is judged by the held-out kinematics, which know no aerodynamics.
+    An instrument fault that the kinematics confirm and that loses is judged by the kinematics of the held-out records,
+    which contain no aerodynamics.
     """
     (model, without_it), (extended, with_it) = before, after
     if cause.candidate.name not in {one.name for one in with_it.fit.attached}:
@@ -261,33 +300,39 @@ def _gain_of(
 
 
 def _borne_out(cause: Trial, gain: float | None, there: Predicted, state: State) -> Gate:
-    """What a cause must pass with the held-out records: what it gains there, and on the fitted ones beyond what it must
-    for a name, is more than nothing."""
+    """The gate on a cause with the held-out records.
+
+    Its statistic on the held-out records, plus what exceeds the required statistic on the fitted ones, must not be
+    negative.
+    """
     spare = cause.gain.net - required_gain(cause.effect, state.criteria)
     return at_least("gain with held-out records", 2.0 * there.fit.readings * (gain or 0.0) + spare, 0.0)
 
 
 def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
-    """Nuisance errors of instruments that were put in for what was named."""
+    """Nuisance errors of instruments that were added during the search."""
     before = {one.name for one in begun.structure}
     return [one for one in final.attached if one.nuisance and one.name not in before]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Predicted:
-    """A fitted model on held-out records: their `fit`, in which nothing but the motion is fitted, and the `deviance`
-    -2 ln p(held-out readings | fitted ones), up to a constant of the data."""
+    """A fitted model on held-out records.
+
+    fit       fit of the held-out records, in which only the motion is estimated
+    deviance  -2 ln p(held-out readings | fitted readings), up to a constant of the data
+    """
 
     fit: FlightFit
     deviance: float
 
 
 def predicted(held: FlightFit, fitted: FlightFit) -> Predicted:
-    """The density is that of the model linearised about its values, with these, and small terms of the structure, as
-    uncertain and as correlated as the fitted records leave them (the posterior predictive density).
+    """The posterior predictive density of held-out records.
 
-    By the values alone, a cause that is right loses where the fitted records tell little of the derivatives that decide
-    on the held-out ones: an aileron manoeuvre does not tell what the rudder does.
+    The model is linearised about its values. Values and model discrepancy have the covariance that the fitted records
+    leave. With fixed values, a correct cause could lose because the fitted records determine poorly the derivatives
+    that matter on the held-out ones: an aileron manoeuvre does not determine the rudder derivatives.
     """
     known, there = weigh(fitted), weigh(all_free(held))
     mean, information = _expected(known, there)
@@ -300,7 +345,7 @@ def predicted(held: FlightFit, fitted: FlightFit) -> Predicted:
 
 
 def _data(there: Evidence) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations of slots and small terms by the held-out readings alone."""
+    """Normal equations (matrix, right-hand side) of the held-out readings alone, without priors."""
     gram, slope, k = there.sums.gram.copy(), there.sums.slope.copy(), len(there.fit.slots)
     gram[range(k), range(k)] -= there.fit.prior_weight
     slope[:k] += there.fit.prior_pull
@@ -308,8 +353,15 @@ def _data(there: Evidence) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]:
-    """(mean, information) of the slots and small terms of the held-out evidence by the fitted records; what these know
-    nothing of has its prior."""
+    """Distribution of the held-out parameters and model discrepancy according to the fitted records.
+
+    Returns
+    -------
+    mean
+        Expected values.
+    information
+        Inverse of the covariance. Parameters that the fitted records do not contain have their prior.
+    """
     names, before = _names(there), _names(known)
     both = [name for name in names if name in before]
     at: np.ndarray = np.array([names.index(name) for name in both], dtype=int)

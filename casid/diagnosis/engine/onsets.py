@@ -1,4 +1,4 @@
-"""Causes that set in at a time: when, with which uncertainty, and sets of coefficients that switch together."""
+"""Causes that begin at a time: their onsets with intervals, and sets of coefficients that change together."""
 
 from __future__ import annotations
 
@@ -25,17 +25,25 @@ Intervals = dict[str, tuple[float, float]]
 
 
 def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals]:
-    """The attached effect of a fit with each onset moved to the peak of its profile likelihood, and 95 % intervals [s].
+    """Move each onset of an event to the peak of its profile likelihood.
 
-    The profile is the predicted drop of the deviance when the event of fitted size is shifted in time, everything that
-    is fitted (its size too) adapting; the other records' onsets stay. It is taken over the whole record, finely around
-    the present onset; where nothing moves the surface concerned it is flat, and the interval wide.
+    The profile is the predicted decrease of the deviance when the event of fitted size is shifted in one record. All
+    estimated values, including the size, adapt; the onsets in other records stay. The profile covers the whole record
+    and is finer around the present onset. While the surface concerned does not move, the profile is constant and the
+    interval wide.
+
+    Returns
+    -------
+    moved
+        The effect with its new onsets.
+    intervals
+        95 % intervals of the onsets [s], by record.
     """
     base, judge, fine = evidence.fit, Screen(evidence), evidence.criteria.numerics.events.fine
     onsets, intervals = dict(one.onsets), {}
     times = {record: _looked_at(evidence, record, onset) for record, onset in one.onsets.items()}
     now, most = history(base, one), max(map(len, times.values()))
-    shifts = (  # records know nothing of each other: all of them at once
+    shifts = (  # records are independent: all onsets are shifted at once
         history(base, replace(one, onsets={record: float(t[min(i, len(t) - 1)]) for record, t in times.items()})) - now
         for i in range(most)
     )
@@ -44,7 +52,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
         drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])
         onsets[record] = float(t[np.argmax(drops)])
         inside = np.flatnonzero(drops > drops.max() - evidence.criteria.events.interval)
-        # the interval ends where the profile was first found too low, as near as the steps between its points tell
+        # The interval ends where the profile is first too low, to within the spacing of its points.
         low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
         ends = (round(float(t[low]) - 0.5 * fine, 3), round(float(t[high]) + 0.5 * fine, 3))
         intervals[record] = ends
@@ -52,7 +60,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
 
 
 def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
-    """Times [s] at which an event of a record is looked for, finely around its present onset."""
+    """Times [s] at which the profile of an onset is evaluated: the whole record, finer around the present onset."""
     record = next(r for r in evidence.fit.flight.records if r.name == name)
     numerics, edge = evidence.criteria.numerics.events, evidence.criteria.screening.edge
     near = onset + np.arange(-numerics.near, numerics.near + numerics.fine / 2, numerics.fine)
@@ -64,9 +72,29 @@ def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
 def at_peak(
     evidence: Evidence, moves: int | None = None, free: Free = "all", which: int = -1
 ) -> tuple[Evidence, Intervals]:
-    """Evidence of the fit with the onsets of one of its effects, the last by default, moved until they stay or moving
-    does not help, `moves` times at most, and their intervals. Together by what the fit is linearised to, and each to
-    the peak of its own profile, which sees the whole record."""
+    """Move the onsets of one effect until they stay, or until a further move does not help.
+
+    All onsets are first moved together by the linearisation of the fit, and then each to the peak of its own profile,
+    which covers the whole record.
+
+    Parameters
+    ----------
+    evidence
+        Evidence of the present fit.
+    moves
+        Largest number of moves; by default that of the criteria.
+    free
+        What is estimated again after each move.
+    which
+        Index of the effect; by default the last one.
+
+    Returns
+    -------
+    evidence
+        Evidence of the fit with the moved onsets.
+    intervals
+        95 % intervals of the onsets [s], by record.
+    """
     interval: Intervals = {}
     numerics = evidence.criteria.numerics.events
     moves = numerics.moves if moves is None else moves
@@ -80,7 +108,7 @@ def at_peak(
         attached = [moved if one is before else one for one in fitted.attached]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
         if other.deviance > fitted.deviance:
-            # the profile promised what the fit does not keep: both onsets are possible
+            # The fit does not confirm the profile: both onsets are possible.
             interval = {
                 r: (min(low, before.onsets[r]), max(high, before.onsets[r])) for r, (low, high) in interval.items()
             }
@@ -90,8 +118,10 @@ def at_peak(
 
 
 def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
-    """Evidence of the fit with all onsets of an effect moved at once by Gauss-Newton steps, `moves` at most, while they
-    help. Onsets and the length of an event lie in a narrow valley, along which none of them can go alone."""
+    """Move all onsets of an effect together by at most `moves` Gauss-Newton steps, for as long as they help.
+
+    Onsets and the duration of an event lie in a narrow valley of the deviance, in which none can move alone.
+    """
     numerics = evidence.criteria.numerics.events
     for _ in range(moves):
         fitted = evidence.fit
@@ -108,8 +138,11 @@ def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
 
 
 def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
-    """Record -> onset after one Gauss-Newton step of all of them, everything that is fitted adapting; a step is weighed
-    against what is near, so that an onset of which the data say nothing stays."""
+    """Record -> onset after one Gauss-Newton step of all onsets of an effect, with all estimated values adapting.
+
+    The step has a prior with the width of the fine part of the profile, so that an onset that is not identifiable
+    stays.
+    """
     base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
     rows = [names.index(name) for name in one.onsets]
     near, fine = evidence.criteria.numerics.events.near, evidence.criteria.numerics.events.fine
@@ -130,8 +163,11 @@ def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
 
 
 def configuration_changes(evidence: Evidence) -> list[Candidate]:
-    """Sets of coefficients that switch together: the records, onsets and duration with the largest joint statistic less
-    its price, of one size in all of these records."""
+    """The best set of coefficients that change together, as a list of one candidate or none.
+
+    Records, onsets and duration are those with the largest joint statistic less its penalty. The sizes are the same in
+    all of these records.
+    """
     base, price, criteria = evidence.fit, Screen(evidence).price, evidence.criteria
     names, coefficients = base.batch.names, base.flight.coefficients
     onsets = onset_grid(evidence)
@@ -166,15 +202,18 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
 
 
 def _members(strength: np.ndarray, criteria: EventCriteria) -> list[int]:
-    """The coefficients that take part, by their size in 1-sigmas."""
+    """Indices of the coefficients that take part, by their size in standard deviations."""
     strong = np.flatnonzero(strength > max(criteria.member_sigmas, criteria.member * strength.max()))
     return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
 def sudden(evidence: Evidence, one: Attached) -> Gate:
-    """What a jump must pass: it gains clearly more on a fit than a slow change of the same would, a cubic of time in
-    each of its records. What depends on speed in a long record, or on anything that drifts, resembles a jump somewhere.
-    What acts only now and then fits both, and counts as sudden."""
+    """The gate on a jump: its statistic must clearly exceed that of a slow change of the same effect.
+
+    The slow change is a cubic polynomial of time in each record. An effect that depends on speed in a long record, or
+    on anything else that drifts, resembles a jump somewhere. An effect that acts only now and then fits both
+    descriptions, and counts as sudden.
+    """
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
@@ -196,12 +235,12 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
 
 
 def _mean_part(series: np.ndarray) -> float:
-    """Part of the mean square of a time history that its mean makes: near to 1 of what acts at any time."""
+    """Part of the mean square of a time series that is due to its mean; near 1 for an effect that always acts."""
     return float(np.mean(series)) ** 2 / max(float(np.mean(series**2)), 1e-300)
 
 
 def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
-    """Predicted drop of the deviance by columns of white (N, R, ny, k), free of one another."""
+    """Predicted decrease of the deviance by independent columns of white (N, R, ny, k)."""
     left = Projection.shared(
         evidence, {r: white[:, r].reshape(-1, white.shape[3]) for r in range(len(evidence.by_record))}
     )
@@ -210,8 +249,13 @@ def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Steps:
-    """Normal equations of unit steps of c coefficients at several onsets in one record: gram (onsets, c, c), cross
-    (onsets, k, c) with the fitted slots, their covariance times it `spent`, and match (onsets, c) with what is left."""
+    """Normal equations of unit steps of c coefficients at several onsets in one record.
+
+    gram   (onsets, c, c)
+    cross  (onsets, k, c) with the fitted parameters
+    spent  (onsets, k, c) covariance of the parameters times cross
+    match  (onsets, c) with the residuals of the fit
+    """
 
     gram: np.ndarray
     cross: np.ndarray
@@ -227,12 +271,12 @@ class _Steps:
 
 
 def _sum(parts: list[np.ndarray]) -> np.ndarray:
-    """Of the same size in several records."""
+    """Sum over records, for steps of the same size in each."""
     return reduce(np.add, parts)
 
 
 def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> list[_Steps]:
-    """Of every record, at the same times after its first sample."""
+    """Normal equations of the steps in every record, at the same times after its first sample."""
     base, c = evidence.fit, len(coefficients)
     since = base.batch.t - base.batch.t[0]
     names = [coefficient(name) for name in coefficients]
@@ -256,8 +300,17 @@ def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, 
 
 
 def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(statistic (onsets,), sizes, 1-sigmas (onsets, c)) of coefficients that switch together, fitted slots
-    eliminated."""
+    """Joint statistic of coefficients that change together, fitted parameters eliminated.
+
+    Returns
+    -------
+    statistic
+        (onsets,) Predicted decrease of the deviance.
+    sizes
+        (onsets, c) Estimated steps.
+    stds
+        (onsets, c) Their standard deviations.
+    """
     inverse = scaled_inverse(steps.gram - steps.cross.swapaxes(1, 2) @ steps.spent, rcond=1e-8)
     sizes = (inverse @ steps.match[..., None])[..., 0]
     stds = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 1e-300))
@@ -265,14 +318,16 @@ def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _statistics(steps: Sequence[_Steps], others: Mapping[int, int], records: Sequence[int]) -> np.ndarray:
-    """(onsets, records) statistic of each onset in a record beside those chosen in others."""
+    """(onsets, records) Statistic of each onset in a record together with the onsets chosen in `others`."""
     beside = [steps[other].at(onset) for other, onset in others.items()]
     return np.stack([_joint(_Steps.joined([steps[r], *beside], _sum))[0] for r in records], axis=1)
 
 
 def further_records(evidence: Evidence, one: Attached) -> Attached:
-    """The fitted event also in those other records where it, at its size and best onset, lowers the deviance. Not where
-    that is at either end: what helps most when it hardly acts is no event."""
+    """The event with onsets in those other records too in which, at its size and best onset, it lowers the deviance.
+
+    An onset at either end of a record is not used: an event that helps most when it hardly acts is not an event.
+    """
     base, judge, criteria = evidence.fit, Screen(evidence), evidence.criteria
     if len(one.onsets) == len(base.flight.records):
         return one

@@ -1,10 +1,10 @@
-"""How probable it is what the rules tell: every cause against its rivals, and against nothing at all.
+"""Probabilities of the reported causes, each relative to its alternatives and to no cause at all.
 
-Causes were fitted as wholes, each in the place of the other, and their gains are drops of 2 ln L. A likelihood is not
-believed to its last digit: the structure is never exact. Two causes count as equivalent within a distance of gain
-(`screening.equivalent`), and a set of equivalents is to hold 95 % (`priors.holds`). So the odds of two causes are
-19 to 1 at that distance, and go on from there as a likelihood's do: 19^x at x times the distance. A criterion is where
-a name becomes worth its risk: there the odds are the cost of a wrong name over that of a missed one.
+The causes were fitted as complete hypotheses, each in the place of the other, and their statistics are likelihood
+ratios. These cannot be taken at face value, because the model structure is never exact. Two causes count as equivalent
+up to a distance of their statistics (`screening.equivalent`), and an ambiguity set is to hold the true cause with 95 %
+probability (`priors.holds`). The odds of two causes at that distance are therefore 19 to 1, and 19^x at x times the
+distance. At the threshold for a name, the odds are the cost of a wrong name over the cost of a missed one.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from casid.model.effects import effect_of
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Believed:
-    """What is told, with probabilities.
+    """The reported causes with probabilities.
 
-    causes        with theirs, and those of what they cannot be told apart from
-    explanations  what the most probable ones say: names of causes, probability
-    there         name of a cause -> probability that it is there and matters
-    faint         the cause that came nearest to a name and has none, with its probability, where that is worth a look
-    entered       station -> probability that something unexplained enters there
+    causes        causes with their probabilities and those of their alternatives
+    explanations  the most probable combinations: names of causes, probability
+    there         name of a cause -> probability that it is present and matters
+    faint         the cause nearest to a name, with its probability; None if it is not worth mentioning
+    entered       port -> probability that something unexplained enters there
     nothing       probability that nothing that matters is wrong
     """
 
@@ -55,9 +55,18 @@ class Believed:
 def believed(
     causes: Sequence[Cause], unexplained: Sequence[MissingInput], state: State, left: Sequence[MissingInput]
 ) -> Believed:
-    """Probabilities of the named `causes`, of what is `unexplained`, and of what was not clear enough for either.
+    """Probabilities of the named causes, of what is unexplained, and of the best cause that was not named.
 
-    left  every missing input of the model that is told
+    Parameters
+    ----------
+    causes
+        The named causes.
+    unexplained
+        Latent inputs that no cause explains.
+    state
+        The final state of the search.
+    left
+        All latent inputs of the reported model.
     """
     scale = Scale(criteria=state.criteria)
     rounds = {round_.leader.effect.key: round_ for round_ in state.named}
@@ -84,40 +93,39 @@ def believed(
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Gains as logarithms of odds."""
+    """Conversion of likelihood-ratio statistics into logarithms of odds."""
 
     criteria: Criteria
 
     @property
     def per_distance(self) -> float:
-        """Of two causes whose gains are as far apart as those of equivalents may be."""
+        """Log odds of two causes whose statistics differ by the largest distance of equivalents."""
         return float(logit(self.criteria.priors.holds))
 
     def against_nothing(self, gain: float, required: float) -> float:
-        """Of what gains so much where so much is required."""
+        """Log odds of a statistic `gain`, where `required` is the threshold."""
         priors = self.criteria.priors
         beyond = (gain - required) / equivalence(gain, self.criteria)
         return float(np.log(priors.wrong / priors.missed)) + self.per_distance * beyond
 
     def of_missing(self, one: MissingInput) -> float:
-        """Probability that an unknown input is there."""
+        """Probability that a latent input is present."""
         return float(expit(self.against_nothing(one.gain, self.criteria.verdict.missing)))
 
     def of_trial(self, trial: Trial) -> float:
-        """Of a cause that was fitted."""
+        """Log odds of a fitted cause against no cause."""
         gained = trial.gain.total if trial.effect.regressor else trial.gain.net
         return self.against_nothing(gained / trial.inflation, required_gain(trial.effect, self.criteria))
 
     def of_put_in(self, cause: Cause) -> float:
-        """Of a cause that was in the model before others were named: moving air, or expected structure."""
+        """Log odds of turbulence or expected structure, which was added before the search."""
         air, structure = self.criteria.turbulence.gain, self.criteria.structure.demanded
         return self.against_nothing(cause.statistic, air if cause.kind == turbulence_effect("").kind else structure)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Place:
-    """What may be there in the place of a named cause, it first: effects, the logarithms of their weights, and that of
-    nothing at all."""
+    """A named cause, listed first, and its alternatives: effects, log weights, and the log weight of no cause."""
 
     effects: Sequence[Effect]
     logs: Sequence[float]
@@ -138,17 +146,17 @@ class _Place:
 
     @property
     def log_odds(self) -> float:
-        """Of the first against all that does without it."""
+        """Log odds of the first effect against all others and no cause."""
         return self.logs[0] - float(np.logaddexp.reduce([*self.logs[1:], self.log_nothing]))
 
     def of(self, key: tuple[str, str, str | None]) -> float:
-        """Probability of a kind with its target and term, whatever its variant."""
+        """Probability of a kind with its target and term, summed over its variants."""
         names = [effect.name for effect in self.effects if effect.key == key]
         return sum(self.probabilities[name] for name in names)
 
 
 def _place(cause: Cause, round_: Round | None, scale: Scale) -> _Place:
-    if round_ is None:  # nothing was fitted in its place
+    if round_ is None:  # no alternative was fitted
         return _Place(effects=(effect_of(cause),), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
     best, logs = round_.leader, {}
     effects = {best.effect.name: best.effect}
@@ -161,7 +169,7 @@ def _place(cause: Cause, round_: Round | None, scale: Scale) -> _Place:
 
 
 def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> Cause:
-    """The cause with probabilities, its own and those of what it cannot be told apart from."""
+    """The cause with its probability and those of its alternatives."""
     alike = tuple(
         {**one, "probability": tempered(place.of((one["kind"], one["target"], one["term"])))}
         for one in cause.indistinguishable_from
@@ -180,8 +188,11 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
 def _not_named(
     state: State, seen: Collection[tuple[str, str, str | None]], scale: Scale
 ) -> tuple[Attached, float] | None:
-    """The clearest cause that was not clear enough for a name, where one was tried, and its probability: no surer than
-    a name must be. What was refused for what it left missing was clear enough, and is not there."""
+    """The cause that came nearest to a name without reaching it, and its probability; None if none was tried.
+
+    The probability is at most that at which a cause is named. A cause that was refused because of what it left missing
+    is not included: it had enough statistic, and is absent.
+    """
     trials = [t for round_ in state.rounds if not (round_.named or round_.doubt) for t in round_.trials]
     possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in seen]
     if not possible:
@@ -193,7 +204,7 @@ def _not_named(
 def _explanations(
     places: Sequence[_Place], faint: Mapping[str, float], numerics: ProbabilityNumerics
 ) -> list[tuple[tuple[str, ...], float]]:
-    """Names of all that an explanation says, and its probability, the most probable first."""
+    """Combinations of causes with their probabilities, the most probable first."""
     choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]
     choices += [{(name,): p, (): 1.0 - p} for name, p in faint.items()]
     likely = [{names: p for names, p in one.items() if p > numerics.least} for one in choices]

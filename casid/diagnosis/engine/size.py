@@ -1,4 +1,4 @@
-"""How large an effect is to an engineer: real and too small to matter is a verdict of its own."""
+"""Size of an effect in engineering terms, in units of the smallest size that matters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from casid.signals import SURFACES
 
 
 def plausible_size(one: Attached) -> tuple[Gate, ...]:
-    """What the values of an effect must pass to be physically possible."""
+    """The gates on the values of an effect: they are physically possible."""
     effect, value = one.effect, one.values["value"]
     lowest = -effect.limit if effect.lowest is None else effect.lowest
     gates = (
@@ -33,14 +33,19 @@ def plausible(one: Attached) -> bool:
 
 
 def meaningful_share(fitted: FlightFit, one: Attached) -> float:
-    """Size of an effect in units of the smallest that matters. That is of the effect's own `meaningful`, or for what
-    adds to a coefficient a share of that coefficient's variation, as far as derivatives cannot imitate it. A larger one
-    when it sets in in mid-record.
+    """Size of an effect, in units of the smallest size that matters.
 
-    What stands between a record and a surface, or a channel and its reading, must besides make some
-    difference to a coefficient or a channel, or as much as the noise of that channel. A surface that hardly moves may
-    be slow without any consequence. And a surface that is late by less than half a sample may be in time, because how
-    it runs between samples is not known. What is expected matters at any size: left out, it looks like a fault."""
+    That size is the effect's own `meaningful`. For an effect that adds to a coefficient, it is a share of the
+    coefficient's variation; the part that derivatives can reproduce is not counted. The share is larger for an effect
+    that begins in mid-record.
+
+    An effect between a record and its surface, or between a channel and its reading, must in addition have a
+    consequence: it must change a coefficient or a channel by a part of its variation, or a channel by its noise. A
+    surface that hardly moves may be slow without any consequence. A surface that is late by less than half a sample may
+    not be late at all, because its motion between samples is unknown.
+
+    An effect that is expected of some aircraft matters at any size, because without it another fault would be named.
+    """
     if fitted.flight.sizes is not None:
         return fitted.flight.sizes.share_of(fitted, one)
     effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
@@ -55,10 +60,10 @@ def meaningful_share(fitted: FlightFit, one: Attached) -> float:
 
 
 def _consequence(fitted: FlightFit, one: Attached) -> float:
-    """Largest r.m.s. difference that an operator makes, in units of what is of consequence; infinite for other effects.
+    """Largest r.m.s. change that an effect on the signal path makes, in units of the smallest change that matters.
 
-    Of a surface it is the difference of a coefficient, over a part of its variation; of a reading that of the channel,
-    over such a part or over its noise.
+    For a surface it is the change of a coefficient over a part of its variation. For a reading it is the change of the
+    channel over such a part or over its noise, whichever is smaller. It is infinite for other effects.
     """
     least = fitted.criteria.size.consequence
     names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
@@ -75,13 +80,13 @@ def _consequence(fitted: FlightFit, one: Attached) -> float:
     for coefficient, size in variation(fitted).items():
         name = f"{coefficient}_{one.effect.target}"
         slope = fitted.derivatives.get(name, 0.0) + fitted.regressors.get(f"given {name}", 0.0)
-        left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # of a model with the bare surface
+        left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # model without the effect
         shares.append(float(np.std(left[live])) / max(least * size, 1e-12))
     return max(shares)
 
 
 def _lateness(fitted: FlightFit, one: Attached) -> float:
-    """By how much a surface comes late at most, in sampling intervals; infinite for what does not make it late."""
+    """Largest delay of a surface in sampling intervals; infinite for effects that do not delay it."""
     size = max(abs(one.values["value"]), 1e-12)
     if one.effect.target not in SURFACES or one.effect.unit not in ("s", "rad/s"):
         return np.inf
@@ -90,19 +95,19 @@ def _lateness(fitted: FlightFit, one: Attached) -> float:
 
 
 def _moved(fitted: FlightFit, one: Attached) -> np.ndarray:
-    """(N, R) by how much an operator moves its surface from the record."""
+    """(N, R) Difference that the effect makes between the surface and its record."""
     W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
     return W[..., fitted.model.disturbances.index(station.control(one.effect.target))]
 
 
 def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
-    """r.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
+    """R.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
     size, live = variation(fitted), fitted.batch.live
     if one.effect.series is not None:
         W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
         series = {c: W[..., fitted.model.disturbances.index(station.coefficient(c))] for c in size}
         series = {c: values for c, values in series.items() if values.any()}
-        if not one.effect.members:  # what switches may exceed what derivatives can do
+        if not one.effect.members:  # derivatives cannot reproduce a configuration change
             series = {c: unlike_derivatives(fitted, c, values) for c, values in series.items()}
         return max((float(np.std(v[live])) / max(size[c], 1e-12) for c, v in series.items()), default=0.0)
     series = one.values["value"] * parse_term(one.effect.regressor or "0").evaluate(fitted.regressors)
@@ -111,8 +116,12 @@ def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
 
 
 def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
-    """r.m.s. of what is missing at a coefficient or reading over its variation; of moving air, over a velocity. A drift
-    of a reading that hardly varies is no more than one that nowhere becomes a bias that matters."""
+    """Share of a latent input: its r.m.s. over the variation of the coefficient or reading, or over a velocity for the
+    air.
+
+    For a reading that hardly varies the share is limited: it matters only if the drift is as large, at some time, as a
+    bias that matters.
+    """
     if fitted.flight.sizes is not None:
         return fitted.flight.sizes.missing_share(fitted, missing)
     place, criteria = missing.place, fitted.criteria.size

@@ -1,9 +1,10 @@
-"""Structure that every real aircraft has and that a linear aircraft file leaves out: no cause, but in the way.
+"""Structure that every real aircraft has and a linear aircraft file lacks.
 
-A parabolic drag polar is put into the model before anything is named when the data demand it. So are the roll due to
-yaw rate and the yaw due to roll rate that grow with lift (strip theory). Small offsets of the instruments are, too, and
-a few milliseconds between attitudes and rates, which every instrumentation has. A few of them together look like moving
-air, and what milliseconds do to a bank angle can be made of an offset of the accelerometers. They stand under `minor`.
+These terms are not causes, but without them causes would be misjudged. They are added before the search if the records
+require them: a parabolic drag polar; the roll due to yaw rate and the yaw due to roll rate that grow with lift (strip
+theory); small offsets of the instruments; and delays of a few milliseconds between attitudes and rates, which every
+instrumentation has. Several small offsets together can imitate turbulence, and an offset of the accelerometers can
+imitate the effect of a few milliseconds on a bank angle. All of them are listed under `minor`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _EXPECTED = {
     "Cn": ("alpha*p",),
 }
 _UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
-SKEWED = (*_UNIT, *_ATTITUDES)  # what may come milliseconds late without being at fault
+SKEWED = (*_UNIT, *_ATTITUDES)  # groups that may be milliseconds late without a fault
 
 
 def is_usual(effect: Effect) -> bool:
@@ -38,8 +39,10 @@ def is_usual(effect: Effect) -> bool:
 
 
 def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
-    """Whether a drag of alpha^2 is no more than lift induces: CL_alpha^2 / (pi A e), aspect ratio A, Oswald's factor e
-    at the lowest that wings have."""
+    """Whether a drag term of alpha^2 is no larger than induced drag.
+
+    The limit is CL_alpha^2 / (pi A e) with the aspect ratio A and the lowest Oswald factor e of real wings.
+    """
     if (effect.target, effect.regressor) != ("CD", "alpha^2"):
         return False
     aircraft = fit.flight.aircraft
@@ -49,8 +52,7 @@ def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
 
 
 def demanded_structure(base: FlightFit) -> list[Attached]:
-    """Expected terms that the aircraft file lacks and that improve the fitted baseline significantly, ready to be
-    fitted."""
+    """Expected terms that the aircraft file lacks and that improve the fit significantly, with predicted values."""
     aircraft = base.flight.aircraft
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     present |= {(a.effect.target, a.effect.term or "") for a in base.attached}
@@ -70,17 +72,26 @@ def demanded_structure(base: FlightFit) -> list[Attached]:
 
 
 def demanded_offsets(base: FlightFit) -> list[Attached]:
-    """Offsets of instruments that improve the fitted baseline significantly and are too small to matter, ready to be
-    fitted."""
+    """Instrument offsets that improve the fit significantly and are too small to matter, with predicted values."""
     channels = base.model.outputs
     enter = np.broadcast_to(np.eye(len(channels)), (*base.read.shape, len(channels)))
     return _demanded(base, base.flight.offsets, enter)[0]
 
 
 def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
-    """The same of milliseconds by which kinematics find the inertial unit late behind all else, or attitudes behind the
-    rates of which they are the integrals, whichever explains more; and the drop of the deviance. Without attitudes
-    nothing tells them from vanes that stand elsewhere: then there are none."""
+    """Delays of a few milliseconds of the inertial unit, or of the attitudes, that the kinematics find.
+
+    The inertial unit may be late against all other channels, or the attitudes against the rates that they are the
+    integrals of. The group that explains more is returned. Without attitudes such a delay cannot be separated from
+    another position of the vanes, and nothing is returned.
+
+    Returns
+    -------
+    effects
+        The delays, with predicted values.
+    gain
+        Decrease of the deviance.
+    """
     fit, outputs = reconstructed, reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
     step = fit.criteria.numerics.naming.skew_step * float(np.median(fit.batch.dt))
@@ -94,11 +105,26 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
 
 
 def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> tuple[list[Attached], float]:
-    """Those of `effects`, which add `enter` (N, R, ny, effects) to the readings, that gain significantly and are too
-    small to matter; and the gain of all that are chosen.
+    """Choose effects that improve the fit significantly and are too small to matter, by forward selection.
 
-    By forward selection, because the responses to some are nearly collinear. Effects that matter are chosen as well, so
-    that small ones do not imitate them, and left for the naming.
+    Forward selection is used because the responses to some effects are nearly collinear. Effects that matter are chosen
+    as well, so that small ones do not imitate them, but they are not returned; the search will find them.
+
+    Parameters
+    ----------
+    base
+        The present fit.
+    effects
+        The effects that are offered.
+    enter
+        (N, R, ny, effects) What a unit of each effect adds to the readings.
+
+    Returns
+    -------
+    small
+        The chosen effects that are too small to matter, with predicted values.
+    gained
+        Decrease of the deviance by all chosen effects.
     """
     taken = {a.effect.key for a in base.attached}
     offered = [i for i, e in enumerate(effects) if e.key not in taken]
@@ -125,11 +151,12 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
 
 
 def _projected(base: FlightFit, enter: np.ndarray) -> Projection:
-    """Of what `enter`s the readings, the fitted slots eliminated."""
+    """Normal equations of responses `enter` (N, R, ny, n) to the readings, fitted parameters eliminated."""
     evidence, n = weigh(base, discrepancy=False), enter.shape[-1]
     white = base.filter.whiten(enter * base.linear.seen[..., None], np.zeros((*base.linear.defect.shape, n)))
     return Projection.shared(evidence, {r: white[:, r].reshape(-1, n) for r in range(len(base.batch.names))})
 
 
 def _sizes(information: np.ndarray, match: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
+    """Estimated sizes of the chosen effects."""
     return scaled_inverse(information[np.ix_(chosen, chosen)]) @ match[list(chosen)]

@@ -1,4 +1,4 @@
-"""What a round of the search found: the candidates, those that were fitted, and what each of them gains."""
+"""Result of one round of the search: the candidates, the fitted ones, and their likelihood-ratio statistics."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from casid.model.effect import Effect
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """Drop of the deviance (2 ln L) that a cause brings, and what is taken off it or added to it, in this order.
+    """Likelihood-ratio statistic of a cause, with its corrections in the order in which they are applied.
 
     Attributes
     ----------
     raw
-        With the cause and all values fitted, small terms of the structure allowed for as they are left beside it.
+        Decrease of the deviance with the cause and all values fitted. The model discrepancy has the scale that is left
+        beside the cause.
     price
-        Taken off for the places, shapes and records that were tried: `net`.
+        Selection penalty for the places, shapes and records that were tried; subtracted in `net`.
     spared
-        Added for the small terms of the structure that are not needed any more beside it: `total`.
+        Statistic of the model discrepancy that the cause makes unnecessary; added in `total`.
     exact
-        Instead of all these, with the structure taken as exact; a second opinion, in no sum with the others.
+        The statistic without model discrepancy. It is an independent second value and part of no sum.
     """
 
     raw: float
@@ -36,44 +37,46 @@ class Gain:
 
     @property
     def net(self) -> float:
-        """What decides whether a cause is named."""
+        """The statistic that decides whether a cause is named."""
         return self.raw - self.price
 
     @property
     def total(self) -> float:
-        """What compares causes with each other: one that spares small terms leaves less to explain."""
+        """The statistic that compares causes: a cause that makes model discrepancy unneeded leaves less to explain."""
         return self.net + self.spared
 
     def and_further(self, more: float) -> Gain:
-        """With what a fit to the end gained besides."""
+        """With the additional decrease of the deviance from a fit to convergence."""
         return replace(self, raw=self.raw + more)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
-    """A cause that was fitted, or refuted at once; then its values, gain and 1-sigma are the predicted ones.
+    """A cause that was fitted, or rejected before the fit; its values and statistics are then the predicted ones.
 
     Attributes
     ----------
     candidate
-        With the fitted values; `std` of its value.
+        The cause with its fitted values.
+    std
+        Standard deviation of its value.
     fingerprint
-        Its whitened sensitivity, projected off the derivatives fitted beside it; none when refuted at once.
+        Its whitened sensitivity less the projection on the parameters fitted beside it; empty if it was not fitted.
     gain
-        What it gains, see `Gain`.
+        Its likelihood-ratio statistic, see `Gain`.
     share
-        Its size in units of the smallest that matters.
+        Its size, in units of the smallest size that matters.
     size
-        What its size had to pass; `meaningful` when it passed all.
+        The gates on its size; it is `meaningful` if all passed.
     enough
-        What its gain had to pass to be named; None when it was not fitted.
+        The gate on its likelihood-ratio statistic; None if it was not fitted.
     inflation
-        Factor by which its gain, or where another leads what it is behind that, counts for less than it seems beside
-        what the last model leaves (`comparison.tempered`).
+        Factor by which correlated residuals of the final model reduce its statistic, or reduce its distance from the
+        leader (`comparison.tempered`).
     check
-        What kinematics say of it.
+        The kinematic check.
     given_up
-        The gate that it failed before it was fitted, None when it was fitted.
+        The gate that it failed before the fit; None if it was fitted.
     """
 
     candidate: Candidate
@@ -93,28 +96,30 @@ class Trial:
 
     @property
     def meaningful(self) -> bool:
-        """Whether its size matters, is clear and possible."""
+        """Whether its size matters, and is clear and possible."""
         return self.given_up is None and all_passed(self.size)
 
     @property
     def not_refuted(self) -> tuple[Gate, ...]:
-        """What it had to pass by kinematics, and to be fitted at all."""
+        """The gates of the kinematic check, and of being fitted at all."""
         before = () if self.given_up is None else (self.given_up,)
         return (*before, *self.check.gates, *(self.check.must_be_seen if self.effect.grounded else ()))
 
     @property
     def refuted(self) -> bool:
-        """Whether kinematics contradict it, or do not see what they alone tell from forces."""
+        """Whether the kinematic check rejects it, or cannot see a cause that only the kinematics can separate from
+        forces.
+        """
         return not all_passed(self.not_refuted)
 
     @property
     def gates(self) -> tuple[Gate, ...]:
-        """Everything that it had to pass by itself."""
+        """All gates on the cause alone."""
         return (*self.not_refuted, *self.size, *(() if self.enough is None else (self.enough,)))
 
     @property
     def confirmed(self) -> bool:
-        """Whether kinematics find it with this size."""
+        """Whether the kinematic check finds it with this size."""
         return self.check.confirmed
 
 
@@ -125,19 +130,21 @@ class Round:
     Attributes
     ----------
     candidates
-        All candidates by predicted net gain.
+        All candidates, by predicted net score statistic.
     trials
-        What was fitted of them, best first.
+        The fitted ones, best first.
     equivalents
         The trials that are equivalent to the first.
+    named
+        Whether the first trial was named.
     screened
         Name of a candidate that was not fitted -> its gates.
     believed
-        What the first trial had to pass to be accepted beside what was missing before and after it.
+        The gates on accepting the first trial, by what was missing before and after it.
     ranked
-        Name of a rival -> what it had to pass to stand beside the first trial.
+        Name of an alternative -> its gate for being in one ambiguity set with the first trial.
     detectable
-        Name -> smallest size that would show; of the first round.
+        Name -> smallest detectable size; only in the first round.
     """
 
     candidates: tuple[Candidate, ...]
@@ -151,11 +158,11 @@ class Round:
 
     @property
     def doubt(self) -> str:
-        """Why its first trial was not accepted, "" if it was."""
+        """Why the first trial was not accepted; "" if it was."""
         return next((gate.gate for gate in self.believed if not gate.passed), "")
 
     def decisions(self, number: int) -> tuple[Decision, ...]:
-        """What was decided of every candidate in this round, the `number` of which is given."""
+        """The decisions on all candidates of this round, which has this `number`."""
         tried = [self._decision(trial, number) for trial in self.trials]
         seen = {one.cause for one in tried}
         others = [
@@ -181,12 +188,12 @@ class Round:
 
     @property
     def leader(self) -> Trial:
-        """The cause that explains best, named or not. Raises ValueError for a round that fitted none."""
+        """The trial that explains most, whether it was named or not. Raises ValueError if the round fitted no cause."""
         if not self.trials:
             raise ValueError("this round fitted no cause")
         return self.trials[0]
 
     @property
     def rivals(self) -> tuple[Trial, ...]:
-        """The other causes that were fitted, best first."""
+        """The other trials, best first."""
         return self.trials[1:]
