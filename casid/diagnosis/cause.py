@@ -1,4 +1,4 @@
-"""A cause as a diagnosis tells it."""
+"""A cause as a diagnosis reports it."""
 
 from __future__ import annotations
 
@@ -12,26 +12,30 @@ from casid.model.vocabulary import effect_title
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cause:
-    """A named cause, or one that is real but minor.
+    """A named cause, or a minor one.
 
     Attributes
     ----------
     std
-        1-sigma of the value, small terms of the structure and unlike stretches of record allowed for.
+        Standard deviation of the value, corrected for model discrepancy and for differences between stretches of
+        record.
     statistic
-        Drop of the deviance (2 ln L) when it is added and everything is fitted again, `dof` its parameters; the model
-        without it is given no more nonlinear coefficients than are left beside it.
+        Likelihood-ratio statistic: decrease of the deviance when the cause is added and everything is estimated again,
+        with `dof` parameters. The model without the cause has the same scale of model discrepancy as the model with it.
     held_out_gain
-        Log likelihood per sample gained on records never used; None for an event, which does not recur.
+        Increase of the log likelihood per sample of the held-out records; None for an event that does not recur there.
     onset_s
-        Record -> interval [s] that contains the onset with 95 % probability, for a cause that sets in.
+        Record -> interval [s] that contains the onset with 95 % probability; None for a cause that always acts.
     share
-        Its part of the variation of the coefficient it adds to, or of its smallest size that matters.
+        Its size, in units of the smallest size that matters.
     gates
-        What it had to pass, beside all others and on held-out records, to be named.
+        Its acceptance gates beside all other causes and on the held-out records.
     probability
-        That it, or one of what it cannot be told from, is there; `alone` that it itself is; `log_odds` against
-        everything that does without it.
+        Probability that this cause or one of its ambiguity set is present.
+    alone
+        Probability that this cause itself is present.
+    log_odds
+        Log odds against all explanations without it.
     """
 
     kind: str
@@ -62,8 +66,8 @@ class Cause:
 
     @property
     def statement(self) -> str:
-        """Its sentence, and what these data cannot tell it apart from."""
+        """Its sentence, and the other causes of its ambiguity set."""
         titles = (effect_title(one["kind"], one["target"], one["term"]) for one in self.indistinguishable_from)
-        others = dict.fromkeys(titles)  # variants of a kind have one title
+        others = dict.fromkeys(titles)  # variants of a kind share a title
         alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
         return self.sentence + alike

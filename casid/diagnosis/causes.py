@@ -1,4 +1,4 @@
-"""From a search to the causes that are told: those that are named, those that are minor, and what is still missing."""
+"""The reported causes of a search: named causes, minor ones, and what is still missing."""
 
 from __future__ import annotations
 
@@ -49,11 +49,25 @@ _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta
 
 
 def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """(causes, minor), strongest first; `left`: inputs that are still missing in the fitted records.
+    """The named and the minor causes, strongest first.
 
-    A cause is named when the held-out records bear it out, and it is sure and matters beside all others in the final
-    model. Structure that every aircraft has is minor unless it is unusually large, and what is expected of some
-    aircraft, unless it is equivalent to another cause.
+    A cause is named if the held-out records support it, and if it is significant and matters beside all others in the
+    final model. Structure that every aircraft has is minor unless it is unusually large. An effect that is expected of
+    some aircraft is minor unless it is equivalent to another cause.
+
+    Parameters
+    ----------
+    state
+        The final state of the search.
+    kept
+        The model after the test on the held-out records.
+    left
+        Latent inputs of that model in the fitted records.
+
+    Returns
+    -------
+    causes, minor
+        The two groups of causes.
     """
     final, required = kept.evidence.fit, state.baseline.required
     told = [*_moving_air(state, kept)]
@@ -73,13 +87,13 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
 
 
 def _is_structure(round_: Round, final: FlightFit) -> bool:
-    """Whether a round named structure that every aircraft has, and it is in the final model."""
+    """Whether a round named structure that every aircraft has, and it is still in the final model."""
     name = round_.leader.candidate.name
     return is_usual(round_.leader.effect) and name in {one.name for one in final.attached}
 
 
 def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
-    """Turbulence as a cause, and whether it is named."""
+    """Turbulence as a cause, and whether it is named; empty in calm air."""
     air, fitted = state.baseline.turbulence, kept.fit
     if not air.named:
         return []
@@ -111,7 +125,7 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
 
 
 def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause]) -> Trace:
-    """The decisions of all rounds, with what the verdict required of the causes that these named."""
+    """The decisions of all rounds, with the later gates of the causes that these named."""
     final, small = {one.key: one for one in causes}, {one.key: one for one in minor}
     alike = {(o["kind"], o["target"], o["term"]) for one in causes for o in one.indistinguishable_from}
     found, told = [], set[tuple[str, str, str | None]]()
@@ -136,22 +150,25 @@ def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause
 
 
 def _concerned(evidence: Evidence, name: str) -> list[int]:
-    """The numbers of the fitted records that a named cause is there in."""
+    """Indices of the fitted records in which a named cause acts."""
     one = next(a for a in evidence.fit.attached if a.name == name)
     return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
 
 
 def still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
-    """What the size of a named cause must pass beside those that were named after it: it matters, and is possible."""
+    """The gates on the size of a named cause beside the causes named after it: it is possible, and it matters."""
     one = next(a for a in fit.attached if a.name == name)
     size = at_least("size, of what matters", meaningful_share(fit, one), 1.0, "size.share")
     return (*plausible_size(one), size)
 
 
 def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
-    """What the data show beside the causes `seen` and does not matter: causes of the round that named nothing, and
-    small terms. What is missing distorts small things: while something is, only a cause that gains most of what any
-    of the inputs `missing`, of whatever shape, does; then it may be what is missing."""
+    """Causes that the records show beside those already reported (`seen`), but that do not matter.
+
+    These are causes of the round that named nothing, and small terms. Sizes of small causes are distorted while
+    something larger is missing. In that case only one cause is returned, and only if it has most of the
+    likelihood-ratio statistic of the strongest latent input of `missing`: it may be what is missing.
+    """
     found = [_cause(trial, state, (), None) for trial in minor_trials(state, seen)]
     if missing:
         part = state.criteria.verdict.minor_part
@@ -160,8 +177,10 @@ def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInpu
 
 
 def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
-    """Trials of the round that named nothing that gain enough, and are only too small; most gain first, and of those
-    that look alike at one place the first."""
+    """Trials of the round that named nothing, with a sufficient statistic and a size that does not matter.
+
+    The strongest come first. Of several that act at one place with similar fingerprints, only the first is returned.
+    """
     known, found = {(c.kind, c.target, c.term) for c in seen}, []
     for round_ in [r for r in state.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
@@ -182,7 +201,7 @@ def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
 
 
 def _as_in(evidence: Evidence, trial: Trial) -> Trial:
-    """The trial with its value in the final fit, in which later causes stand beside it, and an honest 1-sigma."""
+    """The trial with its value in the final model, and its corrected standard deviation."""
     one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
     candidate = replace(trial.candidate, attached=one)
     share = meaningful_share(evidence.fit, one)
@@ -193,6 +212,7 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
 def _cause(
     trial: Trial, state: State, equivalents: Sequence[Trial], held: float | None, gates: tuple[Gate, ...] = ()
 ) -> Cause:
+    """The cause to be reported for a trial."""
     one, names = trial.candidate.attached, state.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
     dof, value, statistic = len(values), values["value"], trial.gain.raw + trial.gain.spared
@@ -218,8 +238,11 @@ def _cause(
 
 
 def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> Intervals:
-    """95 % intervals of onsets with room for how long the event takes: what the data tell of it is its middle, unless
-    it outlasts the records."""
+    """Intervals of the onsets [s], widened by the uncertainty of the duration.
+
+    The records determine the middle of an event, so that its onset is uncertain by half of its duration's uncertainty.
+    An event that outlasts the records is not widened.
+    """
     longest = max(record.duration for record in evidence.fit.flight.records)
     lasting = {f"{one.name}.{key}" for key, value in one.values.items() if key in _LASTING and value < longest}
     half = [0.5 * deviation(evidence, slot.name) for slot in evidence.fit.slots if slot.name in lasting]
@@ -228,10 +251,10 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
 
 
 def _expected(name: str, evidence: Evidence, held: float | None, required: float, left: float) -> Cause:
-    """Something that was put in beforehand, which is a cause (`meaningful`) only when it is unusually large.
+    """A term that was added before the search, which is a cause (`meaningful`) only if it is unusually large.
 
-    It must be sure, matter, gain more than is `required`, and have lost nothing on the `held` out records. And little
-    may be `left` missing at its coefficient, as that distorts it.
+    It must be significant and matter, have more statistic than `required`, and not lose on the held-out records
+    (`held`). At most a small part may still be missing at its coefficient (`left`), because that distorts it.
     """
     fit, criteria = evidence.fit, evidence.criteria
     one = next(a for a in fit.attached if a.name == name)
@@ -270,6 +293,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
 
 
 def _named(trial: Trial) -> Mapping[str, object]:
+    """The entry of an alternative in `indistinguishable_from`."""
     effect = trial.effect
     return {
         "kind": effect.kind,
@@ -282,6 +306,7 @@ def _named(trial: Trial) -> Mapping[str, object]:
 
 
 def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | None) -> Cause:
+    """Turbulence as a cause; `held` is the log likelihood per held-out sample that it adds."""
     effect = turbulence_effect("")
     return Cause(
         kind=effect.kind,
@@ -304,7 +329,7 @@ def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | N
 
 
 def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
-    """Terms that the data want clearly but that are too small to matter, from the marginalised posterior."""
+    """Terms that are significant in the model discrepancy but too small to matter."""
     fit, k, size = evidence.fit, len(evidence.fit.slots), variation(evidence.fit)
     sigmas, matter = evidence.criteria.verdict.small_term, evidence.criteria.size.share
     found = []
@@ -317,7 +342,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         left = unlike_derivatives(fit, coefficient, mean * factor * series)
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
         if share > matter:
-            continue  # not small: it stands for something that is missing, and the verdict says where
+            continue  # not small: it represents something missing, and the verdict says where
         effect = unsteady_aero(coefficient) if "dot" in term else aero_term(coefficient, term)
         sentence = effect_sentence(*effect.key, mean * factor)
         found.append(
@@ -350,11 +375,11 @@ def still_missing(
     required: float,
     share: float | None = None,
 ) -> list[MissingInput]:
-    """Where something enters that no cause of the catalogue explains, largest gain first.
+    """Latent inputs that no cause explains, strongest first.
 
-    These are the inputs `left` and an oscillation. Each must gain more than the criterion for a missing input, than is
-    `required` in turbulence and than rough `causes` leave. It must also make more than a `share` of the variation, by
-    default what matters of a cause.
+    Candidates are the inputs `left` and one oscillation. The statistic of each must exceed the criterion for a missing
+    input, the part of turbulence that is misfit (`required`), and what the approximate shapes of the `causes` leave.
+    Its size must exceed a `share` of the variation at its port; by default the share from which a cause matters.
     """
     by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
     rough = sum((by.left_by_an_event if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)

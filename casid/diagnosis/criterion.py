@@ -1,7 +1,7 @@
-"""A number that decides something, with its unit, its meaning and the evidence it rests on; and groups of such numbers.
+"""Numbers that decide something, with unit, meaning and evidence, and groups of such numbers.
 
-A group is a frozen keyword-only dataclass, each field of which is a `number` or another group. So a criterion is read
-as `criteria.naming.gain`, listed for a page by `listed`, and given another value by a file through `overridden`.
+A group is a frozen keyword-only dataclass whose fields are made by `number` or are other groups. A criterion is read as
+`criteria.naming.gain`, listed by `listed`, and set from a file by `overridden`.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ def number(value: Value, meaning: str, evidence: str = "chosen", *, unit: str = 
     Parameters
     ----------
     value
-        Default. A tuple where several values are tried one after the other.
+        Default. A tuple if several values are tried one after the other.
     meaning
-        What the number decides, in the words of the field.
+        What the number decides, in the terms of the glossary.
     evidence
         "derived: ..." from probability or physics, "measured: ..." on data, or "chosen".
     unit
         Empty for counts and ratios.
     signed
-        Whether values below or at zero make sense.
+        Whether values at or below zero are allowed.
     """
     return field(default=value, metadata={"meaning": meaning, "evidence": evidence, "unit": unit, "signed": signed})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Criterion:
-    """One number as a row of a table; `name` with its groups, as "naming.gain"."""
+    """One number as a row of a table; `name` includes its groups, as "naming.gain"."""
 
     name: str
     value: Value
@@ -48,7 +48,7 @@ class Criterion:
 
 
 def listed(group: object, within: str = "") -> Iterator[Criterion]:
-    """All numbers of a group and of the groups in it, in the order of their definition."""
+    """All numbers of a group and of its groups, in the order of their definition."""
     for one in fields(group):  # pyright: ignore[reportArgumentType]
         name, value = within + one.name, getattr(group, one.name)
         if is_dataclass(value):
@@ -59,7 +59,7 @@ def listed(group: object, within: str = "") -> Iterator[Criterion]:
 
 
 def overridden(group: Group, table: Mapping[str, Any], where: str = "") -> Group:
-    """The group with other values from a nested table, {"naming": {"gain": 60.0}}; `where` names it in errors.
+    """The group with other values from a nested table, {"naming": {"gain": 60.0}}; `where` is named in errors.
 
     Raises
     ------
@@ -70,6 +70,7 @@ def overridden(group: Group, table: Mapping[str, Any], where: str = "") -> Group
 
 
 def _overridden(group: Group, table: Mapping[str, Any], within: str, names: list[str], where: str) -> Group:
+    """The group with other values; `within` is the name of the group, and `names` are all names of criteria."""
     changed: dict[str, Any] = {}
     metadata = {one.name: one.metadata for one in fields(group)}  # pyright: ignore[reportArgumentType]
     for key, value in table.items():
@@ -88,7 +89,7 @@ def _overridden(group: Group, table: Mapping[str, Any], within: str, names: list
 
 
 def _first_number(name: str, value: Any) -> str:
-    """The whole name of the first number below an unknown one, which is easier to find a near one of."""
+    """Full name of the first number below an unknown name; a near name is easier to find for it."""
     while isinstance(value, Mapping) and value:
         key, value = next(iter(value.items()))
         name = f"{name}.{key}"
@@ -96,7 +97,7 @@ def _first_number(name: str, value: Any) -> str:
 
 
 def _checked(name: str, value: Any, before: Value, signed: bool, where: str) -> Value:
-    """A value of the same kind as the one before it; an integer may stand for a number."""
+    """The value, if it is of the same kind as `before`; an integer is accepted for a number."""
     if isinstance(before, tuple):
         if not isinstance(value, (list, tuple)) or len(value) != len(before):
             raise InputError(
@@ -115,7 +116,7 @@ def _checked(name: str, value: Any, before: Value, signed: bool, where: str) -> 
 
 
 def in_time(group: Group, factor: float) -> Group:
-    """The group with its times, which are in seconds, longer by a factor."""
+    """The group with all its times, which are in seconds, multiplied by a factor."""
     changed: dict[str, Any] = {}
     for one in fields(group):  # pyright: ignore[reportArgumentType]
         value = getattr(group, one.name)

@@ -1,7 +1,7 @@
-"""Decisions of a diagnosis and the gates that made them: why a cause was named, and why another was not.
+"""Decisions of a diagnosis, and the gates that led to them.
 
 A gate compares one number with one threshold. The code that decides builds its gates and asks whether all of them
-passed, so a decision cannot differ from what is reported of it.
+passed, so a decision cannot differ from what is reported about it.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ class Gate:
     Attributes
     ----------
     gate
-        What is asked, in a few words.
+        The quantity that is compared, in a few words.
     value, threshold
-        The numbers that were compared.
+        The numbers that are compared.
     criterion
-        Name of the threshold in `Criteria`, as "naming.gain"; empty for a limit of the cause itself or of logic.
+        Name of the threshold in `Criteria`, as "naming.gain"; empty for a limit of the cause itself or a logical
+        condition.
     least
         Whether the value must be at least the threshold; otherwise at most.
     or_else
-        Other gates, one of which suffices when this comparison fails.
+        Alternative gates, one of which is sufficient if this comparison fails.
     """
 
     gate: str
@@ -49,18 +50,18 @@ class Gate:
 
     @property
     def passed(self) -> bool:
-        """Whether the comparison holds, or one of the alternatives passes."""
+        """Whether the comparison holds or one of the alternatives passes."""
         return self.holds or any(other.passed for other in self.or_else)
 
     @property
     def margin(self) -> float:
-        """Value over threshold, or its inverse where the value must be small: 1 at the threshold, more if it holds."""
+        """Value over threshold, or its inverse for an upper limit: 1 at the threshold, more if the comparison holds."""
         value, threshold = (self.value, self.threshold) if self.least else (self.threshold, self.value)
         return value / threshold if threshold > 0.0 else math.copysign(math.inf, value - threshold)
 
     @property
     def words(self) -> str:
-        """The comparison in a clause, as "gain 12, at least 40 needed"."""
+        """The comparison as a clause, as "gain 12, at least 40 needed"."""
         sense = "at least" if self.least else "at most"
         return f"{self.gate} {self.value:.3g}, {sense} {self.threshold:.3g} needed"
 
@@ -84,7 +85,7 @@ class Gate:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry that `to_dict` made; a number that JSON could not hold becomes NaN."""
+        """The gate of an entry that `to_dict` made; a number that JSON cannot hold becomes NaN."""
         numbers = {k: math.nan if entry[k] is None else float(entry[k]) for k in ("value", "threshold")}
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
         return cls(
@@ -93,12 +94,12 @@ class Gate:
 
 
 def at_least(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
-    """A gate that passes when the value reaches the threshold."""
+    """A gate that passes if the value reaches the threshold."""
     return Gate(gate=gate, value=float(value), threshold=float(threshold), criterion=criterion, or_else=tuple(or_else))
 
 
 def at_most(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
-    """A gate that passes when the value does not exceed the threshold."""
+    """A gate that passes if the value does not exceed the threshold."""
     return replace(at_least(gate, value, threshold, criterion, or_else), least=False)
 
 
@@ -109,17 +110,16 @@ def all_passed(gates: Iterable[Gate]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What was decided of one cause.
+    """The decision on one cause in one round.
 
     Attributes
     ----------
     cause
         Its name, as "actuator_lag(delta_e)".
     round
-        Round of the search in which it was considered, from 1 on; 0 for what was in the model before the first round.
+        Round of the search, from 1 on; 0 for an effect that was in the model before the first round.
     outcome
-        "named", "in a set" (with a named cause, from which the data cannot tell it), "minor", "refused" or
-        "not tried".
+        "named", "in a set" (equivalent to a named cause), "minor", "refused" or "not tried".
     gates
         The comparisons, in the order in which they were made.
     against
@@ -134,7 +134,7 @@ class Decision:
 
     @property
     def failed(self) -> tuple[Gate, ...]:
-        """The gates that it did not pass."""
+        """The gates that failed."""
         return tuple(gate for gate in self.gates if not gate.passed)
 
     def __str__(self) -> str:
@@ -215,12 +215,12 @@ class Trace:
 
     @property
     def not_tried(self) -> tuple[Decision, ...]:
-        """Those on causes that were screened and not fitted."""
+        """The decisions on causes that were screened and not fitted."""
         return tuple(one for one in self.decisions if one.outcome == NOT_TRIED)
 
     @property
     def outcome(self) -> Mapping[str, str]:
-        """Cause -> the best of its outcomes, in the order of `OUTCOMES`."""
+        """Cause -> its best outcome, in the order of `OUTCOMES`."""
         best: dict[str, str] = {}
         for one in self.decisions:
             best[one.cause] = min(best.get(one.cause, NOT_TRIED), one.outcome, key=OUTCOMES.index)
@@ -228,7 +228,7 @@ class Trace:
 
     @property
     def deciding(self) -> tuple[Decision, ...]:
-        """One decision for each cause: the one that has its best outcome, or came nearest to it."""
+        """One decision for each cause: that with its best outcome, and of several such the one with the most gates."""
         best, outcome = {}, self.outcome
         for one in self.decisions:
             before = best.get(one.cause)
@@ -237,8 +237,10 @@ class Trace:
         return tuple(sorted(best.values(), key=lambda one: (OUTCOMES.index(one.outcome), one.round)))
 
     def summary(self, most: int = 12) -> str:
-        """One line for each cause, those that were named first, and the gate that decided; `most` lines of refused and
-        untried causes, the longest considered first."""
+        """One line for each cause with the gate that decided, named causes first.
+
+        `most` is the number of lines for refused and untried causes; those with the most gates come first.
+        """
         chosen = [one for one in self.deciding if one.outcome in (NAMED, IN_A_SET, MINOR)]
         rest = [one for one in self.deciding if one not in chosen and one.failed]
         rest.sort(key=lambda one: (OUTCOMES.index(one.outcome), -len(one.gates), -one.failed[0].margin))
@@ -254,7 +256,7 @@ class Trace:
 
 
 def _line(one: Decision) -> str:
-    """A decision in one line: the first gate that failed, or the tightest of those that passed."""
+    """A decision in one line, with the first gate that failed or the tightest one that passed."""
     compared = [gate for gate in one.gates if gate.holds and gate.criterion]
     tightest = min(compared, key=lambda gate: gate.margin, default=None)
     decided = one.failed[0] if one.failed else tightest
@@ -263,7 +265,7 @@ def _line(one: Decision) -> str:
 
 
 def trace_of(document: Mapping[str, Any]) -> Trace:
-    """The trace of a document of diagnosis.json.
+    """The decision trace of a document of diagnosis.json.
 
     Raises
     ------
@@ -279,7 +281,7 @@ def trace_of(document: Mapping[str, Any]) -> Trace:
 
 
 def merged(decisions: Sequence[Decision]) -> tuple[Decision, ...]:
-    """Decisions without repetitions of what was not tried: the last round has the word on these."""
+    """The decisions with only the last "not tried" of each cause, and none for a cause that was tried."""
     last = {one.cause: one for one in decisions if one.outcome == NOT_TRIED}
     tried = {one.cause for one in decisions if one.outcome != NOT_TRIED}
     return tuple(

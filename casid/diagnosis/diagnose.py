@@ -1,4 +1,4 @@
-"""The main job: what does the simulation get wrong, which cause is it, and what does the extended model gain?"""
+"""Diagnosis of an aircraft file: what the simulation gets wrong, why, and how much better the extended model is."""
 
 from __future__ import annotations
 
@@ -49,30 +49,30 @@ def diagnose(
     as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
 ) -> Diagnosis:
-    """Diagnose an aircraft file on flight records.
+    """Diagnose an aircraft file with flight records.
 
     Parameters
     ----------
     aircraft
-        The simulation as an aircraft file has it; a name of a file is taken too.
+        The aircraft model, or the name of its file.
     records
         Flight records to be fitted, or names of files.
     hold_out
-        Records that are never fitted; when none is given one record, or the last third of a single one, is held back.
+        Records that are never fitted. If none is given, the last record is held out, or the last third of a single one.
     report
-        Is called with the name of every stage.
+        Function that is called with the name of every stage.
     criteria
-        The numbers by which the diagnosis decides; by default those of `Criteria()`.
+        Thresholds of the diagnosis; by default `Criteria()`.
     as_recorded
-        True: the data stay as they were recorded; faults are told, and neither corrected nor left out. Names of
-        channels: these are believed as they were recorded.
+        True: faults of the data are reported, and the data are neither corrected nor left out. Names of channels: these
+        are trusted as recorded.
     axes
-        "longitudinal", "lateral" or "full": what is judged; by default what the records can tell of.
+        Scope: "longitudinal", "lateral" or "full"; by default the largest that the records support.
 
     Raises
     ------
     InputError
-        For what is neither, and for records that cannot feed the model.
+        If an argument has the wrong type, or the records lack channels that the model needs.
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
@@ -101,7 +101,7 @@ def diagnose(
 
 
 def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Record], stages: Stages) -> Diagnosis:
-    """What a search found, judged on the held-out records."""
+    """The diagnosis of the final state of a search, tested on the held-out records."""
     begun, criteria = state.baseline, state.criteria
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
     stages.begin("held-out records")
@@ -154,7 +154,7 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
 
 
 class Stages:
-    """Wall time per stage, and a word to the user at the beginning of each."""
+    """Wall time of each stage; the user is told when a stage begins."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report

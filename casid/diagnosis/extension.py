@@ -1,4 +1,4 @@
-"""The extended aircraft file: what was estimated, and the causes that were named."""
+"""The extended aircraft file: estimated values and named causes."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from casid.model.effects import effect_of
 
 
 def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
-    """The aircraft file as it was fitted: with its derivatives, terms and effects, the named causes as effects or in
-    its tables. What is `minor` but stands in the fit beside them is in it too, terms of the aerodynamics as such."""
+    """The aircraft file with its estimated values and the causes of the fit.
+
+    Named causes become effects or changes of tables. Minor causes that are part of the fit are included too; terms of
+    the aerodynamics among them become ordinary terms.
+    """
     known = {(e.kind, e.target, e.term) for e in aircraft.effects}
     missing = {one.effect.key for one in fit.attached}
     if fit.noise.coloured:
@@ -48,6 +51,7 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
 
 
 def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
+    """The cause as an effect of an aircraft file."""
     return EffectValue(
         kind=cause.kind,
         target=cause.target,
@@ -62,7 +66,7 @@ def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
 
 
 def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:
-    """An effect of the file with its onsets as they were fitted, their intervals as wide as they were."""
+    """An effect of the file with its fitted onsets; the width of their intervals is unchanged."""
     onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
     moved = dict(effect.onset_s or {})
     for record, onset in onsets.items():

@@ -1,4 +1,4 @@
-"""What a diagnosis found, as data: the contents of diagnosis.json, and the evidence behind it for the report."""
+"""Results of a diagnosis as data: the contents of diagnosis.json, and the evidence behind them for the report."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Diagnosis:
-    """The verdict and everything it rests on.
+    """The verdict and the evidence behind it.
 
     Attributes
     ----------
@@ -58,38 +58,38 @@ class Diagnosis:
     data
         Faults of the data.
     remark
-        What is said besides a verdict that names nothing.
+        What is added to a verdict that names nothing.
     contradicted
         Numbers of the file that are inconsistent with flight, worst first.
     factors
-        Factors that groups of derivatives have in common; these derivatives are not contradicted one by one.
+        Common factors of groups of derivatives; these derivatives are not listed in `contradicted`.
     account
-        Shares of the error on the held-out records that data, values and structure take away, the largest first.
+        Shares of the error on the held-out records that data, values and structure remove, the largest first.
     as_given, refitted, extended
-        The file unmodified; its values fitted; with what was found. On the records that were fitted; `held_out_*` on
-        records never used.
+        Simulations of the fitted records: the unmodified file, the re-estimated model and the extended model.
+        `held_out_*` are the same on the held-out records.
     budget
-        What each of these steps is worth on records never used.
+        The error on the held-out records after each of these steps.
     flight
-        What flight says of each number of the file, by the extended model.
+        Flight value of each number of the file, estimated with the extended model.
     bare
-        The model before any cause: the file refitted, with the structure that is expected of any aircraft and in the
-        air as it moves.
+        The baseline: the re-estimated model with expected structure, and with turbulence if the kinematics require it.
     missing_before, missing_after
-        Anonymous inputs: where something is missing, in `bare` and in the extended model. The structure is taken as
-        exact; the verdict allows for small terms besides.
+        Latent inputs beside `bare` and beside the extended model, without model discrepancy. The verdict is made with
+        it.
     unexplained
-        What of it gains and matters still, small terms allowed for.
+        Latent inputs that remain significant and large enough to matter, with model discrepancy.
     kinematic
-        Instrument and air causes scored with forces left free, empty when not available.
+        Instrument and air causes, ranked by the kinematics alone; empty if the records do not allow that.
     detectable
-        Cause name -> smallest size that these records would show; infinite for what derivatives imitate at any size.
+        Cause name -> smallest detectable size; infinite for a cause that derivatives reproduce at any size.
     seconds
         Wall time per stage.
     explanations
-        Names of all that the most probable ones say, with probabilities.
+        The most probable combinations of causes, with probabilities.
     believed, entered
-        Cause -> probability that it is there and matters; the same of something unexplained at a station.
+        Cause -> probability that it is present and matters; port -> probability that something unexplained enters
+        there.
     nothing
         Probability that nothing that matters is wrong.
     trace
@@ -165,7 +165,7 @@ class Diagnosis:
 
     @property
     def criteria(self) -> Criteria:
-        """By which it was decided."""
+        """The thresholds that were used."""
         return self.bare.criteria
 
     @property
@@ -182,19 +182,21 @@ class Diagnosis:
 
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
-        """Curves of what is unexplained at coefficients, where held-out records bear them out; no causes."""
+        """Curves of unexplained latent inputs at coefficients, if the held-out records support them; they are not
+        causes.
+        """
         return shapes_of(
             self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.above_noise
         )
 
     @property
     def is_extended(self) -> bool:
-        """Whether the extended model has anything that the refitted file has not, be it a cause or minor."""
+        """Whether the extended model has a cause, named or minor, that the re-estimated model lacks."""
         return self.extended.fit is not self.refitted.fit
 
     @property
     def best(self) -> str:
-        """What the extended model is called: where nothing was added it is the file refitted."""
+        """The name of the extended model; without any added cause it is the re-estimated file."""
         return "extended model" if self.is_extended else "refitted file"
 
     @property
@@ -205,7 +207,7 @@ class Diagnosis:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every derivative, term and effect of the aircraft file: as the file has it, and as it was fitted."""
+        """Every derivative, term and effect of the aircraft file: its value there, and its estimates."""
         before, after, file = self.refitted.fit, self.extended.fit, self.aircraft
         a_priori = dict(file.derivatives)
         a_priori |= {f"{c}_{term}": value for c, row in file.terms.items() for term, value in row.items()}
@@ -303,7 +305,7 @@ class Diagnosis:
 
     @property
     def _records(self) -> tuple[Record, ...]:
-        """Fitted ones, and those held out."""
+        """The fitted records, then the held-out ones."""
         return (*self.refitted.fit.flight.records, *self.held_out_as_given.fit.flight.records)
 
     def _unexplained(self, missing: MissingInput) -> dict[str, Any]:
@@ -327,8 +329,9 @@ class Diagnosis:
 
     @property
     def rms_ratio(self) -> dict[str, float]:
-        """Channel -> r.m.s. residual of the extended model over that of the file as given, on held-out records; all
-        channels, worst first."""
+        """Channel -> r.m.s. residual of the extended model over that of the file as given, on held-out records; worst
+        first.
+        """
         before, after = self.held_out_as_given.channels, self.held_out_extended.channels
         ratio = {o: after[o].rms / c.rms for o, c in before.items() if c.rms > 0 and o in after}
         return dict(sorted(ratio.items(), key=lambda item: -item[1]))
@@ -340,7 +343,7 @@ class Diagnosis:
 
 
 def _freedom(fit: FlightFit) -> int:
-    """How many numbers are fitted: onsets are, and the strength of turbulence."""
+    """Number of estimated quantities, with onsets and the strength of turbulence."""
     return len(fit.slots) + sum(len(one.onsets) for one in fit.attached) + bool(fit.noise.coloured)
 
 
@@ -350,9 +353,19 @@ def _sure(cause: Cause) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A derivative, term or effect of the aircraft file in `unit`: its value there (0 where the file has none), fitted
-    with the structure of the file, and in the extended model; `*_std` 1-sigma (Cramer-Rao). `flight` is what the
-    records say of it by themselves, with honest deviation."""
+    """A derivative, term or effect of the aircraft file, in `unit`.
+
+    Attributes
+    ----------
+    a_priori
+        Its value in the file; 0 if the file has none.
+    refitted, refitted_std
+        Its estimate with the structure of the file, and the standard deviation (Cramer-Rao).
+    extended, extended_std
+        The same in the extended model.
+    flight
+        Its value according to the records alone, with a corrected standard deviation.
+    """
 
     name: str
     unit: str
@@ -365,7 +378,7 @@ class Parameter:
 
     @property
     def change(self) -> float:
-        """What the extension moved it by, in 1-sigmas of both."""
+        """Difference of the two estimates, in units of their joint standard deviation."""
         return (self.extended - self.refitted) / math.hypot(self.refitted_std, self.extended_std)
 
     def to_dict(self) -> dict[str, Any]:
@@ -379,7 +392,7 @@ class Parameter:
 
 
 def plain(value: Any) -> Any:
-    """Numbers and containers that JSON knows; a number that is not finite becomes null."""
+    """The value as numbers and containers that JSON can hold; a number that is not finite becomes null."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""What a diagnosis says, in words. Nothing is decided here: what is said is handed over."""
+"""The sentences of a diagnosis. This file decides nothing; it only puts results into words."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _NOTHING_ELSE = "Until that is mended nothing else is certain."
 
 
 def cause_sentence(one: Attached, records: int) -> str:
-    """A fitted cause in words, of so many `records`."""
+    """The sentence of a fitted cause; `records` is the number of fitted records."""
     effect = one.effect
     text = effect_sentence(effect.kind, effect.target, effect.term, effect.in_words(one.values)["value"])
     if effect.timed:
@@ -38,36 +38,38 @@ def cause_sentence(one: Attached, records: int) -> str:
 
 
 def noted(cause: Cause, remark: str) -> Cause:
-    """The cause with a remark behind its sentence."""
+    """The cause with a remark after its sentence."""
     return replace(cause, sentence=f"{cause.sentence} {remark}")
 
 
 def expected_of(cause: Cause, whom: str) -> Cause:
-    """The cause as something that is expected, of "any aircraft" for one."""
+    """The cause as a term that is expected of, for example, "any aircraft"."""
     return replace(cause, sentence=f"Expected of {whom}, and added: {cause.sentence}")
 
 
 def explained(causes: Sequence[Cause], missing: MissingInput | None, fitted: Sequence[str]) -> str:
-    """Named causes, and where something more is missing; `fitted`: names of the fitted records."""
+    """The sentence of the named causes, and of the port where something more is missing.
+
+    `fitted` are the names of the fitted records.
+    """
     stated = " ".join(c.statement for c in causes)
     return stated if missing is None else f"{stated} Something more is missing: it enters at {_where(missing, fitted)}."
 
 
 def unexplained(missing: MissingInput, share: float, fitted: Sequence[str]) -> str:
-    """Where something enters that no cause explains, as this `share` of the variation there."""
+    """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port."""
     size = f", {missing.rms:.2g} m/s" if missing.place.kind == "wind" else f", {100 * share:.0f} % of it"
     where = _where(missing, fitted, size)
     return f"The simulation misses something that no cause in the catalogue explains; it enters at {where}."
 
 
 def adequate(remark: str, detectable: Mapping[str, Mapping[str, float]], refined: str) -> str:
-    """That nothing of a size that matters shows, and what would not have shown."""
+    """The sentence of an adequate model, with the smallest instrument faults that would have been found."""
     return f"{_ADEQUATE}{remark}{_would_have_shown(detectable)}{refined}"
 
 
 def remarks(minor: Sequence[Cause], faint: tuple[Attached, float] | None, records: int) -> str:
-    """What is said besides a verdict that names nothing: that minor causes are listed, and the cause that comes nearest
-    to a name, with its probability."""
+    """What is added to a verdict that names nothing: that minor causes exist, and the cause nearest to a name."""
     said = _SMALL if minor else ""
     if faint is None:
         return said
@@ -78,33 +80,36 @@ def remarks(minor: Sequence[Cause], faint: tuple[Attached, float] | None, record
 
 
 def data_at_fault(findings: Sequence[Finding], most: int) -> str:
-    """Faults of the data that cannot be mended, `most` of them one by one."""
+    """The sentence of faults of the data that cannot be corrected; at most `most` are listed."""
     return f"{several(findings, most)} {_NOTHING_ELSE}"
 
 
 def file_impossible(numbers: Sequence[Contradiction], most: int) -> str:
-    """Numbers of the file that cannot be, `most` of them one by one."""
+    """The sentence of impossible numbers of the file; at most `most` are listed."""
     stated = [f"Aircraft file: {one.sentence}" for one in numbers]
     return f"{_first(stated, most)} {_NOTHING_ELSE}"
 
 
 def values_wrong(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int, remark: str) -> str:
-    """That the structure is right and these numbers are not."""
+    """The sentence of a model whose structure is right and whose values are inconsistent with flight."""
     return f"The structure is right, but {_against(factors, contradicted, most)}{remark}"
 
 
 def also_contradicted(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
-    """Numbers that are inconsistent with flight beside something else."""
+    """The sentence of values that are inconsistent with flight, besides other findings."""
     return f"Besides, {_against(factors, contradicted, most)}"
 
 
 def several(all_of_them: Sequence[Finding | Contradiction | Doubt | Factor], most: int) -> str:
-    """The sentences of the first, `most` of them, and how many more there are."""
+    """The sentences of the first `most` items, and the number of the others."""
     return _first([one.sentence for one in all_of_them], most)
 
 
 def refined(budget: Budget, least: float) -> str:
-    """What values within their stated uncertainty are worth, where they make the error `least` times smaller."""
+    """The sentence of the improvement by values within their stated uncertainty.
+
+    It is empty unless the error becomes `least` times smaller.
+    """
     steps = budget.together
     if not steps.data_mended > least * steps.structure:
         return ""
@@ -115,7 +120,9 @@ def refined(budget: Budget, least: float) -> str:
 
 
 def losses(budget: Budget, worse: float, above_noise: float) -> str:
-    """Channels that the best model simulates worse than the file as given on held-out records, worst first."""
+    """The sentence of channels in which the best model is worse than the file as given on held-out records, worst
+    first.
+    """
     lost = {
         name: steps.structure / steps.as_given
         for name, steps in budget.channels.items()
@@ -128,7 +135,7 @@ def losses(budget: Budget, worse: float, above_noise: float) -> str:
 
 
 def left_open(not_judged: Sequence[NotJudged], most: int) -> str:
-    """What was not judged, and why."""
+    """The sentence of what was not judged, and why."""
     if not not_judged:
         return ""
     stated = "; ".join(f"{one.what} ({one.because})" for one in not_judged[:most])
@@ -137,7 +144,7 @@ def left_open(not_judged: Sequence[NotJudged], most: int) -> str:
 
 
 def _would_have_shown(detectable: Mapping[str, Mapping[str, float]]) -> str:
-    """The smallest faults of instruments that would have shown: of each kind that of the channel that hides most."""
+    """The sentence of the smallest detectable instrument faults: for each kind, the channel with the largest one."""
     told = []
     for kind, unit, name in (("delay", "s", "delay"), ("lag", "s", "lag"), ("scale", "1", "scale error")):
         seen = {channel: by[kind] for channel, by in detectable.items() if math.isfinite(by.get(kind, math.inf))}
@@ -149,7 +156,7 @@ def _would_have_shown(detectable: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def _against(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
-    """Common factors, then the numbers that are inconsistent with flight one by one."""
+    """The clause of common factors and single numbers that are inconsistent with flight."""
     counted = ((len(factors), "group{} of derivatives"), (len(contradicted), "number{}"))
     said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
     verb = "is" if len(factors) + len(contradicted) == 1 else "are"

@@ -1,4 +1,4 @@
-"""What is left when causes are named: inputs that are missing, unless causes too small to matter explain them."""
+"""What remains unexplained when the causes are named."""
 
 from __future__ import annotations
 
@@ -28,10 +28,27 @@ def what_is_left(
     left: Sequence[MissingInput],
     judged: tuple[tuple[Cause, ...], tuple[Cause, ...]],
 ) -> tuple[tuple[Cause, ...], list[MissingInput]]:
-    """(minor, unexplained): what no cause explains, unless causes do that are too small to matter.
+    """The minor causes and the latent inputs that no cause explains.
 
-    left      inputs that are missing in the fitted records
-    judged    causes and minor ones
+    Latent inputs are dropped if causes that are too small to matter explain them.
+
+    Parameters
+    ----------
+    kept
+        The model after the test on the held-out records.
+    state
+        The final state of the search.
+    left
+        Latent inputs in the fitted records.
+    judged
+        Named causes and minor ones so far.
+
+    Returns
+    -------
+    minor
+        The minor causes, with those added here.
+    unexplained
+        The latent inputs that remain.
     """
     (causes, minor), required = judged, state.baseline.required
     unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, required)
@@ -48,8 +65,12 @@ def what_is_left(
 def beside_slow_noise(
     kept: Kept, state: State, causes: Sequence[Cause], minor: Sequence[Cause]
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """(causes, minor): a cause is minor that gains too little for a name where noise is as slow, and instruments are as
-    much off, as the model with all causes leaves them. The weakest first, and again without it."""
+    """The named and the minor causes, after a test with slow noise.
+
+    The noise of each reading, and the instrument offsets, are made as slow and as large as the residuals with all
+    causes allow. A cause with too small a statistic under that noise becomes minor. This is backward elimination: the
+    weakest cause is dropped and the others are tested again without it.
+    """
     if not causes or kept.fit.noise.colour:
         return tuple(causes), tuple(minor)
     slow, left = as_slow_as_left(kept.fit), list(causes)
@@ -69,7 +90,10 @@ def beside_slow_noise(
 
 
 def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
-    """Gain of a cause, by its 1-sigma, over that for a name; any of what is no number of the fit, as moving air."""
+    """Likelihood-ratio statistic of a cause, from its standard deviation, over that required for a name.
+
+    It is infinite for a cause that is not a parameter of the fit, such as turbulence.
+    """
     slots = {slot.name for slot in slow.slots}
     for one in slow.attached:
         if one.effect.key == (cause.kind, cause.target, cause.term) and one.name in slots:
@@ -84,9 +108,11 @@ def _not_by_noise(
     required: float,
     share: float | None = None,
 ) -> list[MissingInput]:
-    """What of the unexplained is missing still where noise is as slow as the fit leaves it. Read as white, each reading
-    of slow noise counts as news, and an unknown input gains by it. In turbulence innovations may be coloured instead,
-    and what is missing must be so either way."""
+    """The unexplained inputs that remain if the noise is as slow as the residuals of the fit.
+
+    If slow noise is taken for white noise, each of its readings counts as new information, and a latent input has a
+    statistic by mistake. In turbulence the innovations may instead be coloured; an input must remain in both cases.
+    """
     if not unexplained or fitted.noise.colour:
         return unexplained
     for in_its_noise in (as_slow_as_left, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
@@ -100,8 +126,11 @@ def _not_by_noise(
 def _missing_on_held(
     kept: Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], required: float
 ) -> list[MissingInput]:
-    """What only the held-out records show: neither the model nor other derivatives explain it, nor a `nuisance` cause,
-    which is too small to matter in the fitted ones."""
+    """Latent inputs that only the held-out records show.
+
+    Neither the model nor other derivatives may explain them, nor a `nuisance` cause that is too small to matter in the
+    fitted records.
+    """
 
     def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
         held = with_events(held, model)
@@ -121,7 +150,7 @@ def _missing_on_held(
 def _nothing_left_with(
     kept: Kept, nuisance: Sequence[Attached], state: State, causes: Sequence[Cause], required: float
 ) -> bool:
-    """Whether nothing is missing in the fitted records once a `nuisance` cause stands beside all that were named."""
+    """Whether nothing is missing in the fitted records if `nuisance` causes are added to all that were named."""
     if not kept.has_all(state):
         return False
     evidence = weigh(kept.with_effects(nuisance))

@@ -1,7 +1,7 @@
-"""The verdict: one table, and what a diagnosis says by it.
+"""The verdict: a table of conditions, and the sentences of a diagnosis.
 
-The verdict is the worst that holds. Where the data are at fault, the file cannot be right, or the extended model fails
-on records that no fit has seen, no cause is named.
+The verdict is the first row of the table whose condition holds. No cause is named if the data are at fault, if the file
+has impossible numbers, or if the extended model fails on the held-out records.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from casid.model.vocabulary import effect_title
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What a verdict depends on.
+    """The facts that a verdict depends on.
 
-    data_at_fault    faults of the data were found that could not be mended
+    data_at_fault    the data have faults that could not be corrected
     file_impossible  the file has numbers that no aircraft can have
     fails            the extended model is far worse than the simulation as given on held-out records
     causes           causes were named
@@ -57,13 +57,29 @@ _TABLE: tuple[tuple[str, Callable[[Facts], bool]], ...] = (
 
 
 def verdict_of(facts: Facts) -> str:
-    """The first verdict of the table that holds; "adequate" where none does."""
+    """The verdict of the first row of the table that holds; "adequate" if none does."""
     return next((verdict for verdict, holds in _TABLE if holds(facts)), "adequate")
 
 
 def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: Sequence[Doubt]) -> Diagnosis:
-    """The diagnosis with its verdict and what it says, from one that has causes and unknown inputs alone; `data`:
-    findings of the data; `doubts`: numbers of the file that cannot be."""
+    """The diagnosis with its verdict and sentences.
+
+    Parameters
+    ----------
+    found
+        The diagnosis with causes and latent inputs only.
+    reach
+        The scope of the records and what they contradict.
+    data
+        Findings of the data check.
+    doubts
+        Numbers of the file that appear impossible.
+
+    Returns
+    -------
+    Diagnosis
+        The complete diagnosis.
+    """
     criteria, most = reach.flight.criteria.given, reach.flight.criteria.verdict.stated
     factors = _factors(found, reach)
     single = {name for one in factors for name in one.derivatives}
@@ -125,7 +141,7 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
 
 
 def _factors(found: Diagnosis, reach: Reach) -> tuple[Factor, ...]:
-    """Common factors of groups of which flight contradicts a member."""
+    """Common factors of the groups with at least one derivative that is inconsistent with flight."""
     against = {one.parameter for one in reach.contradicted(found.aircraft, found.flight)}
     return tuple(one for one in reach.factors(found.aircraft, found.flight) if against & set(one.derivatives))
 
@@ -154,8 +170,11 @@ def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequenc
 
 @contextmanager
 def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int) -> Iterator[None]:
-    """A block whose errors name why they are likely: faults of the `data` that could not be mended, and the numbers of
-    the file that cannot be; `most` of a kind."""
+    """A block whose errors also name the likely reasons.
+
+    These are faults of the `data` that could not be corrected, and impossible numbers of the file (`doubts`); at most
+    `most` of each kind are listed.
+    """
     try:
         yield
     except CasidError as error:
@@ -168,7 +187,7 @@ def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int)
 
 
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
-    """Causes are none while data or file are at fault; what was found stands under minor."""
+    """The diagnosis with all causes listed as minor, because of a fault of the data, the file or the extended model."""
     doubted = [replace(c, sentence=f"{c.sentence} In doubt, for {because}.") for c in found.causes]
     gate = at_most(because, 1.0, 0.0)
     decisions = tuple(
